@@ -21,6 +21,7 @@ import jax
 import jax.export
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 from jax.extend import core
 from jax.interpreters import ad, batching, mlir
 
@@ -169,7 +170,7 @@ def _tagged_call() -> Callable[..., Any] | None:
     return None
 
 
-def _apply(f: Callable[..., R], tree: jax.tree_util.PyTreeDef, leaves: Sequence[jax.Array]) -> R:
+def _apply(f: Callable[..., R], tree: jax.tree_util.PyTreeDef, leaves: Sequence[Array]) -> R:
     args, kwargs = jax.tree.unflatten(tree, leaves)
     return f(*args, **kwargs)
 
@@ -178,18 +179,18 @@ class _Traced(NamedTuple):
     """A traced function: its program, the values of the program's arguments, and the tree of its results."""
 
     program: core.ClosedJaxpr
-    values: list[jax.Array]
+    values: list[Array]
     results: jax.tree_util.PyTreeDef
 
 
-def _trace(f: Callable[..., R], values: list[jax.Array]) -> _Traced:
+def _trace(f: Callable[..., R], values: list[Array]) -> _Traced:
     """`f` for one kernel; arrays of an outer trace that it contains become arguments of the program."""
     with _INSIDE(True):
         program, shape = jax.make_jaxpr(f, return_shape=True)(*values)
     outer = [c for c in program.consts if isinstance(c, jax.core.Tracer)]
     if outer:
 
-        def with_outer(*values: jax.Array) -> list[jax.Array]:
+        def with_outer(*values: Array) -> list[Array]:
             given = iter(values)
             consts = [next(given) if isinstance(c, jax.core.Tracer) else c for c in program.consts]
             return core.jaxpr_as_fun(core.ClosedJaxpr(program.jaxpr, consts))(*given)
@@ -247,16 +248,16 @@ def _inner_jaxprs(eqn: core.JaxprEqn) -> list[core.Jaxpr]:
     return closed + [part for part in parts if isinstance(part, core.Jaxpr)]
 
 
-def _call_plain(*values: jax.Array, program: core.ClosedJaxpr) -> list[jax.Array]:
+def _call_plain(*values: Array, program: core.ClosedJaxpr) -> list[Array]:
     return core.jaxpr_as_fun(program)(*values)
 
 
-def _call_tagged(*values: jax.Array, program: core.ClosedJaxpr) -> list[jax.Array]:
+def _call_tagged(*values: Array, program: core.ClosedJaxpr) -> list[Array]:
     """The tagged call, with all arguments in one array."""
     ends = np.cumsum([x.size for x in values])
     guarded = _float_result(program)
 
-    def unpack(packed: jax.Array) -> list[jax.Array]:
+    def unpack(packed: Array) -> list[Array]:
         *parts, guard = jnp.split(packed, ends)
         results = _call_plain(*map(_from_float64, parts, values), program=program)
         # A reader that no optimisation removes: the last element, -0, changes no number that it is added to.
@@ -266,13 +267,13 @@ def _call_tagged(*values: jax.Array, program: core.ClosedJaxpr) -> list[jax.Arra
     return _tagged_call()(unpack, TAG)(jnp.concatenate([*map(_to_float64, values), jnp.full(1, -0.0)]))
 
 
-def _to_float64(x: jax.Array) -> jax.Array:
+def _to_float64(x: Array) -> Array:
     if str(x.dtype) in WIDENED:
         return x.astype(jnp.float64).ravel()
     return jax.lax.bitcast_convert_type(x, jnp.float64).ravel()
 
 
-def _from_float64(packed: jax.Array, like: jax.Array) -> jax.Array:
+def _from_float64(packed: Array, like: Array) -> Array:
     if str(like.dtype) in WIDENED:
         return packed.astype(like.dtype).reshape(like.shape)
     return jax.lax.bitcast_convert_type(packed, like.dtype).reshape(like.shape)
@@ -299,12 +300,12 @@ def _may_be_sharded(devices: mlir.AxisContext) -> bool:
 
 
 def _derivative(
-    primals: Sequence[jax.Array], tangents: Sequence[jax.Array | ad.Zero], *, program: core.ClosedJaxpr
-) -> tuple[list[jax.Array], list[jax.Array]]:
+    primals: Sequence[Array], tangents: Sequence[Array | ad.Zero], *, program: core.ClosedJaxpr
+) -> tuple[list[Array], list[Array]]:
     """That of the plain call by the arguments that have a tangent."""
     active = [i for i, tangent in enumerate(tangents) if not isinstance(tangent, ad.Zero)]
 
-    def of_active(*values: jax.Array) -> list[jax.Array]:
+    def of_active(*values: Array) -> list[Array]:
         given = list(primals)
         for i, value in zip(active, values, strict=True):
             given[i] = value
@@ -314,8 +315,8 @@ def _derivative(
 
 
 def _batch(
-    values: Sequence[jax.Array], axes: Sequence[int | None], *, program: core.ClosedJaxpr
-) -> tuple[list[jax.Array], list[int]]:
+    values: Sequence[Array], axes: Sequence[int | None], *, program: core.ClosedJaxpr
+) -> tuple[list[Array], list[int]]:
     found = jax.vmap(functools.partial(_call_plain, program=program), in_axes=tuple(axes))(*values)
     return found, [0] * len(found)
 

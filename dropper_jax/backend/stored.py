@@ -28,6 +28,7 @@ from pathlib import Path
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 from jax.experimental import serialize_executable
 
 #: Packages whose names and sources the key of a program contains.
@@ -230,7 +231,7 @@ def stable_text(value: object) -> str:
     match value:
         case None | bool() | int() | float() | str():
             return f"{type(value).__name__}:{value!r}"
-        case np.ndarray() | np.generic() | jax.Array():
+        case np.ndarray() | np.generic() | Array():
             array = np.asarray(value)
             return f"array:{array.dtype}{array.shape}{hashlib.sha256(array.tobytes()).hexdigest()}"
         case dict():

@@ -11,9 +11,10 @@ from __future__ import annotations
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 
-def solve_tridiagonal(lower: jax.Array, diagonal: jax.Array, upper: jax.Array, rhs: jax.Array) -> jax.Array:
+def solve_tridiagonal(lower: Array, diagonal: Array, upper: Array, rhs: Array) -> Array:
     """The solution (n,) of one system of n rows.
 
     Args:
@@ -30,15 +31,13 @@ MOST_ROWS = 128
 
 
 @jax.custom_jvp
-def cyclic_reduction(lower: jax.Array, diagonal: jax.Array, upper: jax.Array, rhs: jax.Array) -> jax.Array:
+def cyclic_reduction(lower: Array, diagonal: Array, upper: Array, rhs: Array) -> Array:
     """The solution (n,) of one right side (n,)."""
     return _halve_rows(lower, diagonal, upper, rhs, 1 if diagonal.shape[0] <= MOST_ROWS else diagonal.shape[0] // 4 + 1)
 
 
 @cyclic_reduction.defjvp
-def _cyclic_reduction_jvp(
-    primals: tuple[jax.Array, ...], tangents: tuple[jax.Array, ...]
-) -> tuple[jax.Array, jax.Array]:
+def _cyclic_reduction_jvp(primals: tuple[Array, ...], tangents: tuple[Array, ...]) -> tuple[Array, Array]:
     lower, diagonal, upper, rhs = primals
     dl, dd, du, db = tangents
     x = cyclic_reduction(lower, diagonal, upper, rhs)
@@ -48,7 +47,7 @@ def _cyclic_reduction_jvp(
     return x, cyclic_reduction(lower, diagonal, upper, db - dl * before - dd * x - du * after)
 
 
-def _halve_rows(lower: jax.Array, diagonal: jax.Array, upper: jax.Array, rhs: jax.Array, target: int) -> jax.Array:
+def _halve_rows(lower: Array, diagonal: Array, upper: Array, rhs: Array, target: int) -> Array:
     """The same with every second row eliminated into its neighbours, repeated until at most `target` are left."""
     n = diagonal.shape[0]
     if n == 1:
@@ -71,17 +70,17 @@ def _halve_rows(lower: jax.Array, diagonal: jax.Array, upper: jax.Array, rhs: ja
     return jnp.stack([kept, _shift_rows(between, 0, even)], axis=1).reshape(2 * even)[:n]
 
 
-def _shift_rows(a: jax.Array, before: int, length: int) -> jax.Array:
+def _shift_rows(a: Array, before: int, length: int) -> Array:
     """`a` with `before` zeros in front, cut or padded with zeros to `length`."""
     a = a[: length - before]
     return jnp.pad(a, (before, length - before - a.shape[0]))
 
 
-def _row_by_row(lower: jax.Array, diagonal: jax.Array, upper: jax.Array, rhs: jax.Array) -> jax.Array:
+def _row_by_row(lower: Array, diagonal: Array, upper: Array, rhs: Array) -> Array:
     """The same by forward elimination and back substitution."""
     # number of rows per loop iteration of the row-by-row elimination
     together = 4
-    Row = tuple[jax.Array, ...]
+    Row = tuple[Array, ...]
 
     def down(before: Row, row: Row) -> tuple[Row, Row]:
         ahead, y = before
@@ -90,7 +89,7 @@ def _row_by_row(lower: jax.Array, diagonal: jax.Array, upper: jax.Array, rhs: ja
         after = right * pivot, (b - left * y) * pivot
         return after, after
 
-    def back(x: jax.Array, row: Row) -> tuple[jax.Array, jax.Array]:
+    def back(x: Array, row: Row) -> tuple[Array, Array]:
         x = row[1] - row[0] * x
         return x, x
 

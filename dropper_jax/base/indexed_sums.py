@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 
 def index_table(lists: Sequence[Sequence[int] | np.ndarray], none: int) -> np.ndarray:
@@ -17,12 +17,12 @@ def index_table(lists: Sequence[Sequence[int] | np.ndarray], none: int) -> np.nd
     return table
 
 
-def with_zero_row(a: jax.Array) -> jax.Array:
+def with_zero_row(a: Array) -> Array:
     """Rows (n + 1, ...), the last one zero."""
     return jnp.concatenate([a, jnp.zeros_like(a, shape=(1, *a.shape[1:]))])
 
 
-def gather_sums(a: jax.Array, table: np.ndarray) -> jax.Array:
+def gather_sums(a: Array, table: np.ndarray) -> Array:
     """Sums (m, ...) of the rows of a (n, ...) that a static table (most, m) lists; the index n is a zero row."""
     if not len(table):
         return jnp.zeros((table.shape[1], *a.shape[1:]), a.dtype)
@@ -30,7 +30,7 @@ def gather_sums(a: jax.Array, table: np.ndarray) -> jax.Array:
     return sum((a[row] for row in table[1:]), a[table[0]])
 
 
-def scatter_add(where: np.ndarray, values: jax.Array | np.ndarray, size: int) -> jax.Array:
+def scatter_add(where: np.ndarray, values: Array | np.ndarray, size: int) -> Array:
     """`zeros(size, ...)` with `values` (k, ...) added at the rows `where` (k,)."""
     where = np.asarray(where)
     counts = np.bincount(where, minlength=size)
@@ -52,7 +52,7 @@ def scatter_add(where: np.ndarray, values: jax.Array | np.ndarray, size: int) ->
 MOST_GATHERS = 8
 
 
-def scatter_add_many(where: np.ndarray, values: jax.Array, size: int) -> jax.Array:
+def scatter_add_many(where: np.ndarray, values: Array, size: int) -> Array:
     """`scatter_add`, using a scatter if many values meet at one row, as in contact between all pairs of links."""
     where = np.asarray(where)
     if not len(where) or np.bincount(where, minlength=size).max() <= MOST_GATHERS:

@@ -9,8 +9,9 @@ from typing import Any, TypeVar, overload
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
-Components = tuple[jax.Array, jax.Array, jax.Array]
+Components = tuple[Array, Array, Array]
 #: A pytree of arrays.
 Tree = TypeVar("Tree")
 
@@ -18,15 +19,15 @@ Tree = TypeVar("Tree")
 @overload
 def as_array(values: None) -> None: ...
 @overload
-def as_array(values: Any) -> jax.Array: ...
-def as_array(values: Any) -> jax.Array | None:
+def as_array(values: Any) -> Array: ...
+def as_array(values: Any) -> Array | None:
     """Numbers of a scene as an array of JAX, without a program of JAX; None remains None."""
     if values is None:
         return None
     return jnp.asarray(np.asarray(values))
 
 
-def components(x: jax.Array) -> Components:
+def components(x: Array) -> Components:
     """The three components of vectors (..., 3) as separate arrays.
 
     On the CPU a sum over an axis of three is a separate kernel. A sum of three arrays fuses with neighbouring
@@ -35,12 +36,12 @@ def components(x: jax.Array) -> Components:
     return x[..., 0], x[..., 1], x[..., 2]
 
 
-def each(f: Callable[[jax.Array], jax.Array], x: Components) -> Components:
+def each(f: Callable[[Array], Array], x: Components) -> Components:
     """A function of each component."""
     return f(x[0]), f(x[1]), f(x[2])
 
 
-def dot_components(a: Components, b: Components) -> jax.Array:
+def dot_components(a: Components, b: Components) -> Array:
     """Scalar products."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
@@ -49,7 +50,7 @@ def _cross(a: Components, b: Components) -> Components:
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
-def inverse_rows(node: jax.Array) -> tuple[Components, Components, Components]:
+def inverse_rows(node: Array) -> tuple[Components, Components, Components]:
     """Rows of the inverses of 3x3 matrices (..., 3, 3) by cofactors, elementwise."""
     first, second, third = (components(node[..., :, i]) for i in range(3))
     row = _cross(second, third)
@@ -77,7 +78,7 @@ trace_once = partial(jax.jit, inline=True)
 
 
 @trace_once
-def dot(a: jax.Array, b: jax.Array) -> jax.Array:
+def dot(a: Array, b: Array) -> Array:
     """Scalar products of 3-vectors (..., 3).
 
     Written out, because on the CPU a sum over an axis of three is a separate kernel, while three products fuse with the
@@ -87,34 +88,34 @@ def dot(a: jax.Array, b: jax.Array) -> jax.Array:
 
 
 @trace_once
-def cross(a: jax.Array, b: jax.Array) -> jax.Array:
+def cross(a: Array, b: Array) -> Array:
     """Vector products of 3-vectors (..., 3), written out for the same reason (and half the operations of jnp's)."""
     return jnp.stack(_cross(components(a), components(b)), axis=-1)
 
 
-def upright(z: jax.Array) -> jax.Array:
+def upright(z: Array) -> Array:
     """Vectors (..., 3) along z of these lengths."""
     none = jnp.zeros_like(z)
     return jnp.stack([none, none, z], axis=-1)
 
 
 @trace_once
-def safe_norm(x: jax.Array) -> jax.Array:
+def safe_norm(x: Array) -> Array:
     """|x| of 3-vectors (..., 3), with finite derivatives at zero (the floor is 1e-15 in |x|)."""
     return jnp.sqrt(dot(x, x) + jnp.asarray(1e-30, x.dtype))
 
 
-def time_just_after(t: jax.Array, side: float = 1.0) -> jax.Array:
+def time_just_after(t: Array, side: float = 1.0) -> Array:
     """An instant just after t (before it with side -1): a quantity that jumps at t has its value on that side."""
     return t + 8.0 * side * jnp.finfo(t.dtype).eps * jnp.maximum(jnp.abs(t), 1.0)
 
 
-def horizontal_norm(x: jax.Array) -> jax.Array:
+def horizontal_norm(x: Array) -> Array:
     """The same of the horizontal parts of 3-vectors (..., 3)."""
     return safe_norm(x * jnp.array([1.0, 1.0, 0.0], x.dtype))
 
 
-def positive_part(x: jax.Array) -> jax.Array:
+def positive_part(x: Array) -> Array:
     """`max(x, 0)`; its slope at 0 is 1. A link at exactly its natural length has the derivatives of a taut one, not the
     mean of two."""
     return jnp.where(x < 0.0, 0.0, x)

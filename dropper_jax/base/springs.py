@@ -11,14 +11,14 @@ per step.
 
 from __future__ import annotations
 
-import jax
 import jax.numpy as jnp
+from jax import Array
 
 from dropper_jax.base.numerics import positive_part, trace_once
 
 
 @trace_once
-def mean_positive_part(e0: jax.Array, e1: jax.Array) -> jax.Array:
+def mean_positive_part(e0: Array, e1: Array) -> Array:
     """Mean of max(e, 0) between e0 and e1: `(s1^2 - s0^2)/(2 (e1 - e0))`, s = max(e, 0), without cancellation."""
     pulled = positive_part(e0) + positive_part(e1)
     way = jnp.abs(e0) + jnp.abs(e1)
@@ -30,7 +30,7 @@ REST = 1e-10
 
 
 @trace_once
-def lag(before: jax.Array, after: jax.Array, expected: jax.Array, rest: jax.Array | float = 0.0) -> jax.Array:
+def lag(before: Array, after: Array, expected: Array, rest: Array | float = 0.0) -> Array:
     """Spring force beyond its mean over the step, from the force before, the force after and the expected force.
 
     From a spring at rest any motion is ahead of what was expected. The derivative there is that of `after - expected`,
@@ -48,7 +48,7 @@ def lag(before: jax.Array, after: jax.Array, expected: jax.Array, rest: jax.Arra
     return 0.5 * (still * ahead + (1.0 - still) * moving)
 
 
-def never_more(damper: jax.Array, spring: jax.Array) -> jax.Array:
+def never_more(damper: Array, spring: Array) -> Array:
     """Force that a damper adds to a spring force `spring` >= 0: at most as much again, and at most all of it
     removed. Without a spring force the damper has no force, and no derivative either."""
     return jnp.where(spring > 0.0, jnp.clip(damper, -spring, spring), 0.0)

@@ -12,8 +12,8 @@ leaves unchanged. The target rate of the links is this value rather than zero.
 
 from __future__ import annotations
 
-import jax
 import jax.numpy as jnp
+from jax import Array
 
 from dropper_jax.model import AddedMass, Kinematics, Model, TurningMass
 from dropper_jax.residual import NodeRows, PerLaw, StepProblem, Unknowns, couples_inertia
@@ -38,19 +38,19 @@ class ProjectionProblem(StepProblem):
         #: Target rate of stretch per length of rigid links, and impulses of others.
         self.aim = self.law = jnp.zeros((), k.r.dtype)
 
-    def _inertia(self, x: jax.Array) -> jax.Array:
+    def _inertia(self, x: Array) -> Array:
         if not self.added:
             return self.model.nodal_inertia(x)
         return self.model.inertia(self.k, x) - self.model.inertia(self.k, jnp.zeros_like(x))
 
-    def node_rows(self, x: jax.Array, z: PerLaw) -> NodeRows:
+    def node_rows(self, x: Array, z: PerLaw) -> NodeRows:
         return self._inertia(x), ()
 
-    def link_vectors(self, x: jax.Array) -> jax.Array:
+    def link_vectors(self, x: Array) -> Array:
         """Rates of the links, for the network solver."""
         return self.model.rates(self.k.v + x, self.k.ends)
 
-    def link_rows(self, d: jax.Array, y: jax.Array) -> tuple[jax.Array, jax.Array]:
+    def link_rows(self, d: Array, y: Array) -> tuple[Array, Array]:
         rows = jnp.sum(self.link_direction * d, axis=-1) - self.aim
         return y[:, None] * self.link_direction, rows if self.rigid.all() else jnp.where(self.rigid, rows, self.law - y)
 
@@ -61,7 +61,7 @@ class InstantProblem(ProjectionProblem):
     M a = F + G' T,    d . d'' + |d'|^2 = 0 of rigid links,    T by the law of those that stretch
     """
 
-    def __init__(self, k: Kinematics, end_acceleration: jax.Array | None) -> None:
+    def __init__(self, k: Kinematics, end_acceleration: Array | None) -> None:
         super().__init__(k, bool(k.model.having(AddedMass)))
         line = k.line
         self.moved, self.force = end_acceleration, k.model.force(k)
@@ -70,17 +70,17 @@ class InstantProblem(ProjectionProblem):
             self.law = line.axial.tension(k.links, k.link_velocities, line.length)
             self.link_direction = jnp.where(self.rigid[:, None], self.link_direction, k.tangents)
 
-    def _inertia(self, x: jax.Array) -> jax.Array:
+    def _inertia(self, x: Array) -> Array:
         return self.model.inertia(self.k, x, self.moved)
 
-    def node_rows(self, x: jax.Array, z: PerLaw) -> NodeRows:
+    def node_rows(self, x: Array, z: PerLaw) -> NodeRows:
         return self._inertia(x) - self.force, ()
 
-    def link_vectors(self, x: jax.Array) -> jax.Array:
+    def link_vectors(self, x: Array) -> Array:
         return self.model.geometry.differences(x, self.moved)
 
 
-def consistent(k: Kinematics, added: bool = False, aim: jax.Array | None = None) -> tuple[jax.Array, jax.Array]:
+def consistent(k: Kinematics, added: bool = False, aim: Array | None = None) -> tuple[Array, Array]:
     """Velocities (nodes, 3) [m/s] on the constraints, and the impulses (n,) [N s] that lead there.
 
     Args:
@@ -95,7 +95,7 @@ def consistent(k: Kinematics, added: bool = False, aim: jax.Array | None = None)
     return k.v + change, impulse
 
 
-def instant(k: Kinematics, end_acceleration: jax.Array | None = None) -> tuple[jax.Array, jax.Array]:
+def instant(k: Kinematics, end_acceleration: Array | None = None) -> tuple[Array, Array]:
     """Accelerations (nodes, 3) [m/s^2] and tensions (n,) [N] at one instant, without laws that have their own unknowns.
 
     Args:
@@ -116,7 +116,7 @@ def _solve_projection(problem: ProjectionProblem) -> Unknowns:
     return Unknowns(-found.x, -found.y)
 
 
-def jumps(model: Model, t: jax.Array, h: jax.Array) -> jax.Array | None:
+def jumps(model: Model, t: Array, h: Array) -> Array | None:
     """Whether prescribed points jump in a step from t: within it or at either end; None if they never do."""
     kinks = model.kinks
     if kinks is None or model.line.axial.elastic:
@@ -127,7 +127,7 @@ def jumps(model: Model, t: jax.Array, h: jax.Array) -> jax.Array | None:
     return jnp.any((kinks >= low) & (kinks <= high))
 
 
-def sawtooth_grows(model: Model) -> jax.Array | None:
+def sawtooth_grows(model: Model) -> Array | None:
     """Whether something excites velocities along rigid links that change sign at every step; None if nothing may.
 
     Added mass of Morison's form turns with its link and contributes `1/2 v' M_a' v`. Such a velocity grew from rounding
@@ -139,7 +139,7 @@ def sawtooth_grows(model: Model) -> jax.Array | None:
     return jnp.any(jnp.stack([e.gains() for e in turning]))
 
 
-def after_jump(k: Kinematics, end_acceleration: jax.Array, h: jax.Array) -> tuple[jax.Array, jax.Array]:
+def after_jump(k: Kinematics, end_acceleration: Array, h: Array) -> tuple[Array, Array]:
     """Velocities (nodes, 3) [m/s] from which midpoint steps of h continue smoothly, and impulses (n,) [N s] to them."""
     v, first = consistent(k, added=True)
     k = k.with_velocity(v)
@@ -148,8 +148,8 @@ def after_jump(k: Kinematics, end_acceleration: jax.Array, h: jax.Array) -> tupl
 
 
 def after_change_of_step(
-    k: Kinematics, acceleration: jax.Array, end_acceleration: jax.Array | None, h: jax.Array
-) -> tuple[jax.Array, jax.Array]:
+    k: Kinematics, acceleration: Array, end_acceleration: Array | None, h: Array
+) -> tuple[Array, Array]:
     """The same after a step of another length.
 
     The smooth rates `d . d' = h^2 d' . d''/4` belong to a length of steps. With those of a step h0 rates along rigid
@@ -164,7 +164,7 @@ def after_change_of_step(
     return consistent(k, True, 0.25 * h**2 * bend / k.line.length)
 
 
-def consistent_velocity(model: Model, r: jax.Array, v: jax.Array, t: jax.Array) -> jax.Array:
+def consistent_velocity(model: Model, r: Array, v: Array, t: Array) -> Array:
     """Velocities (nodes, 3) [m/s] at the start of a run: if ends move at once, velocities that the links can have."""
     if model.line.axial.elastic:
         return v

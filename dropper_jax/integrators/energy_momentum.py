@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from dropper_jax.axial import LinkStart
 from dropper_jax.integrators.consistent import (
@@ -58,12 +59,12 @@ class EnergyMomentum(Implicit):
             return replace(s, v=consistent_velocity(model, s.r, s.v, s.t))
         return s
 
-    def change_step(self, model: Model, s: State, h: jax.Array) -> State:
+    def change_step(self, model: Model, s: State, h: Array) -> State:
         end_acceleration = model.end_acceleration(s.t) if model.moving else None
         v, _ = after_change_of_step(model.instant(s.r, s.v, s.t), s.acceleration, end_acceleration, h)
         return replace(s, v=v)
 
-    def equations(self, model: Model, s: State, h: jax.Array) -> MidpointProblem:
+    def equations(self, model: Model, s: State, h: Array) -> MidpointProblem:
         return MidpointProblem(model, s, h, self.weighting, alone=len(self.stages) == 1)
 
 
@@ -78,7 +79,7 @@ class MidpointProblem(StepProblem):
     has a different rate of stretch at their ends.
     """
 
-    def __init__(self, model: Model, s: State, h: jax.Array, gamma: float | jax.Array, alone: bool = True) -> None:
+    def __init__(self, model: Model, s: State, h: Array, gamma: float | Array, alone: bool = True) -> None:
         super().__init__(model, s, h)
         model = self.model
         self.gamma, self.alone = gamma, alone
@@ -114,7 +115,7 @@ class MidpointProblem(StepProblem):
         s = self.s
         return Unknowns(s.acceleration * (self.gamma * self.h**2), s.tension, s.law)
 
-    def instant(self, x: jax.Array) -> Kinematics:
+    def instant(self, x: Array) -> Kinematics:
         s = self.s
         h = self.h
         v = s.v + x / h
@@ -122,7 +123,7 @@ class MidpointProblem(StepProblem):
         over = {"prepared": self.prepared, "h": h, "before": s.v}
         return self.model.kinematics(r, v, self.t_mid, self.ends, **over)
 
-    def node_rows(self, x: jax.Array, z: PerLaw) -> NodeRows:
+    def node_rows(self, x: Array, z: PerLaw) -> NodeRows:
         middle = self.instant(x)
         a = x / (self.gamma * self.h**2)
         force = self.model.inertia(middle, a, self.end_acceleration) - self.model.force(middle)
@@ -131,11 +132,11 @@ class MidpointProblem(StepProblem):
         laws, rows = self._laws(middle, z)
         return force - laws, rows
 
-    def link_vectors(self, x: jax.Array) -> jax.Array:
+    def link_vectors(self, x: Array) -> Array:
         s = self.s
         return self.model.links(s.r + (self.h * s.v + x), self.ends1)
 
-    def _directions(self, links1: jax.Array) -> jax.Array:
+    def _directions(self, links1: Array) -> Array:
         mean = (1 - self.gamma) * self.links0 + self.gamma * links1
         line = self.model.line
         return line.axial.direction(self.links0, links1, mean, line.length)
@@ -151,7 +152,7 @@ class MidpointProblem(StepProblem):
             rows = (*rows, constraint.gap(model, end))
         return force, rows
 
-    def link_rows(self, d: jax.Array, y: jax.Array) -> tuple[jax.Array, jax.Array]:
+    def link_rows(self, d: Array, y: Array) -> tuple[Array, Array]:
         line = self.model.line
         return y[:, None] * self._directions(d), line.axial.residual(self.start, d, y, line.length, self.h)
 
@@ -171,7 +172,7 @@ class MidpointProblem(StepProblem):
             work=lambda: self._work(u, stopped, struck),
         )
 
-    def _end_velocity(self, u: Unknowns, r1: jax.Array) -> tuple[jax.Array, Works]:
+    def _end_velocity(self, u: Unknowns, r1: Array) -> tuple[Array, Works]:
         """Velocity (nodes, 3) [m/s] at the end, and the energy taken by stopping stuck joints or nodes, by name [J]."""
         s = self.s
         h = self.h
@@ -185,7 +186,7 @@ class MidpointProblem(StepProblem):
         v1, taken = stop(model, u.z[: len(model.laws)], middle, after, h)
         return v1, {model.laws[0].name: taken}
 
-    def _after_jumps(self, r1: jax.Array, v1: jax.Array) -> tuple[jax.Array, jax.Array | None, Works]:
+    def _after_jumps(self, r1: Array, v1: Array) -> tuple[Array, Array | None, Works]:
         """End velocities consistent with rigid links, if prescribed points jumped; impulses (n,) [N s] and their
         work."""
         model = self.model
@@ -197,7 +198,7 @@ class MidpointProblem(StepProblem):
         if jumped is None:
             return v1, None, {}
 
-        def project() -> tuple[jax.Array, ...]:
+        def project() -> tuple[Array, ...]:
             t1 = self.s.t + self.h
             k = model.instant(r1, v1, t1, self.ends1)
             v, impulse = after_jump(k, model.end_acceleration(t1), self.h)
@@ -209,7 +210,7 @@ class MidpointProblem(StepProblem):
         name = MOVING_ENDS if model.moving else turning(model.having(AddedMass)[0])
         return v, impulse, {name: gained}
 
-    def _sawtooth(self, r1: jax.Array, v1: jax.Array) -> jax.Array:
+    def _sawtooth(self, r1: Array, v1: Array) -> Array:
         """Maximum rate of stretch that changes sign at every step, divided by the fastest link's speed, a scalar."""
         model = self.model
         h = self.h
@@ -219,7 +220,7 @@ class MidpointProblem(StepProblem):
         fastest = jnp.max(jnp.sum(k.link_velocities**2, -1))
         return jnp.max((rate / k.line.length) ** 2) / jnp.maximum(fastest, jnp.finfo(v1.dtype).tiny)
 
-    def _work(self, u: Unknowns, stopped: Works, struck: Works) -> jax.Array:
+    def _work(self, u: Unknowns, stopped: Works, struck: Works) -> Array:
         """Work (k,) [J] over the step, in the order of `work_names`."""
         model = self.model
         line = self.model.line
@@ -236,7 +237,7 @@ class MidpointProblem(StepProblem):
         drums = line.axial.drum_works(self.links0, links1, u.y)
         return book_works(model, works, stopped, struck, turned, axial, drums, ends)
 
-    def _turning(self, effect: AddedMass, k: Kinematics, u: Unknowns) -> jax.Array:
+    def _turning(self, effect: AddedMass, k: Kinematics, u: Unknowns) -> Array:
         """Energy [J] that added mass gains by turning: change of its kinetic energy minus the work against its inertia.
 
         `1/2 v' M_a' v` over the step, in the form that closes the balance to rounding error.
@@ -250,7 +251,7 @@ class MidpointProblem(StepProblem):
         spent = h * jnp.sum(k.v * effect.inertia(k, x / (self.gamma * h**2)))
         return effect.kinetic(after) - effect.kinetic(before) - spent
 
-    def _end_works(self, u: Unknowns, directions: jax.Array, k: Kinematics) -> Works:
+    def _end_works(self, u: Unknowns, directions: Array, k: Kinematics) -> Works:
         """Work [J] of moving ends by name: the force that holds each end (own weight aside) times its velocity."""
         line = self.model.line
         works = self.end_works(u.y[:, None] * directions, self.ends, k=k)

@@ -16,8 +16,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
-import jax
 import jax.numpy as jnp
+from jax import Array
 
 from dropper_jax.base.fields import parameter
 from dropper_jax.base.numerics import safe_norm
@@ -104,7 +104,7 @@ class GeneralizedAlpha(Implicit):
             a = law.stop(k, a, z, jnp.ones((), a.dtype))  # nodes at rest have zero acceleration
         return replace(s, acceleration=a, carries_acceleration=True)
 
-    def equations(self, model: Model, s: State, h: jax.Array) -> GeneralizedAlphaProblem:
+    def equations(self, model: Model, s: State, h: Array) -> GeneralizedAlphaProblem:
         # a state that another function has made: each step computes the accelerations at its start
         if not s.carries_acceleration:
             s = replace(self.begin(model, s), carries_acceleration=False)
@@ -114,7 +114,7 @@ class GeneralizedAlpha(Implicit):
 class GeneralizedAlphaProblem(StepProblem):
     """Unknowns: x = r1 - r0 - h v0, and tensions at t_f."""
 
-    def __init__(self, model: Model, s: State, h: jax.Array, rho: float) -> None:
+    def __init__(self, model: Model, s: State, h: Array, rho: float) -> None:
         super().__init__(model, s, h)
         self.new_a, self.new_f, self.gamma, self.beta, _ = Coefficients.of(rho)
         self.t_f = s.t + self.new_f * h
@@ -132,44 +132,44 @@ class GeneralizedAlphaProblem(StepProblem):
         #: Link vectors (n, 3) [m] at the end of the step and their rates [m/s] at t_f, for x = 0.
         self.straight = self.link_vectors(zero), predicted.link_velocities
 
-    def _acceleration(self, x: jax.Array) -> jax.Array:
+    def _acceleration(self, x: Array) -> Array:
         """a1 (nodes, 3) [m/s^2]."""
         return (x / self.h**2 - (0.5 - self.beta) * self.s.acceleration) / self.beta
 
-    def _mean_acceleration(self, x: jax.Array) -> jax.Array:
+    def _mean_acceleration(self, x: Array) -> Array:
         """(1 - am) a1 + am a0 (nodes, 3) [m/s^2]."""
         old = self.s.acceleration
         return old + self.new_a * (self._acceleration(x) - old)
 
-    def _velocity(self, x: jax.Array) -> jax.Array:
+    def _velocity(self, x: Array) -> Array:
         """v1 (nodes, 3) [m/s]."""
         s = self.s
         return s.v + self.h * ((1.0 - self.gamma) * s.acceleration + self.gamma * self._acceleration(x))
 
-    def _kinematics(self, x: jax.Array, **prepared: Any) -> Kinematics:
+    def _kinematics(self, x: Array, **prepared: Any) -> Kinematics:
         s = self.s
         share = self.new_f
         v = s.v + share * (self._velocity(x) - s.v)
         return self.model.kinematics(s.r + share * (self.h * s.v + x), v, self.t_f, self.ends, **prepared)
 
-    def instant(self, x: jax.Array) -> Kinematics:
+    def instant(self, x: Array) -> Kinematics:
         return self._kinematics(x, prepared=self.prepared, h=self.h)
 
     def guess(self) -> Unknowns:
         s = self.s
         return Unknowns(0.5 * self.h**2 * s.acceleration, s.tension, s.law)
 
-    def node_rows(self, x: jax.Array, z: PerLaw) -> NodeRows:
+    def node_rows(self, x: Array, z: PerLaw) -> NodeRows:
         """Inertia minus forces (nodes, 3) [N], without tensions, and the rows of laws."""
         k = self.instant(x)
         force, laws = self.law_rows(k, z)
         inertia = self.model.inertia(k, self._mean_acceleration(x), self.end_acceleration)
         return inertia - self.model.force(k) - force, laws
 
-    def link_vectors(self, x: jax.Array) -> jax.Array:
+    def link_vectors(self, x: Array) -> Array:
         return self.model.links(self.s.r + (self.h * self.s.v + x), self.ends1)
 
-    def link_rows(self, d: jax.Array, y: jax.Array) -> tuple[jax.Array, jax.Array]:
+    def link_rows(self, d: Array, y: Array) -> tuple[Array, Array]:
         line = self.model.line
         straight, straight_rate = self.straight
         rate = straight_rate + self.new_f * self.gamma / (self.beta * self.h) * (d - straight)
@@ -187,9 +187,7 @@ class GeneralizedAlphaProblem(StepProblem):
             r=r1, v=v1, tension=u.y, acceleration=a1, law=u.z, work=lambda: h * self._powers(u, stopped / h)
         )
 
-    def _stop_held(
-        self, u: Unknowns, r1: jax.Array, v1: jax.Array, a1: jax.Array
-    ) -> tuple[jax.Array, jax.Array, jax.Array]:
+    def _stop_held(self, u: Unknowns, r1: Array, v1: Array, a1: Array) -> tuple[Array, Array, Array]:
         """End velocities and accelerations with nodes that friction held at rest, and the energy taken by stopping them
         [J].
 
@@ -204,7 +202,7 @@ class GeneralizedAlphaProblem(StepProblem):
             a1 = law.stop(middle, a1, z, self.h)
         return v1, a1, taken
 
-    def _powers(self, u: Unknowns, stopping: jax.Array) -> jax.Array:
+    def _powers(self, u: Unknowns, stopping: Array) -> Array:
         """Mean powers (k,) [W] over the step: forces at t_f times the nodes' motion, and the stopping of nodes."""
         k = self.instant(u.x).with_velocity(self.s.v + u.x / self.h)
         laws = {law.name: jnp.sum(law.law_force(k, z) * k.v) for law, z in zip(self.model.laws, u.z, strict=True)}

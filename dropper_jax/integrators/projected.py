@@ -27,6 +27,7 @@ from typing import ClassVar, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 from jax.flatten_util import ravel_pytree
 
 from dropper_jax.base.numerics import dot, time_just_after
@@ -40,12 +41,12 @@ class Moving(NamedTuple):
     """One instant: accelerations (nodes, 3) [m/s^2], tensions (n,) [N], powers (w,) [W] in the order of
     `work_names`."""
 
-    acceleration: jax.Array
-    tension: jax.Array
-    power: jax.Array
+    acceleration: Array
+    tension: Array
+    power: Array
 
 
-def moving(model: Model, r: jax.Array, v: jax.Array, t: jax.Array, track: bool) -> Moving:
+def moving(model: Model, r: Array, v: Array, t: Array, track: bool) -> Moving:
     """Accelerations and tensions of the line at one instant, and powers (empty unless `track`)."""
     k = model.instant(r, v, t)
     unit = k.links / model.line.length[:, None]
@@ -60,7 +61,7 @@ def moving(model: Model, r: jax.Array, v: jax.Array, t: jax.Array, track: bool) 
     return Moving(a, tension, power)
 
 
-def on_links(model: Model, r: jax.Array, v: jax.Array, t: jax.Array) -> tuple[jax.Array, jax.Array]:
+def on_links(model: Model, r: Array, v: Array, t: Array) -> tuple[Array, Array]:
     """Positions after one Newton correction of the lengths, and velocities (nodes, 3) that stretch no link there."""
     length = model.line.length
     inverse = 1.0 / model.node_mass
@@ -70,7 +71,7 @@ def on_links(model: Model, r: jax.Array, v: jax.Array, t: jax.Array) -> tuple[ja
     return r, apply_jump(model, r, v, t)[0]
 
 
-def apply_jump(model: Model, r: jax.Array, v: jax.Array, t: jax.Array) -> tuple[jax.Array, jax.Array]:
+def apply_jump(model: Model, r: Array, v: Array, t: Array) -> tuple[Array, Array]:
     """Velocities (nodes, 3) after prescribed points take their velocities at t, and impulses in the links (n, 3) [N
     s]."""
     ends = model.ends(t)
@@ -111,7 +112,7 @@ class ProjectedRungeKutta(Embedded):
         now = moving(model, s.r, v, t, False)
         return replace(s, v=v, acceleration=now.acceleration, tension=now.tension)
 
-    def advance_with_error(self, model: Model, s: State, h: jax.Array, tolerance: jax.Array) -> tuple[State, jax.Array]:
+    def advance_with_error(self, model: Model, s: State, h: Array, tolerance: Array) -> tuple[State, Array]:
         track = bool(s.work.size)
         if model.moving:
             s = _after_jump(model, s, track)
@@ -126,11 +127,11 @@ class ProjectedRungeKutta(Embedded):
         high = time_just_after(s.t + h, -1.0)
         start, split = ravel_pytree((s.r, s.v, s.work))
 
-        def end(y: jax.Array) -> jax.Array:
+        def end(y: Array) -> Array:
             r, v, work = split(y)
             return ravel_pytree((*on_links(model, r, v, high), work))[0]
 
-        def stage(i: jax.Array, carry: tuple[jax.Array, ...]) -> tuple[jax.Array, ...]:
+        def stage(i: Array, carry: tuple[Array, ...]) -> tuple[Array, ...]:
             slopes = carry[0]
             y = start + h * _combine_slopes(jax.lax.dynamic_index_in_dim(rows, i, keepdims=False), slopes)
             y = jax.lax.cond(i == stages, end, lambda y: y, y)
@@ -152,7 +153,7 @@ class ProjectedRungeKutta(Embedded):
         s1 = replace(s, r=r, v=v, t=s.t + h, tension=tension, acceleration=acceleration, work=work, angles=None)
         return s1, self._relative(jnp.stack(guesses), jax.lax.stop_gradient(s.v), tolerance)
 
-    def _relative(self, errors: jax.Array, v: jax.Array, tolerance: jax.Array) -> jax.Array:
+    def _relative(self, errors: Array, v: Array, tolerance: Array) -> Array:
         """Error of a step divided by the allowed error.
 
         RMS of positions over `tolerance` [m] and of velocities over the same [m/s], relative to speeds above 1 m/s. For
@@ -185,6 +186,6 @@ def _after_jump(model: Model, s: State, track: bool) -> State:
     return replace(s, v=v, work=work)
 
 
-def _combine_slopes(weights: jax.Array, slopes: jax.Array) -> jax.Array:
+def _combine_slopes(weights: Array, slopes: Array) -> Array:
     """The weighted sum of slopes (s, k) with weights (s,), not as a matrix product, which may call a library."""
     return jnp.sum(weights[:, None] * slopes, axis=0)

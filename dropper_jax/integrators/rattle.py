@@ -12,6 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import jax
+from jax import Array
 
 from dropper_jax.base.numerics import dot
 from dropper_jax.model import Kinematics, Model, State, book_works
@@ -29,25 +30,25 @@ class Rattle(Implicit):
     point_masses = True
     enough = 1.0  # its energy is bounded by the scheme, not conserved to rounding
 
-    def equations(self, model: Model, s: State, h: jax.Array) -> RattleProblem:
+    def equations(self, model: Model, s: State, h: Array) -> RattleProblem:
         return RattleProblem(model, s, h)
 
 
 class RattleProblem(SpeedProblem):
     """Unknowns: x = v_h, y = lambda, the tensions of the first half."""
 
-    def __init__(self, model: Model, s: State, h: jax.Array) -> None:
+    def __init__(self, model: Model, s: State, h: Array) -> None:
         super().__init__(model, s, h)
         self.prepared = model.prepare(model.kinematics(s.r, s.v, s.t, self.ends0))
 
     def guess(self) -> Unknowns:
         return Unknowns(self.s.v + 0.5 * self.h * self.s.acceleration, self.s.tension)
 
-    def _start_kinematics(self, v: jax.Array) -> Kinematics:
+    def _start_kinematics(self, v: Array) -> Kinematics:
         s = self.s
         return self.model.kinematics(s.r, v, s.t, self.ends0, prepared=self.prepared)
 
-    def node_rows(self, x: jax.Array, z: PerLaw) -> NodeRows:
+    def node_rows(self, x: Array, z: PerLaw) -> NodeRows:
         return (2 / self.h) * self.mass[:, None] * (x - self.s.v) - self.model.force(self._start_kinematics(x)), ()
 
     def finish(self, u: Unknowns) -> State:
@@ -69,7 +70,7 @@ class RattleProblem(SpeedProblem):
             work=lambda: self._work(u, after, pull1, mu),
         )
 
-    def _work(self, u: Unknowns, after: Kinematics, pull1: jax.Array, mu: jax.Array) -> jax.Array:
+    def _work(self, u: Unknowns, after: Kinematics, pull1: Array, mu: Array) -> Array:
         return book_works(
             self.model,
             self.force_works(self._start_kinematics(u.x), u.x, 0.5),

@@ -8,16 +8,17 @@ from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from dropper_jax.backend.tridiagonal import solve_tridiagonal
 from dropper_jax.model import AddedMass, Kinematics, Model, State, Works, book_works, turning
 from dropper_jax.residual import Explicit, local_jacobian
 from dropper_jax.solvers.elimination import apply, inverse
 
-Rates = tuple[jax.Array, jax.Array, jax.Array]
+Rates = tuple[Array, Array, Array]
 
 
-def rates(model: Model, r: jax.Array, v: jax.Array, t: jax.Array, track: bool) -> tuple[Rates, jax.Array]:
+def rates(model: Model, r: Array, v: Array, t: Array, track: bool) -> tuple[Rates, Array]:
     """(r', v', work') and the tensions (n,) [N] at one instant."""
     model = model.with_lengths(t)
     k = model.instant(r, v, t)
@@ -30,7 +31,7 @@ def rates(model: Model, r: jax.Array, v: jax.Array, t: jax.Array, track: bool) -
     return (v, a, power), tension
 
 
-def accelerations(model: Model, k: Kinematics, force: jax.Array, t: jax.Array) -> jax.Array:
+def accelerations(model: Model, k: Kinematics, force: Array, t: Array) -> Array:
     """Accelerations (nodes, 3) [m/s^2] under nodal forces (nodes, 3) [N]; not where `couples_inertia`."""
     line = model.line
     free = model.free_nodes
@@ -47,7 +48,7 @@ def accelerations(model: Model, k: Kinematics, force: jax.Array, t: jax.Array) -
     return solve_tridiagonal(jnp.concatenate([zero, off]), diagonal, jnp.concatenate([off, zero]), force)
 
 
-def powers(model: Model, k: Kinematics, tension: jax.Array, a: jax.Array, laws: Works | None = None) -> jax.Array:
+def powers(model: Model, k: Kinematics, tension: Array, a: Array, laws: Works | None = None) -> Array:
     """Power (k,) [W] in the order of `work_names`; `laws` are those of set-valued laws."""
     line = model.line
     forces = {name: jnp.sum(force * k.v) for name, force in model.working_forces(k).items()}
@@ -58,16 +59,16 @@ def powers(model: Model, k: Kinematics, tension: jax.Array, a: jax.Array, laws: 
     )
 
 
-def _turning(model: Model, effect: AddedMass, k: Kinematics, a: jax.Array) -> jax.Array:
+def _turning(model: Model, effect: AddedMass, k: Kinematics, a: Array) -> Array:
     """Power [W] that added mass gains by turning: rate of its kinetic energy minus the power of its inertia."""
 
-    def energy(r: jax.Array, v: jax.Array, t: jax.Array) -> jax.Array:
+    def energy(r: Array, v: Array, t: Array) -> Array:
         return effect.kinetic(model.kinematics(r, v, t))
 
     return jax.jvp(energy, (k.r, k.v, k.t), (k.v, a, jnp.ones_like(k.t)))[1] - jnp.sum(k.v * effect.inertia(k, a))
 
 
-def combine(model: Model, s: State, h: jax.Array, slope: Rates) -> State:
+def combine(model: Model, s: State, h: Array, slope: Rates) -> State:
     """The state after moving from s along the combined slope."""
     r, v, work = (now + h * rate for now, rate in zip((s.r, s.v, s.work), slope, strict=True))
     k = model.kinematics(r, v, s.t + h)
@@ -93,7 +94,7 @@ class RungeKutta(Explicit):
     def evaluations(self) -> int:
         return len(self.b)
 
-    def advance(self, model: Model, s: State, h: jax.Array) -> State:
+    def advance(self, model: Model, s: State, h: Array) -> State:
         track = bool(s.work.size)
         slopes = [rates(model, s.r, s.v, s.t, track)[0]]
         for row in self.a:

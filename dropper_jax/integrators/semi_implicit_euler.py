@@ -14,6 +14,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import jax
+from jax import Array
 
 from dropper_jax.integrators.runge_kutta import combine, rates
 from dropper_jax.model import Model, State, book_works
@@ -42,7 +43,7 @@ class SemiImplicitEuler(Implicit):
             return ElasticSemiImplicitEuler()
         return self
 
-    def equations(self, model: Model, s: State, h: jax.Array) -> SemiImplicitProblem:
+    def equations(self, model: Model, s: State, h: Array) -> SemiImplicitProblem:
         return SemiImplicitProblem(model, s, h)
 
 
@@ -53,7 +54,7 @@ class ElasticSemiImplicitEuler(Explicit):
     name = SemiImplicitEuler.name
     order = 1
 
-    def advance(self, model: Model, s: State, h: jax.Array) -> State:
+    def advance(self, model: Model, s: State, h: Array) -> State:
         (_, a, power), _ = rates(model, s.r, s.v, s.t, bool(s.work.size))
         return combine(model, s, h, (s.v + h * a, a, power))
 
@@ -61,7 +62,7 @@ class ElasticSemiImplicitEuler(Explicit):
 class SemiImplicitProblem(SpeedProblem):
     """Unknowns: x = v1, y = T."""
 
-    def __init__(self, model: Model, s: State, h: jax.Array) -> None:
+    def __init__(self, model: Model, s: State, h: Array) -> None:
         super().__init__(model, s, h)
         self.before = model.instant(s.r, s.v, s.t, self.ends0)
         self.force0 = model.force(self.before)
@@ -69,7 +70,7 @@ class SemiImplicitProblem(SpeedProblem):
     def guess(self) -> Unknowns:
         return Unknowns(self.s.v + self.h * self.s.acceleration, self.s.tension)
 
-    def node_rows(self, x: jax.Array, z: PerLaw) -> NodeRows:
+    def node_rows(self, x: Array, z: PerLaw) -> NodeRows:
         return self.mass[:, None] * (x - self.s.v) / self.h - self.force0, ()
 
     def finish(self, u: Unknowns) -> State:
@@ -83,6 +84,6 @@ class SemiImplicitProblem(SpeedProblem):
             work=lambda: self._work(u),
         )
 
-    def _work(self, u: Unknowns) -> jax.Array:
+    def _work(self, u: Unknowns) -> Array:
         ends = self.end_works(u.y[:, None] * self.pull0, self.ends1, k=self.before)
         return book_works(self.model, self.force_works(self.before, u.x), ends)

@@ -17,6 +17,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 from jax.flatten_util import ravel_pytree
 from jax.scipy.linalg import lu_factor, lu_solve
 
@@ -25,9 +26,7 @@ from dropper_jax.model import Kinematics, Law, Model
 from dropper_jax.residual import PerLaw, Unknowns
 
 
-def stop_held_joints(
-    model: Model, z: PerLaw, middle: Kinematics, after: Kinematics, h: jax.Array
-) -> tuple[jax.Array, jax.Array]:
+def stop_held_joints(model: Model, z: PerLaw, middle: Kinematics, after: Kinematics, h: Array) -> tuple[Array, Array]:
     """End velocities (nodes, 3) [m/s] with stuck joints at rest, and the work of that (<= 0) [J].
 
     Args:
@@ -42,7 +41,7 @@ def stop_held_joints(
     return jax.lax.cond(some, stopped, lambda: (after.v, jnp.zeros((), after.v.dtype)))
 
 
-def _stop_nodes(model: Model, held: PerLaw, z: PerLaw, after: Kinematics, h: jax.Array) -> tuple[jax.Array, jax.Array]:
+def _stop_nodes(model: Model, held: PerLaw, z: PerLaw, after: Kinematics, h: Array) -> tuple[Array, Array]:
     # neither solution nor factors are differentiated: one more correction with differentiated rows has the exact
     # derivative of the solution, at the cost of a few operations
     u, factor, over, aim = _solve(*jax.lax.stop_gradient((model, held, after.v, after.r, after.t, z, h)))
@@ -51,9 +50,7 @@ def _stop_nodes(model: Model, held: PerLaw, z: PerLaw, after: Kinematics, h: jax
     return _falling(model, after, unravel(flat - lu_solve(factor, rows)).x)
 
 
-def stop_held_nodes(
-    model: Model, z: PerLaw, middle: Kinematics, after: Kinematics, h: jax.Array
-) -> tuple[jax.Array, jax.Array]:
+def stop_held_nodes(model: Model, z: PerLaw, middle: Kinematics, after: Kinematics, h: Array) -> tuple[Array, Array]:
     """The same for laws that hold nodes individually (`node_local`): each simply stops, as its `stop` defines."""
     v1 = after.v
     for law, held in zip(model.laws, z, strict=True):
@@ -63,7 +60,7 @@ def stop_held_nodes(
 
 @jax.jit  # traced once, not at each of the half dozen positions of a differentiated step
 def _solve(
-    model: Model, held: PerLaw, v: jax.Array, r: jax.Array, t: jax.Array, z: PerLaw, h: jax.Array
+    model: Model, held: PerLaw, v: Array, r: Array, t: Array, z: PerLaw, h: Array
 ) -> tuple[Unknowns, PerLaw, PerLaw, PerLaw]:
     """Unknowns, factors of their matrix, the joints whose impulse is on its bound, and the direction of their
     impulses."""
@@ -74,7 +71,7 @@ def _solve(
     def correct(carry: tuple[Any, ...], _: None) -> tuple[tuple[Any, ...], None]:
         x, _, over, aim = carry
 
-        def rows(x: jax.Array) -> jax.Array:
+        def rows(x: Array) -> Array:
             return ravel_pytree(_rows(model, held, after, z, h, over, aim, unravel(x)))[0]
 
         factor = lu_factor(jax.jacfwd(rows)(x))
@@ -96,7 +93,7 @@ def _solve(
     return unravel(x), factor, over, aim
 
 
-def _beyond(law: Law, p: jax.Array, q: jax.Array, h: jax.Array) -> jax.Array:
+def _beyond(law: Law, p: Array, q: Array, h: Array) -> Array:
     """PerLaw (joints, 1) whose impulse exceeds its bound; within the bound both differ by rounding of p and h q.
 
     A joint wrongly classified as exceeding its bound would have a row of zeros.
@@ -113,7 +110,7 @@ IMPULSE_COMPLIANCE = 1e-10
 
 
 def _rows(
-    model: Model, held: PerLaw, after: Kinematics, z: PerLaw, h: jax.Array, over: PerLaw, aim: PerLaw, u: Unknowns
+    model: Model, held: PerLaw, after: Kinematics, z: PerLaw, h: Array, over: PerLaw, aim: PerLaw, u: Unknowns
 ) -> Unknowns:
     """Rows of the system above for velocity changes, impulses of tensions and of joints.
 
@@ -137,7 +134,7 @@ def _rows(
     return Unknowns(force, along, joints)
 
 
-def _both_held(model: Model, held: tuple[jax.Array, ...]) -> jax.Array:
+def _both_held(model: Model, held: tuple[Array, ...]) -> Array:
     """Links (n,) whose two joints are stuck by one law: they stop completely, including their rate of length."""
     links = model.line.links
     both = jnp.zeros(links, bool)
@@ -151,7 +148,7 @@ def _both_held(model: Model, held: tuple[jax.Array, ...]) -> jax.Array:
 NORMAL_NUMBERS = 1e3
 
 
-def _falling(model: Model, after: Kinematics, delta: jax.Array) -> tuple[jax.Array, jax.Array]:
+def _falling(model: Model, after: Kinematics, delta: Array) -> tuple[Array, Array]:
     """`v + s delta` with the s in [0, 1] of minimum kinetic energy (1 if delta is a projection), and its change."""
     weight = jnp.sum(delta * model.inertia(after, delta))
     slope = jnp.sum(delta * model.inertia(after, after.v))

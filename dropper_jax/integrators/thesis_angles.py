@@ -19,6 +19,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from dropper_jax.base.fields import parameter
 from dropper_jax.model import Ends, Kinematics, Model, State, book_works
@@ -46,7 +47,7 @@ class ThesisAngles(Implicit):
             return "the thesis' scheme holds both ends still; use energy_momentum"
         return super().refuse(model)
 
-    def equations(self, model: Model, s: State, h: jax.Array) -> AnglesProblem:
+    def equations(self, model: Model, s: State, h: Array) -> AnglesProblem:
         return AnglesProblem(model, s, h, self.gamma)
 
     def begin(self, model: Model, s: State) -> State:
@@ -57,14 +58,14 @@ class ThesisAngles(Implicit):
 VERTICAL = 1e-9
 
 
-def angles_of_state(model: Model, s: State) -> tuple[jax.Array, ...]:
+def angles_of_state(model: Model, s: State) -> tuple[Array, ...]:
     """The angles that the state carries, or those that correspond to its positions and velocities."""
     if s.angles is not None:
         return s.angles
     return angles_of_links(model.links(s.r, model.ends(s.t)), model.rates(s.v, None))
 
 
-def angles_of_links(d: jax.Array, rate: jax.Array) -> tuple[jax.Array, ...]:
+def angles_of_links(d: Array, rate: Array) -> tuple[Array, ...]:
     """theta, phi, theta', phi' (n,) of link vectors d and their rates (n, 3), planar links with phi = 0."""
     planar = jnp.all(jnp.abs(d[:, 1]) <= 1e-12 * jnp.max(jnp.abs(d)))
     theta = jnp.arctan2(-d[:, 2], jnp.where(planar, d[:, 0], jnp.sqrt(d[:, 0] ** 2 + d[:, 1] ** 2)))
@@ -80,7 +81,7 @@ def angles_of_links(d: jax.Array, rate: jax.Array) -> tuple[jax.Array, ...]:
     return theta, phi, jnp.sum(rate * polar, -1) / length, azimuth_rate
 
 
-def _unit(theta: jax.Array, phi: jax.Array) -> jax.Array:
+def _unit(theta: Array, phi: Array) -> Array:
     return jnp.stack([jnp.cos(theta) * jnp.cos(phi), jnp.cos(theta) * jnp.sin(phi), -jnp.sin(theta)], -1)
 
 
@@ -92,9 +93,9 @@ class Motion(NamedTuple):
     """
 
     k: Kinematics
-    end: jax.Array
-    bend: jax.Array
-    force: jax.Array
+    end: Array
+    bend: Array
+    force: Array
 
 
 class AnglesProblem(StepProblem):
@@ -103,7 +104,7 @@ class AnglesProblem(StepProblem):
     If the state does not carry the angles, each step computes them from the positions.
     """
 
-    def __init__(self, model: Model, s: State, h: jax.Array, gamma: float | jax.Array) -> None:
+    def __init__(self, model: Model, s: State, h: Array, gamma: float | Array) -> None:
         super().__init__(model, s, h)
         self.gamma = gamma
         self.angles = angles_of_state(model, s)
@@ -116,11 +117,11 @@ class AnglesProblem(StepProblem):
         moved = jnp.concatenate([old[:, :2] + self.h * old[:, 2:], old[:, 2:]], axis=1)
         return Unknowns(moved, self.s.tension)
 
-    def _motion(self, x: jax.Array, t: jax.Array, ends: Ends, tension: jax.Array) -> Motion:
+    def _motion(self, x: Array, t: Array, ends: Ends, tension: Array) -> Motion:
         length = self.model.line.length[:, None]
         theta, phi, *rate = x.T
 
-        def unit_and_rate(theta: jax.Array, phi: jax.Array) -> tuple[jax.Array, jax.Array]:
+        def unit_and_rate(theta: Array, phi: Array) -> tuple[Array, Array]:
             return jax.jvp(_unit, (theta, phi), tuple(rate))
 
         (unit, unit_rate), (_, bend) = jax.jvp(unit_and_rate, (theta, phi), tuple(rate))
@@ -150,7 +151,7 @@ class AnglesProblem(StepProblem):
         # kinematic rows are rates times the ratio of the force scale to a rate, so that one tolerance serves all rows
         return Unknowns(jnp.concatenate([kinematic * h * self._force(), rows[:, :2]], 1), rows[:, 2])
 
-    def _force(self) -> jax.Array:
+    def _force(self) -> Array:
         line = self.model.line
         return (line.mass * jnp.maximum(GRAVITY_SCALE, line.length / self.h**2))[:, None]
 
@@ -167,7 +168,7 @@ class AnglesProblem(StepProblem):
         angles = None if self.s.angles is None else tuple(u.x.T)
         return self.end_state(after.r, after.v, u.y, lambda: self._work(self.old.k, after), angles=angles)
 
-    def _work(self, before: Kinematics, after: Kinematics) -> jax.Array:
+    def _work(self, before: Kinematics, after: Kinematics) -> Array:
         gamma = self.gamma
         mean = gamma * after.v + (1 - gamma) * before.v
         return book_works(self.model, self.force_works(after, mean, gamma), self.force_works(before, mean, 1 - gamma))

@@ -12,6 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import jax
+from jax import Array
 
 from dropper_jax.base.fields import parameter
 from dropper_jax.base.numerics import dot
@@ -39,14 +40,14 @@ class Theta(Implicit):
     def dissipates(self) -> bool:
         return self.gamma > 0.5
 
-    def equations(self, model: Model, s: State, h: jax.Array) -> ThetaProblem:
+    def equations(self, model: Model, s: State, h: Array) -> ThetaProblem:
         return ThetaProblem(model, s, h, self.gamma)
 
 
 class ThetaProblem(SpeedProblem):
     """Unknowns: x = v1 - v0 and the tensions T1 (gamma = 0: T0)."""
 
-    def __init__(self, model: Model, s: State, h: jax.Array, gamma: float | jax.Array) -> None:
+    def __init__(self, model: Model, s: State, h: Array, gamma: float | Array) -> None:
         super().__init__(model, s, h)
         self.gamma, self.explicit = gamma, gamma == 0.0
         self.before = model.instant(s.r, s.v, s.t, self.ends0)
@@ -58,19 +59,19 @@ class ThetaProblem(SpeedProblem):
     def guess(self) -> Unknowns:
         return Unknowns(self.h * self.s.acceleration, self.s.tension)
 
-    def _end_kinematics(self, x: jax.Array) -> Kinematics:
+    def _end_kinematics(self, x: Array) -> Kinematics:
         s = self.s
         h = self.h
         r1 = s.r + h * (s.v + self.gamma * x)
         return self.model.kinematics(r1, s.v + x, s.t + h, self.ends1, prepared=self.prepared)
 
-    def node_rows(self, x: jax.Array, z: PerLaw) -> NodeRows:
+    def node_rows(self, x: Array, z: PerLaw) -> NodeRows:
         rows = self.mass[:, None] * x / self.h - (1 - self.gamma) * self.force0
         if not self.explicit:
             rows = rows - self.gamma * self.model.force(self._end_kinematics(x))
         return rows, ()
 
-    def link_rows(self, d: jax.Array, y: jax.Array) -> tuple[jax.Array, jax.Array]:
+    def link_rows(self, d: Array, y: Array) -> tuple[Array, Array]:
         line = self.model.line
         gamma = self.gamma
         h = self.h
@@ -91,7 +92,7 @@ class ThetaProblem(SpeedProblem):
             work=lambda: self._work(u, after),
         )
 
-    def _work(self, u: Unknowns, after: Kinematics) -> jax.Array:
+    def _work(self, u: Unknowns, after: Kinematics) -> Array:
         """Weighted power of both ends (k,) [J]; first order like the scheme."""
         gamma = self.gamma
         mean = gamma * after.v + (1 - gamma) * self.before.v

@@ -11,6 +11,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.model.effect import Effect, Law
@@ -60,7 +61,7 @@ def _slots(model: Model, effect: Effect) -> Iterator[Slot]:
     def results(method: str, *more: jax.ShapeDtypeStruct, instants: int = 1) -> Any:
         """Results of a method of one instant, or of both ends of a step."""
 
-        def call(r: jax.Array, v: jax.Array, t: jax.Array, at_entry: Any, *rest: jax.Array) -> Any:
+        def call(r: Array, v: Array, t: Array, at_entry: Any, *rest: Array) -> Any:
             inside = model.with_internal_state(at_entry)
             return getattr(inside.effect(effect.name), method)(*[inside.instant(r, v, t)] * instants, *rest)
 

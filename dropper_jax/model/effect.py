@@ -13,6 +13,7 @@ from typing import ClassVar
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.base.read import Values
 from dropper_jax.model.kinematics import Kinematics, ModelView
@@ -56,12 +57,12 @@ class Effect:
         return False
 
     @property
-    def kinks(self) -> jax.Array | None:
+    def kinks(self) -> Array | None:
         """Times (k,) [s] at which the velocity or acceleration of a prescribed motion jumps; None: never."""
         return None
 
     @property
-    def corners(self) -> jax.Array | None:
+    def corners(self) -> Array | None:
         """Times (k,) [s] at which the effect is not smooth in time, for schemes that end steps there; None: never."""
         return self.kinks
 
@@ -141,38 +142,38 @@ class Law(Effect, ABC):
         return model.geometry.links + model.geometry.ends - 1
 
     @abstractmethod
-    def law_force(self, k: Kinematics, z: jax.Array) -> jax.Array:
+    def law_force(self, k: Kinematics, z: Array) -> Array:
         """Nodal force of the unknown, (nodes, 3) [N]."""
 
     @abstractmethod
-    def law_residual(self, k: Kinematics, z: jax.Array, h: jax.Array, easing: jax.Array | None = None) -> jax.Array:
+    def law_residual(self, k: Kinematics, z: Array, h: Array, easing: Array | None = None) -> Array:
         """Rows that determine z, same shape as z; `k` is the middle of the step.
 
         With `easing` (scalar, 1 to 0) those of a smoothed law, which equals the law itself at 0.
         """
 
-    def at(self, k: Kinematics) -> jax.Array:
+    def at(self, k: Kinematics) -> Array:
         """For a law of the state: z at one instant."""
         raise NotImplementedError
 
     @abstractmethod
-    def admissible(self, z: jax.Array) -> jax.Array:
+    def admissible(self, z: Array) -> Array:
         """The nearest z that the law allows."""
 
-    def rates(self, k: Kinematics) -> jax.Array:
+    def rates(self, k: Kinematics) -> Array:
         """Rates (joints, c) conjugate to z: the power of `law_force` is `sum(z * rates)`."""
         raise NotImplementedError
 
-    def holding(self, k: Kinematics, z: jax.Array, h: jax.Array) -> jax.Array:
+    def holding(self, k: Kinematics, z: Array, h: Array) -> Array:
         """Which joints (joints, 1) were stuck at the middle of the step."""
         raise NotImplementedError
 
-    def stop(self, k: Kinematics, v1: jax.Array, z: jax.Array, h: jax.Array) -> jax.Array:
+    def stop(self, k: Kinematics, v1: Array, z: Array, h: Array) -> Array:
         """For a node-local law: end velocities (nodes, 3) [m/s], zero for nodes that were stuck at the middle."""
         raise NotImplementedError
 
     @abstractmethod
-    def law_scale(self, line: Line, h: jax.Array) -> jax.Array:
+    def law_scale(self, line: Line, h: Array) -> Array:
         """Scale of a row, scalar: the residual tolerance is relative to it."""
 
 
@@ -187,7 +188,7 @@ class HolonomicConstraint(Effect, ABC):
 
     bodily: ClassVar[bool] = True
     #: Masses of the bodies (bodies,) [kg].
-    mass: jax.Array
+    mass: Array
 
     @property
     def pinned(self) -> tuple[int, ...]:
@@ -195,11 +196,11 @@ class HolonomicConstraint(Effect, ABC):
         return ()
 
     @abstractmethod
-    def pose(self, model: ModelView, r: jax.Array) -> tuple[jax.Array, jax.Array]:
+    def pose(self, model: ModelView, r: Array) -> tuple[Array, Array]:
         """Reference points (bodies, 3) [m] and axes (bodies, 3, 3) of the bodies at positions r (free nodes, 3)."""
 
     @abstractmethod
-    def references(self, corners: jax.Array) -> jax.Array:
+    def references(self, corners: Array) -> Array:
         """Reference points (bodies, 3) [m] of bodies whose corners are at (bodies, 4, 3)."""
 
     @abstractmethod
@@ -207,15 +208,15 @@ class HolonomicConstraint(Effect, ABC):
         """Number of gaps."""
 
     @abstractmethod
-    def gap(self, model: ModelView, r: jax.Array) -> jax.Array:
+    def gap(self, model: ModelView, r: Array) -> Array:
         """The gaps (rows,) [m] at positions r (free nodes, 3)."""
 
     @abstractmethod
-    def gap_size(self, model: ModelView) -> jax.Array:
+    def gap_size(self, model: ModelView) -> Array:
         """Scales of the gaps (rows,) [m]."""
 
     @abstractmethod
-    def force_size(self, model: ModelView) -> jax.Array:
+    def force_size(self, model: ModelView) -> Array:
         """Scales of the multipliers (rows,) [N]."""
 
     @abstractmethod
@@ -227,19 +228,19 @@ class HolonomicConstraint(Effect, ABC):
         """Free nodes attached to a body (seats,)."""
 
     @abstractmethod
-    def seat_shares(self) -> jax.Array:
+    def seat_shares(self) -> Array:
         """Position of each attached point as weights of all corners (seats, 4 bodies)."""
 
     @abstractmethod
-    def initial_velocities(self, model: ModelView, r: jax.Array) -> jax.Array:
+    def initial_velocities(self, model: ModelView, r: Array) -> Array:
         """Initial velocities (free nodes, 3) [m/s] of the bodies, at positions r."""
 
-    def constraint_force(self, model: ModelView, r: jax.Array, z: jax.Array) -> jax.Array:
+    def constraint_force(self, model: ModelView, r: Array, z: Array) -> Array:
         """Force (nodes, 3) [N] of multipliers z (rows,) at positions r."""
         return -jax.vjp(lambda position: self.gap(model, position), r)[1](z)[0]
 
 
-def per_node(value: jax.Array, nodes: int) -> jax.Array:
+def per_node(value: Array, nodes: int) -> Array:
     """A number or one value per node (n,) as a column that multiplies (nodes, 3); the entry of a fixed end is
     dropped."""
     if jnp.ndim(value) == 0:

@@ -10,23 +10,23 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import jax
+from jax import Array
 
 
 class Ends(NamedTuple):
     """Fixed points, in the order of `Graph.held_points`: positions (held, 3) [m], velocities [m/s] (None: at
     rest)."""
 
-    positions: jax.Array
-    velocities: jax.Array | None = None
+    positions: Array
+    velocities: Array | None = None
 
     @property
-    def start(self) -> jax.Array:
+    def start(self) -> Array:
         """Start point of a single line (3,) [m]."""
         return self.positions[0]
 
     @property
-    def end(self) -> jax.Array | None:
+    def end(self) -> Array | None:
         """End point of a single line (3,) [m]; None if that end is free."""
         if self.positions.shape[0] > 1:
             return self.positions[1]

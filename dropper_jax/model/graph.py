@@ -17,6 +17,7 @@ from itertools import pairwise
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.base.indexed_sums import gather_sums, index_table
 from dropper_jax.model.geometry import Member, line_number
@@ -25,7 +26,7 @@ from dropper_jax.model.geometry import Member, line_number
 RUNS = 3
 
 
-def take(values: jax.Array, index: np.ndarray) -> jax.Array:
+def take(values: Array, index: np.ndarray) -> Array:
     """Rows of `values` by static indices; where these are few runs of consecutive numbers, as in a path, by slices."""
     if not len(index):
         return values[:0]
@@ -42,7 +43,7 @@ class LinkEnd:
         share: the fraction of a link's force, a number or (n,); zero at fixed points.
     """
 
-    def __init__(self, graph: Graph, last: bool, share: jax.Array | np.ndarray | float) -> None:
+    def __init__(self, graph: Graph, last: bool, share: Array | np.ndarray | float) -> None:
         node = graph.last if last else graph.first
         fixed = node >= graph.free
         self.share = jnp.where(fixed, 0.0, share) if fixed.any() else share
@@ -50,7 +51,7 @@ class LinkEnd:
         #: Sum of the rows on the free nodes (nodes, ...).
         self.collect = graph.from_last if last else graph.from_first
 
-    def at(self, nodal: jax.Array) -> jax.Array:
+    def at(self, nodal: Array) -> Array:
         """Values (nodes, ...) of the free nodes, one per row; those of fixed points are arbitrary."""
         return take(nodal, self._node)
 
@@ -148,7 +149,7 @@ class Graph:
         return tuple(np.array([node[m.start], *nodes, node[m.end]], int) for m, nodes in lines)
 
     @cached_property
-    def near_share(self) -> jax.Array | np.ndarray | float:
+    def near_share(self) -> Array | np.ndarray | float:
         """Fraction of each link's mass and forces (n,) at its first node; one number if it is the same for all."""
         if len({m.far for m in self.members}) == 1:
             return 0.0 if self.members[0].far else 0.5
@@ -179,58 +180,58 @@ class Graph:
         """Links that end at each free point, padded with the number of links."""
         return self._incident(self.last, self.free_points)
 
-    def everywhere(self, free: jax.Array, held: jax.Array | None) -> jax.Array:
+    def everywhere(self, free: Array, held: Array | None) -> Array:
         """A nodal field on all nodes; fixed points without values count as zero."""
         if held is None:
             held = jnp.zeros((self.ends, *free.shape[1:]), free.dtype)
         return jnp.concatenate([free, held])
 
-    def nodes(self, free: jax.Array, held: jax.Array | None) -> jax.Array:
+    def nodes(self, free: Array, held: Array | None) -> Array:
         """A nodal field on the nodes of all lines, line after line, both ends of each included (n + lines, ...)."""
         return take(self.everywhere(free, held), np.concatenate(self.paths))
 
-    def differences(self, free: jax.Array, held: jax.Array | None) -> jax.Array:
+    def differences(self, free: Array, held: Array | None) -> Array:
         """Differences of a nodal field over the links (n, ...); fixed points without values count as zero."""
         field = self.everywhere(free, held)
         return take(field, self.last) - take(field, self.first)
 
     @partial(jax.jit, static_argnums=0, inline=True)
-    def from_first(self, value: jax.Array) -> jax.Array:
+    def from_first(self, value: Array) -> Array:
         """Sum on the free nodes (free, ...) of the contributions (n, ...) of links to their first nodes."""
         return self._sum(value, self.previous_links + 1, self.leaving)
 
     @partial(jax.jit, static_argnums=0, inline=True)
-    def from_last(self, value: jax.Array) -> jax.Array:
+    def from_last(self, value: Array) -> Array:
         """Sum on the free nodes (free, ...) of the contributions (n, ...) of links to their last nodes."""
         return self._sum(value, self.previous_links, self.arriving)
 
-    def _sum(self, value: jax.Array, inner: np.ndarray, at_points: np.ndarray) -> jax.Array:
+    def _sum(self, value: Array, inner: np.ndarray, at_points: np.ndarray) -> Array:
         if at_points.size == 1:  # the free end of a path
             return take(value, np.append(inner, at_points))
         if at_points.shape[1]:
             return jnp.concatenate([take(value, inner), gather_sums(value, at_points)])
         return take(value, inner)
 
-    def at_ends(self, first: jax.Array | np.ndarray, last: jax.Array | np.ndarray) -> jax.Array:
+    def at_ends(self, first: Array | np.ndarray, last: Array | np.ndarray) -> Array:
         """Sum on the free nodes (free, ...) of values (n, ...) of links at their first and at their last nodes."""
         return self.from_first(first) + self.from_last(last)
 
-    def gather(self, link_force: jax.Array) -> jax.Array:
+    def gather(self, link_force: Array) -> Array:
         """Sum on the free nodes (free, ...) of the links' tension forces (n, ...): + on their first node, - on their
         last."""
         return self.from_first(link_force) - self.from_last(link_force)
 
-    def held_at_ends(self, first: jax.Array, last: jax.Array) -> jax.Array:
+    def held_at_ends(self, first: Array, last: Array) -> Array:
         """As `at_ends`, on the fixed points (held, ...)."""
         leaving = self._incident(self.first, self.held_points)
         arriving = self._incident(self.last, self.held_points)
         return gather_sums(first, leaving) + gather_sums(last, arriving)
 
-    def held_force(self, link_force: jax.Array) -> jax.Array:
+    def held_force(self, link_force: Array) -> Array:
         """As `gather`, on the fixed points (held, ...)."""
         return self.held_at_ends(link_force, -link_force)
 
-    def link_length(self, length: jax.Array) -> jax.Array:
+    def link_length(self, length: Array) -> Array:
         """The mean over the links that meet at each node."""
         links = self.at_ends(length, length)
         count = self.at_ends(jnp.ones_like(length), jnp.ones_like(length))

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Protocol, TypeVar
 
-import jax
+from jax import Array
 
 from dropper_jax.base.numerics import cross, safe_norm
 from dropper_jax.model.geometry import Ends
@@ -42,31 +42,31 @@ class ModelView(Protocol):
         """Number of free nodes."""
 
     @property
-    def node_mass(self) -> jax.Array:
+    def node_mass(self) -> Array:
         """Diagonal of the mass matrix (nodes,) [kg]."""
 
     def having(self, slot: type[Role]) -> tuple[Role, ...]:
         """The effects that fill a slot, in order."""
 
-    def nodes(self, r: jax.Array, ends: Ends, rates: bool = False) -> jax.Array:
+    def nodes(self, r: Array, ends: Ends, rates: bool = False) -> Array:
         """All nodes (n + lines, 3) [m], or their velocities."""
 
-    def links(self, r: jax.Array, ends: Ends) -> jax.Array:
+    def links(self, r: Array, ends: Ends) -> Array:
         """Link vectors (n, 3) [m]."""
 
-    def rates(self, v: jax.Array, ends: Ends | None) -> jax.Array:
+    def rates(self, v: Array, ends: Ends | None) -> Array:
         """Rates of the link vectors (n, 3) [m/s]."""
 
-    def gather(self, pull: jax.Array) -> jax.Array:
+    def gather(self, pull: Array) -> Array:
         """Sum on the free nodes (nodes, ...) of tension forces of links (n, ...)."""
 
-    def force(self, k: Kinematics) -> jax.Array:
+    def force(self, k: Kinematics) -> Array:
         """Sum of the effects' nodal forces (nodes, 3) [N]."""
 
-    def nodal_inertia(self, a: jax.Array, ends: jax.Array | None = None) -> jax.Array:
+    def nodal_inertia(self, a: Array, ends: Array | None = None) -> Array:
         """M a on the free nodes (nodes, 3) [N]; `ends` (held, 3) are the accelerations of the ends (None: at rest)."""
 
-    def inertia(self, k: Kinematics, a: jax.Array, ends: jax.Array | None = None) -> jax.Array:
+    def inertia(self, k: Kinematics, a: Array, ends: Array | None = None) -> Array:
         """The same with added mass."""
 
 
@@ -98,13 +98,13 @@ class Kinematics:
     """
 
     model: ModelView
-    r: jax.Array
-    v: jax.Array
-    t: jax.Array
+    r: Array
+    v: Array
+    t: Array
     ends: Ends
     frozen: Mapping[str, Frozen] = field(default_factory=dict)
-    h: jax.Array | float | None = None
-    before: jax.Array | None = None
+    h: Array | float | None = None
+    before: Array | None = None
     _computed: dict[str, Any] = field(default_factory=dict, init=False)
 
     @property
@@ -119,7 +119,7 @@ class Kinematics:
     def free(self) -> int:
         return self.r.shape[0]
 
-    def with_velocity(self, v: jax.Array) -> Kinematics:
+    def with_velocity(self, v: Array) -> Kinematics:
         """The same positions with other velocities of the free nodes."""
         return replace(self, v=v)
 
@@ -151,26 +151,26 @@ class Kinematics:
         return self.model.geometry.node(line, j)
 
     @cached_property
-    def nodes(self) -> jax.Array:
+    def nodes(self) -> Array:
         """All nodes (n + 1, 3) [m]."""
         return self.model.nodes(self.r, self.ends)
 
     @cached_property
-    def links(self) -> jax.Array:
+    def links(self) -> Array:
         """Link vectors (n, 3) [m]."""
         return self.model.links(self.r, self.ends)
 
     @cached_property
-    def link_velocities(self) -> jax.Array:
+    def link_velocities(self) -> Array:
         """Rates of the link vectors (n, 3) [m/s]."""
         return self.model.rates(self.v, self.ends)
 
     @cached_property
-    def tangents(self) -> jax.Array:
+    def tangents(self) -> Array:
         """Unit vectors along the links (n, 3)."""
         return self.links / safe_norm(self.links)[:, None]
 
     @cached_property
-    def angular_rates(self) -> jax.Array:
+    def angular_rates(self) -> Array:
         """Angular velocity of each link, without spin (n, 3) [rad/s]: `q x q'`."""
         return cross(self.tangents, self.link_velocities) / safe_norm(self.links)[:, None]

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.axial import AxialLaw, Rigid
 from dropper_jax.base.fields import component, option, parameter
@@ -19,8 +19,8 @@ class Failures:
     `named` holds the index of the link that an entry specifies, -1 for the most loaded one.
     """
 
-    load: jax.Array
-    time: jax.Array
+    load: Array
+    time: Array
     named: tuple[int, ...] = option("links specified by the entries", default=())
 
 
@@ -29,7 +29,7 @@ class Point:
     """Points where lines start and end. `fixed` points stay (or follow an end motion), a `free` one moves with the
     line."""
 
-    position: jax.Array = parameter("position", unit="m", shape="vector")
+    position: Array = parameter("position", unit="m", shape="vector")
     name: str = option("name", type=str, default="")
     kind: str = option("fixed or free", choices=("fixed", "free"), default="fixed")
 
@@ -44,19 +44,19 @@ class Line:
     spin).
     """
 
-    length: jax.Array = parameter("length of each link", unit="m", shape="link", low=0.0, open_low=True)
-    mass: jax.Array = parameter("mass of each link", unit="kg", shape="link", low=0.0, open_low=True)
+    length: Array = parameter("length of each link", unit="m", shape="link", low=0.0, open_low=True)
+    mass: Array = parameter("mass of each link", unit="kg", shape="link", low=0.0, open_low=True)
     geometry: Graph = option("how nodes, links and points belong together")
-    centre_of_mass: jax.Array | None = parameter(
+    centre_of_mass: Array | None = parameter(
         "distance of the centre of mass from the link's first node", unit="m", shape="link", low=0.0, default=None
     )
-    inertia: jax.Array | None = parameter(
+    inertia: Array | None = parameter(
         "moment of inertia about the centre of mass", unit="kg m^2", shape="link", low=0.0, default=None
     )
-    diameter: jax.Array | None = parameter(
+    diameter: Array | None = parameter(
         "diameter of the displaced volume", unit="m", shape="link", low=0.0, open_low=True, default=None
     )
-    outer_diameter: jax.Array | None = parameter(
+    outer_diameter: Array | None = parameter(
         "diameter for drag and added mass (default: that of the displaced volume)",
         unit="m",
         shape="link",
@@ -77,12 +77,12 @@ class Line:
         return self.centre_of_mass is not None
 
     @property
-    def volume(self) -> jax.Array:
+    def volume(self) -> Array:
         """Displaced volume of each link (n,) [m^3]."""
         return 0.25 * jnp.pi * self.needed_diameter**2 * self.length
 
     @property
-    def needed_diameter(self) -> jax.Array:
+    def needed_diameter(self) -> Array:
         """Diameter of the displaced volume (n,) [m].
 
         Raises:
@@ -95,13 +95,13 @@ class Line:
         return self.diameter
 
     @property
-    def drag_diameter(self) -> jax.Array:
+    def drag_diameter(self) -> Array:
         """Diameter for drag and added mass of each link (n,) [m]."""
         if self.outer_diameter is None:
             return self.needed_diameter
         return self.outer_diameter
 
-    def blocks(self) -> tuple[jax.Array, jax.Array, jax.Array]:
+    def blocks(self) -> tuple[Array, Array, Array]:
         """M11, M12, M22 of every compound link, each (n,) [kg]."""
         if self.centre_of_mass is None or self.inertia is None:
             raise ValueError("line.centre_of_mass, line.inertia: links are compound with both, point masses without")
@@ -111,19 +111,19 @@ class Line:
         return self.mass * (1 - 2 * ratio) + turn, self.mass * ratio - turn, turn
 
     @property
-    def near_share(self) -> jax.Array | np.ndarray | float:
+    def near_share(self) -> Array | np.ndarray | float:
         """Fraction of each link's weight (n,) at its first node; one number if all are the same."""
         if self.centre_of_mass is None:
             return self.geometry.near_share
         return 1.0 - self.centre_of_mass / self.length
 
-    def node_share(self, per_link: jax.Array) -> jax.Array:
+    def node_share(self, per_link: Array) -> Array:
         """Values acting at the links' centres of mass, distributed to the free nodes (free,)."""
         near = self.near_share
         return self.geometry.at_ends(near * per_link, (1.0 - near) * per_link)
 
     @property
-    def node_mass(self) -> jax.Array:
+    def node_mass(self) -> Array:
         """Diagonal of the mass matrix on the free nodes (free,) [kg]."""
         if not self.compound:
             return self.node_share(self.mass)
@@ -138,7 +138,7 @@ class Line:
             return (far,)
         return far, LinkEnd(self.geometry, False, near)
 
-    def inertia_forces(self, a: jax.Array, ends: jax.Array | None) -> tuple[jax.Array, jax.Array]:
+    def inertia_forces(self, a: Array, ends: Array | None) -> tuple[Array, Array]:
         """M a of compound links at their first and at their last nodes, (n, 3) each, for accelerations of nodes and
         ends (None: 0)."""
         geometry = self.geometry

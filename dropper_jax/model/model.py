@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 from jax.typing import DTypeLike
 
 from dropper_jax.axial import ChangingLength
@@ -38,10 +39,10 @@ Role = TypeVar("Role")
 #: The name under which the work of moving ends is recorded.
 MOVING_ENDS = "moving_ends"
 #: Forces (nodes, 3) [N] by the name under which their work is recorded.
-Forces = dict[str, jax.Array]
+Forces = dict[str, Array]
 
 
-def _joined(times: Iterable[jax.Array | None]) -> jax.Array | None:
+def _joined(times: Iterable[Array | None]) -> Array | None:
     """All times (k,) [s]; None without any."""
     found = [jnp.ravel(part) for part in times if part is not None]
     return jnp.concatenate(found) if found else None
@@ -56,7 +57,7 @@ class Model:
     effects: tuple[Effect, ...] = ()
     sea: Sea | None = None
     #: `node_mass` if it has been computed: in the equations of a step, which use it many times.
-    lump: jax.Array | None = None
+    lump: Array | None = None
 
     @property
     def line(self) -> Line:
@@ -92,12 +93,12 @@ class Model:
         return bool(self.having(Displacement))
 
     @property
-    def kinks(self) -> jax.Array | None:
+    def kinks(self) -> Array | None:
         """Times (k,) [s] at which fixed points jump in velocity or acceleration; None if they never do."""
         return _joined(e.kinks for e in self.having(Displacement))
 
     @property
-    def corners(self) -> jax.Array | None:
+    def corners(self) -> Array | None:
         """Times (k,) [s] at which an effect is not smooth in time; None if all are smooth."""
         of_sea = [] if self.sea is None else self.sea.corners
         return _joined([*(e.corners for e in self.effects), *of_sea])
@@ -146,7 +147,7 @@ class Model:
         """Equality constraints between nodes: rigid bodies."""
         return tuple(e for e in self.effects if isinstance(e, HolonomicConstraint))
 
-    def no_multipliers(self) -> tuple[jax.Array, ...]:
+    def no_multipliers(self) -> tuple[Array, ...]:
         """Zeros in the shape of the unknowns of laws and constraints (`State.law`)."""
         shapes = [(law.rows(self), law.components) for law in self.laws]
         shapes += [constraint.rows(self) for constraint in self.constraints]
@@ -160,31 +161,31 @@ class Model:
         """The effect of that name, or None."""
         return next((e for e in self.effects if e.name == name), None)
 
-    def _position(self, index: int, t: jax.Array) -> jax.Array:
+    def _position(self, index: int, t: Array) -> Array:
         point = self.points[index]
         moving = [e.of(point.name) for e in self.having(Displacement) if e.moves(point.name)]
         return sum((e.displace(t, self.sea) if e.needs_sea else e.displace(t) for e in moving), point.position)
 
-    def _held_positions(self, time: jax.Array) -> jax.Array:
+    def _held_positions(self, time: Array) -> Array:
         held = [self._position(int(i), time) for i in self.geometry.held_points]
         return jnp.stack(held) if held else jnp.zeros((0, 3), self.dtype)
 
-    def ends(self, t: jax.Array) -> Ends:
+    def ends(self, t: Array) -> Ends:
         """Positions and velocities of the fixed points at time t."""
         if not self.moving:
             return Ends(self._held_positions(t))
         t = jnp.asarray(t, self.dtype)
         return Ends(*jax.jvp(self._held_positions, (t,), (jnp.ones_like(t),)))
 
-    def end_acceleration(self, t: jax.Array) -> jax.Array:
+    def end_acceleration(self, t: Array) -> Array:
         """Accelerations (held, 3) [m/s^2] of moving ends at time t."""
         return jax.jvp(lambda time: self.ends(time).velocities, (t,), (jnp.ones_like(t),))[1]
 
     def kinematics(
         self,
-        r: jax.Array,
-        v: jax.Array,
-        t: jax.Array,
+        r: Array,
+        v: Array,
+        t: Array,
         ends: Ends | None = None,
         prepared: Mapping[str, Frozen] | None = None,
         **more: Any,
@@ -192,24 +193,24 @@ class Model:
         """One instant of the line; `ends` and the frozen data of the effects if they are known already."""
         return Kinematics(self, r, v, t, self.ends(t) if ends is None else ends, prepared or {}, **more)
 
-    def instant(self, r: jax.Array, v: jax.Array, t: jax.Array, ends: Ends | None = None) -> Kinematics:
+    def instant(self, r: Array, v: Array, t: Array, ends: Ends | None = None) -> Kinematics:
         """One instant with the data that effects freeze over a step from there."""
         k = self.kinematics(r, v, t, ends)
         return dataclasses.replace(k, frozen=self.prepare(k))
 
-    def links(self, r: jax.Array, ends: Ends) -> jax.Array:
+    def links(self, r: Array, ends: Ends) -> Array:
         """Link vectors (n, 3) [m]."""
         return self.geometry.differences(r, ends.positions)
 
-    def rates(self, v: jax.Array, ends: Ends | None) -> jax.Array:
+    def rates(self, v: Array, ends: Ends | None) -> Array:
         """Rates of the link vectors (n, 3) [m/s]; without `ends` the ends are at rest."""
         return self.geometry.differences(v, None if ends is None else ends.velocities)
 
-    def nodes(self, r: jax.Array, ends: Ends, rates: bool = False) -> jax.Array:
+    def nodes(self, r: Array, ends: Ends, rates: bool = False) -> Array:
         """All nodes, line after line, both ends of each included (n + lines, 3); with `rates` their velocities."""
         return self.geometry.nodes(r, ends.velocities if rates else ends.positions)
 
-    def gather(self, pull: jax.Array) -> jax.Array:
+    def gather(self, pull: Array) -> Array:
         """Sum on the free nodes (nodes, ...) of the links' tension forces (n, ...): + on their first node, - on their
         last."""
         return self.geometry.gather(pull)
@@ -219,12 +220,12 @@ class Model:
         return self.geometry.node(line, j)
 
     @property
-    def node_length(self) -> jax.Array:
+    def node_length(self) -> Array:
         """Length assigned to each free node (nodes,) [m]; scales residuals."""
         return sum((e.node_size(self) for e in self.having(CoupledMass)), self.geometry.link_length(self.line.length))
 
     @property
-    def node_mass(self) -> jax.Array:
+    def node_mass(self) -> Array:
         """Diagonal of the mass matrix (nodes,) [kg]."""
         if self.lump is not None:
             return self.lump
@@ -236,7 +237,7 @@ class Model:
         known = dataclasses.replace(self, effects=own)
         return dataclasses.replace(known, lump=known.node_mass)
 
-    def nodal_inertia(self, a: jax.Array, ends: jax.Array | None = None) -> jax.Array:
+    def nodal_inertia(self, a: Array, ends: Array | None = None) -> Array:
         """M a on the free nodes (nodes, 3) [N]; `ends` (held, 3) are the accelerations of the ends (None: at rest)."""
         if self.line.compound:
             own = self.geometry.at_ends(*self.line.inertia_forces(a, ends))
@@ -244,7 +245,7 @@ class Model:
             own = self.node_mass[:, None] * a
         return sum((e.coupled(self, a) for e in self.having(CoupledMass)), own)
 
-    def end_powers(self, pull: jax.Array, rates: Ends, k: Kinematics | None = None) -> dict[str, jax.Array]:
+    def end_powers(self, pull: Array, rates: Ends, k: Kinematics | None = None) -> dict[str, Array]:
         """Power [W], by name, that moving ends put into link forces `pull` (n, 3) [N]; empty if the ends are at rest.
 
         With an instant k also the power into potentials that couple nodes, as for lines with bending stiffness.
@@ -257,21 +258,21 @@ class Model:
             return {MOVING_ENDS: power}
         r, v, t = k.r, k.v, k.t
 
-        def stored_energy(positions: jax.Array) -> jax.Array:
+        def stored_energy(positions: Array) -> Array:
             moved = self.kinematics(r, v, t, Ends(positions, rates.velocities))
             return sum((e.potential(moved) for e in bent), jnp.zeros((), self.dtype))
 
         return {MOVING_ENDS: power + jax.jvp(stored_energy, (rates.positions,), (rates.velocities,))[1]}
 
-    def tension_by_law(self, k: Kinematics) -> jax.Array:
+    def tension_by_law(self, k: Kinematics) -> Array:
         """Tensions (n,) [N] of links that stretch at an instant."""
         return self.line.axial.tension(k.links, k.link_velocities, self.line.length)
 
-    def tension_force(self, tension: jax.Array, direction: jax.Array) -> jax.Array:
+    def tension_force(self, tension: Array, direction: Array) -> Array:
         """Nodal force (nodes, 3) [N] of link tensions (n,) along `direction` (n, 3)."""
         return self.gather(tension[:, None] * direction)
 
-    def force(self, k: Kinematics) -> jax.Array:
+    def force(self, k: Kinematics) -> Array:
         """Sum of the effects' nodal forces (nodes, 3) [N]."""
         return sum((e.force(k) for e in self.having(Force)), jnp.zeros_like(k.r))
 
@@ -279,7 +280,7 @@ class Model:
         """Forces (nodes, 3) [N] whose work is recorded, by effect."""
         return {e.name: e.force(k) for e in self.working}
 
-    def inertia(self, k: Kinematics, a: jax.Array, ends: jax.Array | None = None) -> jax.Array:
+    def inertia(self, k: Kinematics, a: Array, ends: Array | None = None) -> Array:
         """Inertia force (nodes, 3) [N] of accelerations a, added mass included; `ends` (held, 3) are the ends' own."""
         return sum((e.inertia(k, a) for e in self.having(AddedMass)), self.nodal_inertia(a, ends))
 
@@ -290,7 +291,7 @@ class Model:
         effects = tuple(e.entered(internal[e.name]) if isinstance(e, Stateful) else e for e in self.effects)
         return dataclasses.replace(self, effects=effects)
 
-    def with_lengths(self, t: jax.Array | float, h: jax.Array | None = None, still: bool = False) -> Model:
+    def with_lengths(self, t: Array | float, h: Array | None = None, still: bool = False) -> Model:
         """The model whose tensions and energies are those of the unstretched lengths of an instant t [s], or of a step
         of h [s] that starts then; the same model if no length changes in time.
 
@@ -302,7 +303,7 @@ class Model:
             return self
         t = jnp.asarray(t, self.dtype)
 
-        def lengths(time: jax.Array) -> jax.Array:
+        def lengths(time: Array) -> Array:
             return changing[0].unstretched_lengths(self.line, time)
 
         if h is None:
@@ -322,7 +323,7 @@ class Model:
         return {e.name: e.begin(self) for e in self.having(Stateful)}
 
     def advance_internal_state(
-        self, before: Kinematics, after: Kinematics, tension: jax.Array, h: jax.Array
+        self, before: Kinematics, after: Kinematics, tension: Array, h: Array
     ) -> dict[str, Frozen]:
         """The same after a step (see `slots.Stateful`), from the model as it was during the step."""
         return {e.name: e.advance(before, after, tension, h) for e in self.having(Stateful)}
@@ -336,7 +337,7 @@ class Model:
         current = any(e.needs_current for e in self.effects)
         return {**own, "water": self.sea.water(k.r, k.t, k.tangents, material, current)}
 
-    def kinetic_energy(self, k: Kinematics) -> jax.Array:
+    def kinetic_energy(self, k: Kinematics) -> Array:
         """Kinetic energy, scalar [J]; for moving ends including that of the link masses at them."""
         own = 0.5 * jnp.sum(k.v * self.nodal_inertia(k.v, k.ends.velocities))
         if self.line.compound and k.ends.velocities is not None:
@@ -344,7 +345,7 @@ class Model:
             own = own + 0.5 * jnp.sum(k.ends.velocities * held)
         return sum((e.kinetic(k) for e in self.having(AddedMass)), own)
 
-    def potential_energy(self, k: Kinematics) -> jax.Array:
+    def potential_energy(self, k: Kinematics) -> Array:
         """Potential energy of conservative effects and stretched links, scalar [J]."""
         stretched = self.line.axial.energy(k.links, self.line.length)
         return sum((e.potential(k) for e in self.having(Potential)), stretched)

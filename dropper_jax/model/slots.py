@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Protocol, runtime_checkable
 
-import jax
 import numpy as np
+from jax import Array
 
 from dropper_jax.base.indexed_sums import scatter_add_many
 from dropper_jax.model.graph import Graph
@@ -26,7 +26,7 @@ class Force(Named, Protocol):
     def constant(self) -> bool:
         """Whether it is independent of positions and velocities."""
 
-    def force(self, k: Kinematics) -> jax.Array:
+    def force(self, k: Kinematics) -> Array:
         """Nodal force, (nodes, 3) [N]."""
 
 
@@ -38,7 +38,7 @@ class Potential(Force, Protocol):
     def parts(self) -> bool:
         """Whether a part of its potential is lost when a link breaks."""
 
-    def potential(self, k: Kinematics) -> jax.Array:
+    def potential(self, k: Kinematics) -> Array:
         """Energy whose negative gradient is `force`, scalar [J]."""
 
 
@@ -49,7 +49,7 @@ class ElementForce(Force, Protocol):
     def piece_nodes(self, model: ModelView) -> np.ndarray:
         """Nodes of each element (pieces, m), numbered as free nodes, then fixed points. Static."""
 
-    def piece_force(self, k: Kinematics, r: jax.Array, v: jax.Array) -> jax.Array:
+    def piece_force(self, k: Kinematics, r: Array, v: Array) -> Array:
         """Forces of the elements on their nodes (pieces, m, 3) [N], at positions r [m] and velocities v [m/s] of these.
 
         `k` provides the time, the step and the lines, not positions.
@@ -60,7 +60,7 @@ class ElementForce(Force, Protocol):
 class LimitsTimeStep(Protocol):
     """Something that a step may miss, such as contact: steps with too large a motion are halved."""
 
-    def too_far(self, before: Kinematics, after: Kinematics) -> jax.Array:
+    def too_far(self, before: Kinematics, after: Kinematics) -> Array:
         """Whether nodes moved farther over a step than the effect can follow, scalar; plain instants at its ends."""
 
 
@@ -72,10 +72,10 @@ class AddedMass(Named, Protocol):
     def reach(self) -> int:
         """How many neighbouring nodes it couples."""
 
-    def inertia(self, k: Kinematics, a: jax.Array) -> jax.Array:
+    def inertia(self, k: Kinematics, a: Array) -> Array:
         """Inertia force for nodal accelerations a (nodes, 3) [m/s^2], (nodes, 3) [N]."""
 
-    def kinetic(self, k: Kinematics) -> jax.Array:
+    def kinetic(self, k: Kinematics) -> Array:
         """Kinetic energy at a plain instant, scalar [J]."""
 
 
@@ -87,7 +87,7 @@ class TurningMass(AddedMass, Protocol):
     def turns(self) -> bool:
         """Whether it may gain energy by turning."""
 
-    def gains(self) -> jax.Array:
+    def gains(self) -> Array:
         """Whether it actually does so, according to its coefficients, scalar."""
 
 
@@ -113,7 +113,7 @@ class Stateful(Named, Protocol):
     def entered(self, state: Frozen) -> Stateful:
         """The effect as it acts during a step."""
 
-    def advance(self, before: Kinematics, after: Kinematics, tension: jax.Array, h: jax.Array) -> Frozen:
+    def advance(self, before: Kinematics, after: Kinematics, tension: Array, h: Array) -> Frozen:
         """`own` after a step h [s], at whose end the links carried `tension` (n,) [N]; called on `entered`."""
 
 
@@ -126,7 +126,7 @@ class Displacement(Protocol):
         """Whether `displace` takes the sea."""
 
     @property
-    def kinks(self) -> jax.Array | None:
+    def kinks(self) -> Array | None:
         """Times (k,) [s] at which velocity or acceleration jump."""
 
     def moves(self, name: str) -> bool:
@@ -135,7 +135,7 @@ class Displacement(Protocol):
     def of(self, name: str) -> Displacement:
         """The effect that moves the fixed point of that name."""
 
-    def displace(self, t: jax.Array, *sea: Sea | None) -> jax.Array:
+    def displace(self, t: Array, *sea: Sea | None) -> Array:
         """Displacement at time t, (3,) [m]; with `needs_sea` the sea is a second argument."""
 
 
@@ -143,7 +143,7 @@ class Displacement(Protocol):
 class LengthOverTime(Protocol):
     """Unstretched lengths that change in time; a model has at most one such effect."""
 
-    def unstretched_lengths(self, line: Line, t: jax.Array) -> jax.Array:
+    def unstretched_lengths(self, line: Line, t: Array) -> Array:
         """Unstretched lengths of all links at time t [s], (n,) [m]; `line.length` where they do not change."""
 
 
@@ -151,7 +151,7 @@ class LengthOverTime(Protocol):
 class PointMass(Protocol):
     """Constant mass at points of a system of lines."""
 
-    def point_mass(self, model: ModelView) -> jax.Array:
+    def point_mass(self, model: ModelView) -> Array:
         """Mass that it adds to the free nodes, (nodes,) [kg]."""
 
 
@@ -159,13 +159,13 @@ class PointMass(Protocol):
 class CoupledMass(PointMass, Protocol):
     """Constant mass that couples nodes, in addition to the nodes' own `point_mass`."""
 
-    def coupled(self, model: ModelView, a: jax.Array) -> jax.Array:
+    def coupled(self, model: ModelView, a: Array) -> Array:
         """Inertia force (nodes, 3) [N] of accelerations a (nodes, 3) through the masses between nodes."""
 
     def at_hand(self) -> CoupledMass:
         """The same with its masses computed, for the equations of a step."""
 
-    def node_size(self, model: ModelView) -> jax.Array:
+    def node_size(self, model: ModelView) -> Array:
         """Length (nodes,) [m] assigned to nodes without links; scales residuals."""
 
 
@@ -173,7 +173,7 @@ class CoupledMass(PointMass, Protocol):
 class ContactArea(Protocol):
     """Something at points that can lie on the seabed."""
 
-    def contact_area(self, model: ModelView) -> jax.Array:
+    def contact_area(self, model: ModelView) -> Array:
         """Plan area that it adds to the free nodes, (nodes,) [m^2]."""
 
 
@@ -181,13 +181,13 @@ class ContactArea(Protocol):
 PAIRS = (("potential", "force"), ("inertia", "kinetic"))
 
 
-def at_pieces(k: Kinematics, nodes: np.ndarray) -> tuple[jax.Array, jax.Array]:
+def at_pieces(k: Kinematics, nodes: np.ndarray) -> tuple[Array, Array]:
     """Positions [m] and velocities [m/s] (pieces, m, 3) of the nodes (pieces, m) of elements in a system of lines."""
     graph: Graph = k.model.geometry
     return graph.everywhere(k.r, k.ends.positions)[nodes], graph.everywhere(k.v, k.ends.velocities)[nodes]
 
 
-def sum_of_pieces(effect: ElementForce, k: Kinematics) -> jax.Array:
+def sum_of_pieces(effect: ElementForce, k: Kinematics) -> Array:
     """Nodal force (free nodes, 3) [N] of all elements; forces on fixed points are dropped."""
     nodes = effect.piece_nodes(k.model)
     force = effect.piece_force(k, *at_pieces(k, nodes))

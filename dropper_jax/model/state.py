@@ -11,9 +11,9 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping
 
-import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 from jax.typing import ArrayLike
 
 from dropper_jax.axial import LENGTH_IN_TIME
@@ -22,7 +22,7 @@ from dropper_jax.model.kinematics import Frozen
 from dropper_jax.model.model import MOVING_ENDS, Model
 from dropper_jax.model.slots import AddedMass, LengthOverTime
 
-Works = Mapping[str, jax.Array]
+Works = Mapping[str, Array]
 #: Name of the energy lost with broken links.
 BREAKING = "breaking"
 
@@ -48,7 +48,7 @@ def turning(effect: AddedMass) -> str:
     return f"{effect.name}_turning"
 
 
-def book_works(model: Model, *tables: Works) -> jax.Array:
+def book_works(model: Model, *tables: Works) -> Array:
     """Tables of work [J] (or power) as the array (k,) with the order of `work_names`; missing entries are zero.
 
     Raises:
@@ -68,9 +68,9 @@ def book_works(model: Model, *tables: Works) -> jax.Array:
 class Parted:
     """What has broken so far, by entry (m,): the link's index (-1: none), when [s], and the tension then [N]."""
 
-    link: jax.Array
-    t: jax.Array
-    tension: jax.Array
+    link: Array
+    t: Array
+    tension: Array
 
 
 def nothing_parted(model: Model) -> Parted | None:
@@ -109,14 +109,14 @@ class State:
         carries_acceleration: whether `acceleration` is that at time t, and not a first guess (static).
     """
 
-    r: jax.Array
-    v: jax.Array
-    tension: jax.Array
-    t: jax.Array
-    acceleration: jax.Array
-    law: tuple[jax.Array, ...]
-    work: jax.Array
-    angles: tuple[jax.Array, ...] | None = None
+    r: Array
+    v: Array
+    tension: Array
+    t: Array
+    acceleration: Array
+    law: tuple[Array, ...]
+    work: Array
+    angles: tuple[Array, ...] | None = None
     parted: Parted | None = None
     own: dict[str, Frozen] = dataclasses.field(default_factory=dict)
     carries_acceleration: bool = option("whether `acceleration` is that at the start of the step", default=False)
@@ -127,7 +127,7 @@ def state(
 ) -> State:
     """A state from free-node positions (nodes, 3) [m] and velocities; omitted values are zero."""
 
-    def array(value: ArrayLike | None, *shape: int) -> jax.Array:
+    def array(value: ArrayLike | None, *shape: int) -> Array:
         # zeros of NumPy: outside of a program `jnp.zeros` compiles one for each shape
         return jnp.asarray(np.zeros(shape) if value is None else value, model.dtype)
 

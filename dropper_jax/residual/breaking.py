@@ -8,6 +8,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from dropper_jax.model import BREAKING, Failures, Model, Parted, Potential, State, as_parted, book_works
 
@@ -40,7 +41,7 @@ def break_links(model: Model, before: Model, s: State, s1: State) -> State:
     return replace(s1, parted=parted, work=work)
 
 
-def _link_energy(model: Model, s: State) -> jax.Array:
+def _link_energy(model: Model, s: State) -> Array:
     """Energy [J] of links before they break: of stretch and, for lines with bending stiffness, of bending."""
     k = model.kinematics(s.r, s.v, s.t)
     line = model.with_lengths(s.t).line

@@ -6,8 +6,8 @@ import dataclasses
 from abc import ABC, abstractmethod
 from typing import ClassVar, NamedTuple
 
-import jax
 import jax.numpy as jnp
+from jax import Array
 
 from dropper_jax.base.read import Values, read_number
 from dropper_jax.model import AddedMass, Model, ModelView, State
@@ -100,15 +100,15 @@ class Integrator:
         """The state with the additional variables of this scheme besides positions and velocities."""
         return s
 
-    def problem(self, model: Model, s: State, h: jax.Array) -> StepProblem:
+    def problem(self, model: Model, s: State, h: Array) -> StepProblem:
         """The equations of one step, of an implicit scheme."""
         raise NotImplementedError
 
-    def advance(self, model: Model, s: State, h: jax.Array) -> State:
+    def advance(self, model: Model, s: State, h: Array) -> State:
         """One step of an explicit scheme."""
         raise NotImplementedError
 
-    def change_step(self, model: Model, s: State, h: jax.Array) -> State:
+    def change_step(self, model: Model, s: State, h: Array) -> State:
         """The state from which steps of h [s] continue smoothly after one of another length."""
         return s
 
@@ -133,10 +133,10 @@ class Implicit(Integrator, ABC):
     takes_constraints: ClassVar[bool] = False
 
     @abstractmethod
-    def equations(self, model: Model, s: State, h: jax.Array) -> StepProblem:
+    def equations(self, model: Model, s: State, h: Array) -> StepProblem:
         """The equations of one step of a model that includes the internal states of its effects."""
 
-    def problem(self, model: Model, s: State, h: jax.Array) -> StepProblem:
+    def problem(self, model: Model, s: State, h: Array) -> StepProblem:
         return self.equations(model.with_internal_state(s.own).with_lengths(s.t, h), s, h)
 
     def refuse(self, model: Model) -> str | None:
@@ -187,10 +187,10 @@ class Embedded(Explicit):
         return True
 
     @abstractmethod
-    def advance_with_error(self, model: Model, s: State, h: jax.Array, tolerance: jax.Array) -> tuple[State, jax.Array]:
+    def advance_with_error(self, model: Model, s: State, h: Array, tolerance: Array) -> tuple[State, Array]:
         """One step, and its error relative to a tolerance, of the scheme's order in h; not differentiated."""
 
-    def advance(self, model: Model, s: State, h: jax.Array) -> State:
+    def advance(self, model: Model, s: State, h: Array) -> State:
         return self.advance_with_error(model, s, h, jnp.ones((), model.dtype))[0]
 
 

@@ -20,6 +20,7 @@ from typing import Any, NamedTuple, Protocol
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 from jax.custom_derivatives import SymbolicZero
 from jax.flatten_util import ravel_pytree
 
@@ -45,7 +46,7 @@ EASING = (1.0,) * 3 + tuple(0.4**k for k in range(1, 31)) + (0.0,) * 4
 TOLERANCE = {"float64": 1e-11, "float32": 1e-4}
 
 #: What a step depends on: model, state at its start, length [s].
-Theta = tuple[Model, State, jax.Array]
+Theta = tuple[Model, State, Array]
 
 
 class Linear(Protocol):
@@ -141,13 +142,13 @@ class Stepper(Newton):
         return self.tolerance
 
 
-def largest_row(rows: Unknowns, scale: Unknowns) -> jax.Array:
+def largest_row(rows: Unknowns, scale: Unknowns) -> Array:
     """The largest scaled row, a scalar; NaN if any row is."""
     pairs = zip(jax.tree.leaves(rows), jax.tree.leaves(scale), strict=True)
     return jnp.max(jnp.stack([jnp.max(jnp.abs(row) / size) for row, size in pairs]))
 
 
-def subtract(u: Unknowns, du: Unknowns, factor: jax.Array | float = 1.0) -> Unknowns:
+def subtract(u: Unknowns, du: Unknowns, factor: Array | float = 1.0) -> Unknowns:
     """u - factor du."""
     return jax.tree.map(lambda a, b: a - factor * b, u, du)
 
@@ -165,18 +166,18 @@ class Corrections(NamedTuple):
 
     u: Unknowns
     rows: Unknowns
-    now: jax.Array
-    before: jax.Array
-    count: jax.Array
-    halved: jax.Array
-    filtered: jax.Array | None = None
+    now: Array
+    before: Array
+    count: Array
+    halved: Array
+    filtered: Array | None = None
 
 
 #: Rows b of a problem and its unknowns: `P^-1 b` is what its matrix lets pass of them, such as an error of the step.
 Filter = Callable[[StepProblem, Unknowns], Unknowns]
 
 
-def newton(method: Newton, problem: StepProblem, tolerance: jax.Array | float) -> tuple[Unknowns, jax.Array]:
+def newton(method: Newton, problem: StepProblem, tolerance: Array | float) -> tuple[Unknowns, Array]:
     """The unknowns after the corrections `u <- u - P^-1 R(u)`, and their largest scaled row.
 
     With `enough` None it is a scan of a fixed number of corrections, each with a matrix of its own. Otherwise the
@@ -194,14 +195,14 @@ def newton(method: Newton, problem: StepProblem, tolerance: jax.Array | float) -
 
 
 def correct_until_enough(
-    method: Newton, problem: StepProblem, tolerance: jax.Array | float, filtering: Filter | None = None
+    method: Newton, problem: StepProblem, tolerance: Array | float, filtering: Filter | None = None
 ) -> Corrections:
     """Newton's method with `enough`; `filtering` uses its last matrix once more."""
     guess = problem.guess()
     scale = problem.row_scale()
     enough = tolerance * (method.enough or 0.0)
 
-    def unsolved(c: Corrections) -> jax.Array:
+    def unsolved(c: Corrections) -> Array:
         # a NaN compares false: no correction removes it
         falling = (c.now > tolerance) | (c.now < FALLING * c.before)
         wanted = (c.now > enough) & falling & (c.count < method.iterations)
@@ -223,7 +224,7 @@ def correct_until_enough(
         matrix = method.linearise(problem, c.u)
         first = c.count
 
-        def serves(c: Corrections) -> jax.Array:
+        def serves(c: Corrections) -> Array:
             # rows below the tolerance fall slowly because they are rounding, which no other matrix removes
             fast = c.now < method.renew * jnp.maximum(c.before, tolerance)
             still_good = (c.count == 0) | fast | (c.halved > 0)
@@ -243,7 +244,7 @@ def correct_until_enough(
     return jax.lax.while_loop(unsolved, correct_with_one_matrix, start)
 
 
-def solve_smoothed(method: Newton, problem: StepProblem) -> tuple[Unknowns, jax.Array]:
+def solve_smoothed(method: Newton, problem: StepProblem) -> tuple[Unknowns, Array]:
     """The same for set-valued laws whose active set is unknown: a scan of corrections with ever less smoothed laws.
 
     Newton on the laws themselves cycles if several joints stop at once. The primal-dual form of the smoothed law (Chan,
@@ -251,7 +252,7 @@ def solve_smoothed(method: Newton, problem: StepProblem) -> tuple[Unknowns, jax.
     """
     laws = problem.model.laws
 
-    def correct(u: Unknowns, easing: jax.Array) -> tuple[Unknowns, None]:
+    def correct(u: Unknowns, easing: Array) -> tuple[Unknowns, None]:
         smoothed = problem.with_smoothing(easing)
         u = subtract(u, method.linearise(smoothed, u).apply(smoothed.residual(u)))
         admissible = tuple(law.admissible(z) for law, z in zip(laws, u.z, strict=False))
@@ -262,9 +263,7 @@ def solve_smoothed(method: Newton, problem: StepProblem) -> tuple[Unknowns, jax.
     return u, largest_row(problem.residual(u), problem.row_scale())
 
 
-def solve(
-    stepper: Stepper, theta: Theta, filtering: Filter | None = None
-) -> tuple[Unknowns, jax.Array, jax.Array | None]:
+def solve(stepper: Stepper, theta: Theta, filtering: Filter | None = None) -> tuple[Unknowns, Array, Array | None]:
     """The solution of a step, its largest scaled row, and what the matrix lets pass of the rows of `filtering`, (nodes,
     3); not differentiated."""
     model, s, h = jax.lax.stop_gradient(theta)
@@ -297,7 +296,7 @@ def _implicit_derivative(
     dots = jax.tree.leaves(tangents[0], is_leaf=lambda dot: isinstance(dot, SymbolicZero))
     moving = [i for i, dot in enumerate(dots) if not _is_zero(dot)]
 
-    def problem_at(values: list[jax.Array]) -> StepProblem:
+    def problem_at(values: list[Array]) -> StepProblem:
         given = list(leaves)
         for i, value in zip(moving, values, strict=True):
             given[i] = value
@@ -309,13 +308,13 @@ def _implicit_derivative(
 
     # reverse mode stores theta and u of a step, and takes the matrix again on its way back
     @jax.checkpoint
-    def derivative(values: list[jax.Array], u: Unknowns, dots: list[jax.Array]) -> Unknowns:
+    def derivative(values: list[Array], u: Unknowns, dots: list[Array]) -> Unknowns:
         flat, unravel = ravel_pytree(u)
 
-        def rows(values: list[jax.Array], flat: jax.Array) -> jax.Array:
+        def rows(values: list[Array], flat: Array) -> Array:
             return ravel_pytree(problem_at(values).residual(unravel(flat)))[0]
 
-        def solve_by(matrix: Linear, scale: jax.Array) -> Callable[..., jax.Array]:
+        def solve_by(matrix: Linear, scale: Array) -> Callable[..., Array]:
             return partial(refine, lambda b: ravel_pytree(matrix.apply(unravel(b)))[0], scale)
 
         problem = problem_at(values)
@@ -334,31 +333,31 @@ def _is_zero(dot: Any) -> bool:
     return isinstance(dot, SymbolicZero) or dot.dtype == jax.dtypes.float0
 
 
-def _flat_scale(scale: Unknowns, like: Unknowns) -> jax.Array:
+def _flat_scale(scale: Unknowns, like: Unknowns) -> Array:
     return ravel_pytree(jax.tree.map(lambda size, a: jnp.broadcast_to(size, a.shape), scale, like))[0]
 
 
 def refine(
-    apply: Callable[[jax.Array], jax.Array],
-    scale: jax.Array,
-    product: Callable[[jax.Array], jax.Array],
-    b: jax.Array,
-) -> jax.Array:
+    apply: Callable[[Array], Array],
+    scale: Array,
+    product: Callable[[Array], Array],
+    b: Array,
+) -> Array:
     """`J x = b` with `apply` = P^-1 as preconditioner: `x <- x + P^-1 (b - J x)`, until x stops changing.
 
     It ends if a correction is below 1000 rounding errors of x, or no longer decreases. `scale` are sizes of x.
     """
 
-    def size(x: jax.Array) -> jax.Array:
+    def size(x: Array) -> Array:
         return jnp.max(jnp.abs(x) / scale)
 
-    def unsolved(carry: tuple[jax.Array, ...]) -> jax.Array:
+    def unsolved(carry: tuple[Array, ...]) -> Array:
         x, change, before, count = carry
         rounding = 1e3 * jnp.finfo(x.dtype).eps * size(x)
         # maximum number of corrections: the condensed solver needs about as many as Newton
         return (change > rounding) & (count < 200) & ((change < before) | (count < 8))
 
-    def correct(carry: tuple[jax.Array, ...]) -> tuple[jax.Array, ...]:
+    def correct(carry: tuple[Array, ...]) -> tuple[Array, ...]:
         x, change, _, count = carry
         dx = apply(b - product(x))
         return x + dx, size(dx), change, count + 1
@@ -369,7 +368,7 @@ def refine(
     return jax.lax.while_loop(unsolved, correct, start)[0]
 
 
-def step(stepper: Stepper, model: Model, s: State, h: jax.Array) -> tuple[State, jax.Array]:
+def step(stepper: Stepper, model: Model, s: State, h: Array) -> tuple[State, Array]:
     """The state after a step of h [s], and the largest scaled row of its equations (NaN if it is not finite).
 
     A step above `stepper.limit(model)` has failed; it never raises. Differentiable in both modes by model, s and h.
@@ -377,14 +376,14 @@ def step(stepper: Stepper, model: Model, s: State, h: jax.Array) -> tuple[State,
     h = jnp.asarray(h, model.dtype)
     integrator = stepper.integrator
 
-    def advance(model: Model, s: State) -> tuple[State, jax.Array]:
+    def advance(model: Model, s: State) -> tuple[State, Array]:
         if not integrator.implicit:
             s1 = integrator.advance(model.with_internal_state(s.own), s, h)
             return s1, explicit_row(model, s, s1)
         if len(integrator.stages) == 1:
             return solve_and_finish(stepper, (model, s, h))[:2]
 
-        def stage(s: State, fraction: jax.Array) -> tuple[State, jax.Array]:
+        def stage(s: State, fraction: Array) -> tuple[State, Array]:
             return solve_and_finish(stepper, (model, s, fraction * h))[:2]
 
         # a scan, not an unrolled loop: five copies of a step would take five times as long to compile
@@ -395,29 +394,29 @@ def step(stepper: Stepper, model: Model, s: State, h: jax.Array) -> tuple[State,
 
 
 def step_and_filter(
-    stepper: Stepper, model: Model, s: State, h: jax.Array, filtering: Filter
-) -> tuple[State, jax.Array, jax.Array]:
+    stepper: Stepper, model: Model, s: State, h: Array, filtering: Filter
+) -> tuple[State, Array, Array]:
     """`step` of a scheme of one stage, and what its matrix lets pass of the rows of `filtering`, (nodes, 3)."""
     return with_breaking(model, s, lambda model, s: solve_and_finish(stepper, (model, s, h), filtering))
 
 
 def solve_and_finish(
     stepper: Stepper, theta: Theta, filtering: Filter | None = None
-) -> tuple[State, jax.Array, jax.Array | None]:
+) -> tuple[State, Array, Array | None]:
     """The state after an implicit step, its largest scaled row, and what `solve` filters."""
     u, row, filtered = solve(stepper, theta, filtering)
     s1 = stepper.integrator.problem(*theta).finish(solution(stepper, theta, u))
     return s1, limit_pace(*jax.lax.stop_gradient((theta[0], theta[1], s1)), row), filtered
 
 
-def explicit_row(model: Model, s: State, s1: State) -> jax.Array:
+def explicit_row(model: Model, s: State, s1: State) -> Array:
     """The row of an explicit step from s to s1, which solves nothing: 0, or what is wrong with it."""
     finite = jnp.all(jnp.isfinite(s1.r)) & jnp.all(jnp.isfinite(s1.v))
     row = jnp.where(finite, 0.0, jnp.nan).astype(model.dtype)
     return limit_pace(model, s, s1, row)
 
 
-def limit_pace(model: Model, s: State, s1: State, row: jax.Array) -> jax.Array:
+def limit_pace(model: Model, s: State, s1: State, row: Array) -> Array:
     """The largest row of a step from s to s1; `TOO_FAR` if nodes moved farther than an effect can follow."""
     watching = model.having(LimitsTimeStep)
     if not watching:

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.model import Model
 from dropper_jax.residual import Implicit, Solver, StepProblem, Unknowns
@@ -31,13 +32,13 @@ class Layout:
         used[:links, 3] = True
         self.padding = ~used.reshape(self.blocks, self.size)
 
-    def pack(self, u: Unknowns) -> jax.Array:
+    def pack(self, u: Unknowns) -> Array:
         rows = self.blocks * self.width
         x = jnp.pad(u.x, ((0, rows - self.nodes), (0, 0)))
         y = jnp.pad(u.y, (0, rows - self.links))
         return jnp.concatenate([x, y[:, None]], axis=1).reshape(self.blocks, self.size)
 
-    def unpack(self, packed: jax.Array) -> Unknowns:
+    def unpack(self, packed: Array) -> Unknowns:
         rows = packed.reshape(self.blocks * self.width, 4)
         return Unknowns(rows[: self.nodes, :3], rows[: self.links, 3])
 
@@ -47,15 +48,15 @@ class Blocks(NamedTuple):
     (blocks, b, b)."""
 
     layout: Layout
-    lower: jax.Array
-    inverse: jax.Array
-    upper: jax.Array
+    lower: Array
+    inverse: Array
+    upper: Array
 
     @classmethod
-    def of(cls, layout: Layout, lower: jax.Array, diagonal: jax.Array, upper: jax.Array) -> Blocks:
+    def of(cls, layout: Layout, lower: Array, diagonal: Array, upper: Array) -> Blocks:
         """Block elimination from the first block."""
 
-        def eliminate(ahead: jax.Array, row: tuple[jax.Array, ...]) -> tuple[jax.Array, jax.Array]:
+        def eliminate(ahead: Array, row: tuple[Array, ...]) -> tuple[Array, Array]:
             low, mid, up = row
             own = inverse(mid - multiply(low, ahead))
             return multiply(own, up), own
@@ -96,10 +97,10 @@ class Banded(Solver):
         return Blocks.of(layout, *_bands(problem, u, layout))
 
 
-def _substitute(beside: jax.Array, inverse: jax.Array | None, rhs: jax.Array, reverse: bool = False) -> jax.Array:
+def _substitute(beside: Array, inverse: Array | None, rhs: Array, reverse: bool = False) -> Array:
     """x_i = D_i (b_i - B_i x_(i-1)) block by block, from the last one if `reverse`; D = 1 without an `inverse`."""
 
-    def one(x: jax.Array, row: tuple[jax.Array, jax.Array | None, jax.Array]) -> tuple[jax.Array, jax.Array]:
+    def one(x: Array, row: tuple[Array, Array | None, Array]) -> tuple[Array, Array]:
         block, own, b = row
         x = b - apply(block, x)
         x = x if own is None else apply(own, x)
@@ -108,7 +109,7 @@ def _substitute(beside: jax.Array, inverse: jax.Array | None, rhs: jax.Array, re
     return jax.lax.scan(one, jnp.zeros_like(rhs[0]), (beside, inverse, rhs), reverse=reverse)[1]
 
 
-def _bands(problem: StepProblem, u: Unknowns, layout: Layout) -> tuple[jax.Array, jax.Array, jax.Array]:
+def _bands(problem: StepProblem, u: Unknowns, layout: Layout) -> tuple[Array, Array, Array]:
     """Lower, diagonal and upper blocks (blocks, b, b) of the Jacobian, from 3 colours of `b` directions each."""
     index = np.arange(layout.blocks)
     colours = 3
@@ -116,12 +117,12 @@ def _bands(problem: StepProblem, u: Unknowns, layout: Layout) -> tuple[jax.Array
     seeds = picked[:, None, :, None] * np.eye(layout.size)[:, None, :]
     packed = layout.pack(u)
 
-    def push(seed: jax.Array) -> jax.Array:
+    def push(seed: Array) -> Array:
         return jax.jvp(lambda p: layout.pack(problem.residual(layout.unpack(p))), (packed,), (seed,))[1]
 
     answer = jax.vmap(jax.vmap(push))(jnp.asarray(seeds, packed.dtype))
 
-    def coupling(offset: int) -> jax.Array:
+    def coupling(offset: int) -> Array:
         return answer[(index + offset) % colours, :, index, :].mT
 
     diagonal = coupling(0) + jnp.asarray(np.eye(layout.size) * layout.padding[:, None, :], packed.dtype)

@@ -16,6 +16,7 @@ from functools import lru_cache
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 from jax.scipy.linalg import lu_factor, lu_solve
 
 from dropper_jax.base.indexed_sums import scatter_add, scatter_add_many
@@ -70,11 +71,11 @@ class BodyNodeMap:
         """Number of unknowns of one body."""
         return BODY_COORDINATES + EDGES + (PIN if self.pinned.size else 0)
 
-    def sums(self, along: jax.Array) -> jax.Array:
+    def sums(self, along: Array) -> Array:
         """Sum of link forces (n, 3) on the free nodes, with the sign of the rows."""
         return self.graph.from_last(along) - self.graph.from_first(along)
 
-    def pad_seats(self, values: jax.Array) -> jax.Array:
+    def pad_seats(self, values: Array) -> Array:
         """Values (seats, ...) of the seats, and zeros of the corners on the edge."""
         more = len(self.edge) - len(self.seats)
         if more:
@@ -115,7 +116,7 @@ class Lines:
     nodes: BodyNodeMap
     links: LinkParts
     solver: Stretching | Saddle
-    block: jax.Array
+    block: Array
     others: Coupling | None
 
     def transpose(self) -> Lines:
@@ -126,8 +127,8 @@ class Lines:
         return replace(self, links=self.links.transpose(), solver=solver, block=self.block.mT, others=others)
 
     def answer(
-        self, edge: jax.Array, force: jax.Array | None = None, stretch: jax.Array | None = None
-    ) -> tuple[jax.Array, jax.Array, jax.Array]:
+        self, edge: Array, force: Array | None = None, stretch: Array | None = None
+    ) -> tuple[Array, Array, Array]:
         """Other displacements (free, 3), tensions (n,) and rows of the edge (edge, 3) for displacements of the edge
         (edge, 3)."""
         nodes = self.nodes
@@ -145,7 +146,7 @@ class Lines:
         pulled = nodes.sums(apply(links.turn, d) + links.force * y[:, None]) + self._by_pieces(moved + x)
         return x, y, apply(self.block, edge) + pulled[nodes.edge]
 
-    def _by_pieces(self, moved: jax.Array) -> jax.Array | float:
+    def _by_pieces(self, moved: Array) -> Array | float:
         """Rows (free, 3) of elements that include the edge, for displacements of all free nodes (free, 3)."""
         if self.others is None:
             return 0.0
@@ -158,14 +159,14 @@ class BodyFactor:
     """The factored matrix of lines and bodies; `shares` are the weights of the edge in all corners."""
 
     lines: Lines
-    shares: jax.Array
-    bodies: tuple[jax.Array, jax.Array]
+    shares: Array
+    bodies: tuple[Array, Array]
     turned: bool = False
 
     def transpose(self) -> BodyFactor:
         return replace(self, lines=self.lines.transpose(), turned=not self.turned)
 
-    def solve(self, force: jax.Array, stretch: jax.Array, gaps: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
+    def solve(self, force: Array, stretch: Array, gaps: Array) -> tuple[Array, Array, Array]:
         """Displacements (free, 3), tensions (n,) and multipliers (rows,) for r_x, r_y and the rows of the gaps."""
         lines = self.lines
         nodes = self.lines.nodes
@@ -190,7 +191,7 @@ class BodyFactor:
         return x, y, jnp.concatenate([part.ravel() for part in multipliers])
 
 
-def parts(gaps: jax.Array, nodes: BodyNodeMap) -> tuple[jax.Array, jax.Array, list[jax.Array]]:
+def parts(gaps: Array, nodes: BodyNodeMap) -> tuple[Array, Array, list[Array]]:
     """Gaps (rows,) of edges (bodies, 6), of seats (seats, 3), and, if one is pinned, of pins (bodies, 3)."""
     bodies = len(nodes.corners)
     seats = len(nodes.seats)
@@ -203,7 +204,7 @@ def parts(gaps: jax.Array, nodes: BodyNodeMap) -> tuple[jax.Array, jax.Array, li
 
 
 def factor_bodies(
-    problem: StepProblem, u: Unknowns, node: jax.Array, links: LinkParts, between: Coupling | None = None
+    problem: StepProblem, u: Unknowns, node: Array, links: LinkParts, between: Coupling | None = None
 ) -> BodyFactor:
     """From A = `node` (free, 3, 3) of line nodes and seats, the parts of links, and the blocks of elements."""
     (constraint,) = problem.model.constraints
@@ -233,7 +234,7 @@ def factor_bodies(
     return BodyFactor(lines, shares, lu_factor(whole))
 
 
-def body_blocks(problem: StepProblem, u: Unknowns, nodes: BodyNodeMap) -> jax.Array:
+def body_blocks(problem: StepProblem, u: Unknowns, nodes: BodyNodeMap) -> Array:
     """Rows of each body by its own unknowns (bodies, 18, 18), without seats, from 18 directions of forward mode.
 
     The size is 21 if one is pinned; the additional multipliers of other bodies are zero.
@@ -243,12 +244,12 @@ def body_blocks(problem: StepProblem, u: Unknowns, nodes: BodyNodeMap) -> jax.Ar
     only = problem.acting(tuple(e for e in model.effects if e.bodily))
     zero = jnp.zeros_like(u.z[-1])
 
-    def rows(x: jax.Array, z: jax.Array) -> jax.Array:
+    def rows(x: Array, z: Array) -> Array:
         force, (gaps,) = only.node_rows(x, (z,))
         edges, _, pins = parts(gaps, nodes)
         return jnp.concatenate([force[nodes.corners].reshape(bodies, BODY_COORDINATES), edges, *pins], axis=1)
 
-    def along(unit: jax.Array) -> jax.Array:
+    def along(unit: Array) -> Array:
         corner, edge, pin = jnp.split(unit, [BODY_COORDINATES, BODY_COORDINATES + EDGES])
         x = scatter_add(nodes.corners.ravel(), jnp.tile(corner.reshape(4, 3), (bodies, 1)), model.free_nodes)
         edge = jnp.tile(edge, bodies)

@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from dropper_jax.backend.tridiagonal import solve_tridiagonal
 from dropper_jax.base.numerics import Components, components, dot_components, each, inverse_rows, store_once
@@ -24,7 +25,7 @@ from dropper_jax.residual import Implicit, Solver, StepProblem, Unknowns, local_
 from dropper_jax.solvers.links import LinkParts
 
 #: Inverses of the node blocks: (nodes,), or three rows of three components (nodes,).
-Inverse = jax.Array | tuple[Components, Components, Components]
+Inverse = Array | tuple[Components, Components, Components]
 #: Fraction of the stiffness against turning of its links that a node keeps. Measured on the lab dropper at 0.01 s: rows
 #: fall fastest between 0.4 and 0.6 (for smooth motions the neighbours' part cancels about half of it).
 KEPT = 0.5
@@ -33,9 +34,9 @@ KEPT = 0.5
 class ConstraintMatrix(NamedTuple):
     """Rows (n,) of `g D K^-1 G'` of one line, tridiagonal: node i couples link i before it and link i + 1 after it."""
 
-    lower: jax.Array
-    diagonal: jax.Array
-    upper: jax.Array
+    lower: Array
+    diagonal: Array
+    upper: Array
 
     @classmethod
     def of(cls, inverse: Inverse, force: Components, gradient: Components) -> ConstraintMatrix:
@@ -56,7 +57,7 @@ class ConstraintMatrix(NamedTuple):
         return cls(jnp.concatenate([zero, lower]), far + near, jnp.concatenate([upper, zero]))
 
 
-def solve_multipliers(unit: jax.Array, inverse: jax.Array, rhs: jax.Array) -> jax.Array:
+def solve_multipliers(unit: Array, inverse: Array, rhs: Array) -> Array:
     """y of `(G M^-1 G') y = rhs`, the rows of G the vectors `unit` (n, 3); `inverse` are 1/m of the free nodes."""
     return solve_tridiagonal(*ConstraintMatrix.of(inverse, components(unit), components(unit)), rhs)
 
@@ -79,12 +80,12 @@ class Tensions(NamedTuple):
     inverse: Inverse
     force: Components
     gradient: Components
-    compliance: jax.Array
+    compliance: Array
     matrix: ConstraintMatrix
 
     @classmethod
     def of(
-        cls, geometry: Graph, inverse: Inverse, force: Components, gradient: Components, compliance: jax.Array
+        cls, geometry: Graph, inverse: Inverse, force: Components, gradient: Components, compliance: Array
     ) -> Tensions:
         """The matrix that remains for the tensions."""
         matrix = ConstraintMatrix.of(inverse, force, gradient)

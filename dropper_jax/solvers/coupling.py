@@ -7,6 +7,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.base.indexed_sums import scatter_add_many
 from dropper_jax.model import ElementForce, at_pieces
@@ -20,7 +21,7 @@ class Coupling(NamedTuple):
     """Blocks (k, 3, 3) of the rows of one node by the unknowns of another, and their (row, column)."""
 
     pairs: tuple[Pair, ...]
-    blocks: jax.Array
+    blocks: Array
 
 
 def coupling(problem: StepProblem, u: Unknowns) -> Coupling | None:
@@ -37,7 +38,7 @@ def _of(problem: StepProblem, u: Unknowns, effect: ElementForce) -> Coupling:
     graph = model.geometry
     nodes = effect.piece_nodes(model)
 
-    def where(x: jax.Array) -> tuple[jax.Array, jax.Array]:
+    def where(x: Array) -> tuple[Array, Array]:
         at = problem.instant(x)
         return at.r, at.v
 
@@ -47,7 +48,7 @@ def _of(problem: StepProblem, u: Unknowns, effect: ElementForce) -> Coupling:
     turn_r = graph.everywhere(follows[0], None)[nodes]
     turn_v = graph.everywhere(follows[1], None)[nodes]
 
-    def rows(x: jax.Array) -> jax.Array:
+    def rows(x: Array) -> Array:
         return -effect.piece_force(k, r + turn_r * x, v + turn_v * x)
 
     each = nodes.shape[1]
@@ -58,7 +59,7 @@ def _of(problem: StepProblem, u: Unknowns, effect: ElementForce) -> Coupling:
     return _sum_blocks(nodes, blocks, graph.free)
 
 
-def _sum_blocks(nodes: np.ndarray, blocks: jax.Array, free: int) -> Coupling:
+def _sum_blocks(nodes: np.ndarray, blocks: Array, free: int) -> Coupling:
     """Sum of blocks of the same two nodes; those of fixed points are left out."""
     each = nodes.shape[1]
     row = np.broadcast_to(nodes[:, :, None], (len(nodes), each, each)).ravel()

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 from jax.flatten_util import ravel_pytree
 from jax.scipy.linalg import lu_factor, lu_solve
 
@@ -21,7 +22,7 @@ SHARING = 1e-9
 class LU(NamedTuple):
     """A factored matrix, or its transpose."""
 
-    factors: tuple[jax.Array, jax.Array]
+    factors: tuple[Array, Array]
     transposed: bool = False
 
     def apply(self, rows: Unknowns) -> Unknowns:
@@ -54,7 +55,7 @@ class Dense(Solver):
         return 3 * model.free_nodes + model.line.links + joints * sum(law.components for law in model.laws)
 
 
-def residual_matrix(problem: StepProblem, u: Unknowns) -> jax.Array:
+def residual_matrix(problem: StepProblem, u: Unknowns) -> Array:
     """The dense Jacobian (N, N) of a step's rows."""
     flat, unravel = ravel_pytree(u)
     return jax.jacfwd(lambda x: ravel_pytree(problem.residual(unravel(x)))[0])(jnp.asarray(flat))

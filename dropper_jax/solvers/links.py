@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import jax
+from jax import Array
 
 from dropper_jax.residual import StepProblem, Unknowns, local_jacobian
 
@@ -19,10 +19,10 @@ class LinkParts(NamedTuple):
         compliance: law by the tension (n,), minus the link's compliance.
     """
 
-    turn: jax.Array
-    force: jax.Array
-    gradient: jax.Array
-    compliance: jax.Array
+    turn: Array
+    force: Array
+    gradient: Array
+    compliance: Array
 
     @classmethod
     def of(cls, problem: StepProblem, u: Unknowns) -> LinkParts:

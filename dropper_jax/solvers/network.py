@@ -13,8 +13,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
+from jax import Array
 
 from dropper_jax.model import ElementForce, Model
 from dropper_jax.residual import Implicit, Solver, StepProblem, Unknowns, local_jacobian
@@ -31,9 +31,9 @@ SOFT = 1e-8
 class LawBlocks(NamedTuple):
     """A node-local law in the Jacobian: force rows by z (free, 3, 2), its rows by x (free, 2, 3) and z (free, 2, 2)."""
 
-    force: jax.Array
-    position: jax.Array
-    law: jax.Array
+    force: Array
+    position: Array
+    law: Array
 
     def transpose(self) -> LawBlocks:
         return LawBlocks(self.position.mT, self.force.mT, self.law.mT)
@@ -103,10 +103,10 @@ class Network(Solver):
         return NetworkFactor(kind.of(model.geometry, node, links, between), law)
 
 
-def _law_blocks(problem: StepProblem, u: Unknowns) -> tuple[jax.Array, LawBlocks]:
+def _law_blocks(problem: StepProblem, u: Unknowns) -> tuple[Array, LawBlocks]:
     """A, and the blocks of the one node-local law, from five directions of forward mode."""
 
-    def rows(xz: jax.Array) -> jax.Array:
+    def rows(xz: Array) -> Array:
         force, (law,) = problem.node_rows(xz[:, :3], (xz[:, 3:],))
         return jnp.concatenate([force, law], axis=1)
 

@@ -15,6 +15,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.model import Graph
 from dropper_jax.solvers.coupling import Coupling
@@ -39,7 +40,7 @@ class Stretching(NamedTuple):
     nodes: Elimination
 
     @classmethod
-    def of(cls, graph: Graph, node: jax.Array, links: LinkParts, between: Coupling | None = None) -> Stretching:
+    def of(cls, graph: Graph, node: Array, links: LinkParts, between: Coupling | None = None) -> Stretching:
         """From A = `node` (free, 3, 3), and its off-diagonal blocks."""
         stiffness = links.turn - (links.force / links.compliance[:, None])[..., None] * links.gradient[:, None, :]
         diagonal = node + graph.from_first(stiffness) + graph.from_last(stiffness)
@@ -51,7 +52,7 @@ class Stretching(NamedTuple):
     def transpose(self) -> Stretching:
         return self._replace(links=self.links.transpose(), nodes=self.nodes.transpose())
 
-    def solve(self, force: jax.Array, stretch: jax.Array) -> tuple[jax.Array, jax.Array]:
+    def solve(self, force: Array, stretch: Array) -> tuple[Array, Array]:
         """Displacements (free, 3) and tensions (n,) for r_x = `force`, r_y = `stretch`."""
         graph = self.graph
         _, link_force, gradient, compliance = self.links
@@ -81,7 +82,7 @@ class Saddle(NamedTuple):
     groups: Elimination
 
     @classmethod
-    def of(cls, graph: Graph, node: jax.Array, links: LinkParts, between: Coupling | None = None) -> Saddle:
+    def of(cls, graph: Graph, node: Array, links: LinkParts, between: Coupling | None = None) -> Saddle:
         """From A = `node` (free, 3, 3), and its off-diagonal blocks."""
         diagonal = node + graph.from_first(links.turn) + graph.from_last(links.turn)
         if graph.free:
@@ -111,7 +112,7 @@ class Saddle(NamedTuple):
     def transpose(self) -> Saddle:
         return self._replace(groups=self.groups.transpose())
 
-    def solve(self, force: jax.Array, stretch: jax.Array) -> tuple[jax.Array, jax.Array]:
+    def solve(self, force: Array, stretch: Array) -> tuple[Array, Array]:
         """Displacements (free, 3) and tensions (n,) for r_x = `force`, r_y = `stretch`."""
         graph = self.graph
         last = _last(graph)
@@ -126,11 +127,11 @@ class Saddle(NamedTuple):
 
 
 def _block(
-    top: jax.Array,
-    right: jax.Array | float = 0.0,
-    below: jax.Array | float = 0.0,
-    corner: jax.Array | float = 0.0,
-) -> jax.Array:
+    top: Array,
+    right: Array | float = 0.0,
+    below: Array | float = 0.0,
+    corner: Array | float = 0.0,
+) -> Array:
     """Blocks (m, 4, 4) of forces (m, 3, 3), (m, 3) by a tension, and its own row (m, 3), (m,)."""
     row = jnp.zeros_like(top[:, 0])
     upper = jnp.concatenate([top, (row + right)[..., None]], axis=-1)

@@ -16,6 +16,7 @@ from functools import cached_property, partial
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.base.indexed_sums import scatter_add
 from dropper_jax.base.numerics import cross, dot
@@ -67,7 +68,7 @@ class BodyMoves:
         """Index of the first coordinate of a body."""
         return 3 * len(self.retained_nodes) + int(np.searchsorted(self.moving, 6 * body))
 
-    def positions(self, r: jax.Array, q: jax.Array) -> jax.Array:
+    def positions(self, r: Array, q: Array) -> Array:
         """Positions (free, 3) [m] of all free nodes, from those at q = 0."""
         free = self.model.free_nodes
         nodes, bodies = jnp.split(q, [3 * len(self.retained_nodes)])
@@ -90,7 +91,7 @@ class BodyMoves:
         return moved
 
     @property
-    def arms(self) -> jax.Array:
+    def arms(self) -> Array:
         """Lengths (size,) [m] that convert coordinates to displacements: 1, and the sizes of bodies for rotations."""
         corner = jnp.stack([p.position for p in self.model.points])[-self.corners.size :].reshape(-1, 4, 3)
         spread = corner - jnp.mean(corner, axis=1, keepdims=True)
@@ -103,18 +104,18 @@ class BodyMoves:
         return DenseTangent(jax.lax.stop_gradient(SMALLEST * soft_scale(self.model)))
 
     @property
-    def none(self) -> jax.Array:
+    def none(self) -> Array:
         """x of the reference configuration of the displacements."""
         return jnp.zeros(self.size, self.model.dtype)
 
-    def rows(self, s: State, loads: jax.Array, x: jax.Array) -> jax.Array:
+    def rows(self, s: State, loads: Array, x: Array) -> Array:
         """Unbalanced generalised forces, minus Q (size,) [N]."""
         arms = self.arms
         r, back = jax.vjp(partial(self.positions, s.r), x / arms)
         rows, _ = unbalanced(self.model, state(self.model, r, t=s.t), loads)
         return back(rows)[0] / arms
 
-    def move_pose(self, s: State, loads: jax.Array, x: jax.Array) -> State:
+    def move_pose(self, s: State, loads: Array, x: Array) -> State:
         return balanced(self.model, state(self.model, self.positions(s.r, x / self.arms), t=s.t), loads)
 
 
@@ -125,6 +126,6 @@ def moves_of(model: Model) -> NodeMoves | BodyMoves:
     return NodeMoves(model)
 
 
-def stiffness_matrix(moves: NodeMoves | BodyMoves, s: State, loads: jax.Array) -> jax.Array:
+def stiffness_matrix(moves: NodeMoves | BodyMoves, s: State, loads: Array) -> Array:
     """K at a configuration in the form of its unknowns: blocks, or one matrix."""
     return moves.tangent.matrix(jax.linearize(partial(moves.rows, s, loads), moves.none)[1], moves.none)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, TypeVar
 
-import jax
 import numpy as np
+from jax import Array
 
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.model import Model, State
@@ -21,11 +21,11 @@ if TYPE_CHECKING:
 
 
 @cached_jit()
-def _blocks(model: Model, s: State, loads: jax.Array) -> jax.Array:
+def _blocks(model: Model, s: State, loads: Array) -> Array:
     return stiffness_matrix(NodeMoves(model), s, loads)
 
 
-def stiffness(model: Model, s: State, loads: jax.Array) -> csc_array:
+def stiffness(model: Model, s: State, loads: Array) -> csc_array:
     """Minus the derivative of all forces by all positions (3 free, 3 free) [N/m], including drag and contact. On the
     host."""
     return pattern_of(model).sparse(np.asarray(_blocks(model, s, loads)))
@@ -47,7 +47,7 @@ INVERSE_ITERATIONS = 12
 FREE_STIFFNESS = 1e-7
 
 
-def free_motion(model: Model, s: State, loads: jax.Array) -> str:
+def free_motion(model: Model, s: State, loads: Array) -> str:
     """A note on the node that can move freely about an equilibrium; empty without any, and for inextensible links."""
     model = rest(model)
     if model.constraints or not model.line.axial.elastic:
@@ -70,7 +70,7 @@ Tree = TypeVar("Tree")
 
 
 def follow_parameters(
-    model: Model, count: int, slopes: Callable[[np.ndarray, np.ndarray], tuple[jax.Array, Tree]]
+    model: Model, count: int, slopes: Callable[[np.ndarray, np.ndarray], tuple[Array, Tree]]
 ) -> tuple[Tree, np.ndarray]:
     """Derivatives of an equilibrium by `count` parameters, `dx = -K^-1 dR/dp`, solved on the host.
 

@@ -20,6 +20,7 @@ from dataclasses import dataclass
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 from numpy.typing import ArrayLike
 
 from dropper_jax.backend.programs import cached_jit
@@ -134,12 +135,12 @@ def linearised_about(model: Model, pose: State) -> Linearised:
 
 
 @cached_jit()
-def _derivatives(model: Model, pose: State) -> tuple[tuple[jax.Array, ...], tuple[jax.Array, ...]]:
+def _derivatives(model: Model, pose: State) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
     """Derivatives of the free nodes' rows, and of tensions, by positions, velocities and accelerations of all nodes."""
     free = model.free_nodes
     positions = model.ends(pose.t).positions
 
-    def rows(x: jax.Array, v: jax.Array, a: jax.Array) -> tuple[jax.Array, jax.Array]:
+    def rows(x: Array, v: Array, a: Array) -> tuple[Array, Array]:
         k = model.instant(pose.r + x[:free], v[:free], pose.t, Ends(positions + x[free:], v[free:]))
         tension = model.tension_by_law(k)
         direction = model.line.axial.direction(k.links, k.links, k.links, model.line.length)

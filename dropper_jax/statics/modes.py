@@ -8,12 +8,13 @@ from functools import partial
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 from jax.scipy.linalg import solve_triangular
 
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import SceneError
 from dropper_jax.model import Model, State
-from dropper_jax.statics.pattern import Array
+from dropper_jax.statics.pattern import AnyArray
 from dropper_jax.statics.rest_problem import rest
 from dropper_jax.statics.system import stiffness_and_motions, stiffness_of_motions
 
@@ -114,7 +115,7 @@ def damping_at(model: Model, pose: State, modes: Modes, amplitude: float) -> np.
     return lost / (4 * np.pi * 0.5 * modes.omega**2 * amplitude**2 * modes.mass)
 
 
-def natural_periods(model: Model, pose: State, count: int) -> jax.Array:
+def natural_periods(model: Model, pose: State, count: int) -> Array:
     """The longest natural periods (count,) [s] about an equilibrium, differentiable in model and configuration.
 
     With `K x = omega^2 M x`, x'Mx = 1:  d(omega^2) = x'(dK - omega^2 dM) x, where K depends on the configuration. Use
@@ -141,14 +142,14 @@ def natural_periods(model: Model, pose: State, count: int) -> jax.Array:
     return 2 * jnp.pi / jnp.sqrt(jnp.where(number < len(value), square, jnp.nan))
 
 
-def _speeding(model: Model, pose: State, v: jax.Array) -> jax.Array:
+def _speeding(model: Model, pose: State, v: Array) -> Array:
     """Forces (free nodes, 3) [N] at the equilibrium with the velocity v, without the tensions of rigid links."""
     k = model.instant(pose.r, v, pose.t, model.ends(pose.t))
     return model.force(k) + model.tension_force(model.tension_by_law(k), k.tangents)
 
 
 @cached_jit()
-def _damping(model: Model, pose: State, shapes: jax.Array) -> jax.Array:
+def _damping(model: Model, pose: State, shapes: Array) -> Array:
     """`x'Cx` (modes,) [kg/s]."""
     model = rest(model)
     _, linear = jax.linearize(partial(_speeding, model, pose), jnp.zeros_like(pose.r))
@@ -156,7 +157,7 @@ def _damping(model: Model, pose: State, shapes: jax.Array) -> jax.Array:
 
 
 @cached_jit()
-def _mean_power(model: Model, pose: State, speeds: jax.Array) -> jax.Array:
+def _mean_power(model: Model, pose: State, speeds: Array) -> Array:
     """Mean power (modes,) [W] of all forces over a period with the velocity amplitudes (modes, nodes, 3)."""
     # number of instants per period at which damping forces are summed; exact for powers of the speed up to 30
     instants = 32
@@ -176,15 +177,15 @@ def _of_bodies(model: Model, pose: State, shape: np.ndarray) -> np.ndarray:
     return np.concatenate([moved, turned], axis=-1)
 
 
-def _symmetric(matrix: Array) -> Array:
+def _symmetric(matrix: AnyArray) -> AnyArray:
     return 0.5 * (matrix + matrix.T)
 
 
 @cached_jit()
-def _mass(model: Model, pose: State) -> jax.Array:
+def _mass(model: Model, pose: State) -> Array:
     """Masses and added mass (3 free, 3 free) [kg]."""
 
-    def inertia(a: jax.Array) -> jax.Array:
+    def inertia(a: Array) -> Array:
         k = model.instant(pose.r, jnp.zeros_like(pose.r), pose.t, model.ends(pose.t))
         return model.inertia(k, a.reshape(-1, 3)).ravel()
 

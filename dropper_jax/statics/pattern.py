@@ -5,15 +5,15 @@ from __future__ import annotations
 from functools import lru_cache
 from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
-import jax
 import numpy as np
+from jax import Array
 
 from dropper_jax.model import Graph, Model
 
 if TYPE_CHECKING:
     from scipy.sparse import csc_array
 
-Array = TypeVar("Array", jax.Array, np.ndarray)
+AnyArray = TypeVar("AnyArray", Array, np.ndarray)
 
 
 class Pattern(NamedTuple):
@@ -30,7 +30,7 @@ class Pattern(NamedTuple):
         picked = self.colour == np.arange(self.colours)[:, None]
         return 1.0 * picked[:, None, :, None] * np.eye(3)[None, :, None, :]
 
-    def blocks(self, answer: Array) -> Array:
+    def blocks(self, answer: AnyArray) -> AnyArray:
         """Blocks (entries, 3, 3) [N/m], from the forces (colours, 3, free, 3) [N] that answer the seeds."""
         return answer[self.colour[self.column], :, self.row, :].swapaxes(-1, -2)
 

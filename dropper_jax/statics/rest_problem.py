@@ -10,6 +10,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.effects.seabed import Seabed
@@ -38,7 +39,7 @@ class RestProblem(StepProblem):
     kappa [N/m] makes the matrix of corrections stiffer and does not change the rows: `K + kappa` of one correction.
     """
 
-    def __init__(self, model: Model, s: State, loads: jax.Array, kappa: jax.Array | float = 0.0) -> None:
+    def __init__(self, model: Model, s: State, loads: Array, kappa: Array | float = 0.0) -> None:
         super().__init__(model, s, jnp.ones((), model.dtype))
         self.loads, self.kappa = loads, kappa
         self.ends = model.ends(s.t)
@@ -46,22 +47,22 @@ class RestProblem(StepProblem):
     def guess(self) -> Unknowns:
         return Unknowns(jnp.zeros_like(self.s.r), self.s.tension)
 
-    def instant(self, x: jax.Array) -> Kinematics:
+    def instant(self, x: Array) -> Kinematics:
         return self.model.instant(self.s.r + x, jnp.zeros_like(x), self.s.t, self.ends)
 
-    def node_rows(self, x: jax.Array, z: tuple[jax.Array, ...]) -> tuple[jax.Array, tuple[jax.Array, ...]]:
+    def node_rows(self, x: Array, z: tuple[Array, ...]) -> tuple[Array, tuple[Array, ...]]:
         stiffer = self.kappa * (x - jax.lax.stop_gradient(x))
         return stiffer - self.model.force(self.instant(x)) - self.loads, ()
 
-    def link_vectors(self, x: jax.Array) -> jax.Array:
+    def link_vectors(self, x: Array) -> Array:
         return self.model.links(self.s.r + x, self.ends)
 
-    def link_rows(self, d: jax.Array, y: jax.Array) -> tuple[jax.Array, jax.Array]:
+    def link_rows(self, d: Array, y: Array) -> tuple[Array, Array]:
         line = self.model.line
         force = y[:, None] * line.axial.direction(d, d, d, line.length)
         return force, line.axial.at_rest(d, y, line.length)
 
-    def tension(self, x: jax.Array) -> jax.Array:
+    def tension(self, x: Array) -> Array:
         """Tensions from the lengths of links (n,) [N]."""
         line = self.model.line
         d = self.link_vectors(x)
@@ -76,7 +77,7 @@ class RestProblem(StepProblem):
 BODY_SHARE = 1e-2
 
 
-def force_scale(model: Model, xp: ModuleType = jnp) -> jax.Array:
+def force_scale(model: Model, xp: ModuleType = jnp) -> Array:
     """Scale of residual forces, a scalar [N]: the mean weight of a link, or 1 % of that of a body.
 
     NumPy on the host: each operation on JAX arrays would be a separate program.
@@ -87,7 +88,7 @@ def force_scale(model: Model, xp: ModuleType = jnp) -> jax.Array:
     return GRAVITY_SCALE * mass
 
 
-def soft_scale(model: Model, xp: ModuleType = jnp) -> jax.Array:
+def soft_scale(model: Model, xp: ModuleType = jnp) -> Array:
     """Scale of stiffness, a scalar [N/m]: the mean weight of a link per its length. NumPy on the host."""
     return force_scale(model, xp) / xp.mean(xp.asarray(model.line.length))
 
@@ -96,7 +97,7 @@ def soft_scale(model: Model, xp: ModuleType = jnp) -> jax.Array:
 ROUNDING_UNITS = 1e4
 
 
-def rest_tolerance(model: Model, xp: ModuleType = jnp) -> jax.Array:
+def rest_tolerance(model: Model, xp: ModuleType = jnp) -> Array:
     """Maximum scaled row of a converged equilibrium, a scalar: 1e-10, or the rounding error of stiff lines.
 
     NumPy on the host. With large buoyancies of bodies the rounding error is 1e-9.
@@ -123,19 +124,19 @@ def system_tolerance(model: Model) -> float:
 
 
 @cached_jit()
-def unbalanced(model: Model, s: State, loads: jax.Array) -> tuple[jax.Array, jax.Array]:
+def unbalanced(model: Model, s: State, loads: Array) -> tuple[Array, Array]:
     """Unbalanced forces (free, 3) [N] in a configuration, and the tensions there."""
     return unbalanced_at(model, s, loads, jnp.zeros_like(s.r))
 
 
-def balanced(model: Model, s: State, loads: jax.Array) -> State:
+def balanced(model: Model, s: State, loads: Array) -> State:
     """The state with tensions from its lengths."""
     return state(model, s.r, tension=RestProblem(model, s, loads).tension(jnp.zeros_like(s.r)), t=s.t)
 
 
 # Traced once: a program that searches for an equilibrium uses it five times.
 @partial(jax.jit, inline=True)
-def unbalanced_at(model: Model, s: State, loads: jax.Array, x: jax.Array) -> tuple[jax.Array, jax.Array]:
+def unbalanced_at(model: Model, s: State, loads: Array, x: Array) -> tuple[Array, Array]:
     """Unbalanced forces, minus F (free, 3) [N], at positions s.r + x, and the tensions of the links there."""
     problem = RestProblem(model, s, loads)
     tension = problem.tension(x)
@@ -159,8 +160,8 @@ def rest_solver(model: Model) -> Solver:
 
 @cached_jit(static=("iterations", "damped"))
 def polish(
-    model: Model, s: State, loads: jax.Array, kappa: jax.Array, iterations: int = 25, damped: bool = True
-) -> tuple[State, jax.Array]:
+    model: Model, s: State, loads: Array, kappa: Array, iterations: int = 25, damped: bool = True
+) -> tuple[State, Array]:
     """The equilibrium near `s`, and its maximum scaled row: Newton on positions and tensions together.
 
     Tensions are unknowns, which rigid links require. kappa [N/m] stiffens the corrections: a small value fixes free
@@ -178,7 +179,7 @@ def polish(
 FRACTIONS = (1.0, 0.5, 0.2, 0.05)
 
 
-def _search_along_corrections(problem: RestProblem, solver: Solver, iterations: int) -> tuple[Unknowns, jax.Array]:
+def _search_along_corrections(problem: RestProblem, solver: Solver, iterations: int) -> tuple[Unknowns, Array]:
     """The unknowns after corrections of which each is as long as makes the rows smallest, and their largest scaled row.
 
     A start may be far from the equilibrium, and the fraction with the smallest rows is taken even if they grow: the
@@ -193,7 +194,7 @@ def _search_along_corrections(problem: RestProblem, solver: Solver, iterations: 
         u, rows = now
         du = solver.linearise(problem, u).apply(rows)
 
-        def try_fraction(k: jax.Array, best: tuple[Any, ...]) -> tuple[Any, ...]:
+        def try_fraction(k: Array, best: tuple[Any, ...]) -> tuple[Any, ...]:
             moved = subtract(u, du, fractions[k])
             rows = problem.residual(moved)
             size = largest_row(rows, scale)
@@ -208,7 +209,7 @@ def _search_along_corrections(problem: RestProblem, solver: Solver, iterations: 
     return u, largest_row(rows, scale)
 
 
-def solve_statics(model: Model, s: State, loads: jax.Array) -> tuple[State, float]:
+def solve_statics(model: Model, s: State, loads: Array) -> tuple[State, float]:
     """`polish` on the host."""
     found, residual = polish(model, s, loads, SMALLEST * soft_scale(model, np))
     return found, float(residual)

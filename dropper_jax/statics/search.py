@@ -14,6 +14,7 @@ from operator import itemgetter
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import SceneError
@@ -62,14 +63,14 @@ class Equilibrium:
     state: State = field(repr=False)
 
 
-def given_loads(model: Model, loads: jax.Array | None) -> jax.Array:
+def given_loads(model: Model, loads: Array | None) -> Array:
     """Loads (free nodes, 3) [N] of the nodes; zero without any."""
     if loads is None:
         return jnp.asarray(np.zeros((model.free_nodes, 3)), model.dtype)
     return jnp.asarray(loads, model.dtype)
 
 
-def search(model: Model, loads: jax.Array | None, t: float, near: State | None = None) -> Equilibrium:
+def search(model: Model, loads: Array | None, t: float, near: State | None = None) -> Equilibrium:
     """The equilibrium of the model (see `static_pose.equilibrium`), solved on the host.
 
     The descent of a system of lines starts at `near`, if that is given, in place of straight lines.
@@ -103,7 +104,7 @@ def search(model: Model, loads: jax.Array | None, t: float, near: State | None =
     return _result(full, s, residual, message)
 
 
-def _by_descent(full: Model, model: Model, loads: jax.Array, t: float, near: State | None = None) -> Equilibrium:
+def _by_descent(full: Model, model: Model, loads: Array, t: float, near: State | None = None) -> Equilibrium:
     rigid = model.line
     if not model.line.axial.elastic:
         model = springy(model)
@@ -130,7 +131,7 @@ def _by_descent(full: Model, model: Model, loads: jax.Array, t: float, near: Sta
     return _result(full, s, residual, "" if residual <= tolerance else lost)
 
 
-def _find_rigid(model: Model, near: State, loads: jax.Array, tolerance: float) -> tuple[State, float]:
+def _find_rigid(model: Model, near: State, loads: Array, tolerance: float) -> tuple[State, float]:
     """The equilibrium of rigid links next to that of ropes in their place; a link that is slack there pushes here.
 
     If it is not found, or a small displacement ends it, the links also push during a further descent.
@@ -156,7 +157,7 @@ def _find_rigid(model: Model, near: State, loads: jax.Array, tolerance: float) -
 FALL_ITERATIONS = 80
 
 
-def _fall(model: Model, loads: jax.Array, s: State, stiffness: float) -> tuple[State, float]:
+def _fall(model: Model, loads: Array, s: State, stiffness: float) -> tuple[State, float]:
     """The equilibrium reached by descent from `s`, next to one with a (negative) stiffness [N/m]."""
     drag = jnp.asarray(4.0 * abs(stiffness), model.dtype)
     fallen, _ = polish(model, s, loads, drag, iterations=FALL_ITERATIONS, damped=False)
@@ -176,7 +177,7 @@ def outward(full: Model) -> SeabedFriction | None:
 HANGINGS = 5
 
 
-def _hang_and_solve(model: Model, loads: jax.Array, t: float) -> tuple[State, float]:
+def _hang_and_solve(model: Model, loads: Array, t: float) -> tuple[State, float]:
     """The stable equilibrium under the forces on a straight guess, updated if they depend on the configuration."""
     r = None
     for _ in range(1 if model.constant_force else HANGINGS):
@@ -191,7 +192,7 @@ def _host_ends(ends: Ends) -> tuple[np.ndarray, np.ndarray | None]:
     return np.asarray(ends.start, float), end
 
 
-def _hang(model: Model, loads: jax.Array, r: jax.Array | None, t: float) -> State:
+def _hang(model: Model, loads: Array, r: Array | None, t: float) -> State:
     """The equilibrium under the forces at the positions r, as dead loads."""
     line = model.line
     ends, force = _forces(model, r, jnp.asarray(t, model.dtype))
@@ -209,7 +210,7 @@ def _hang(model: Model, loads: jax.Array, r: jax.Array | None, t: float) -> Stat
 
 
 @cached_jit()
-def _forces(model: Model, r: jax.Array | None, t: jax.Array) -> tuple[Ends, jax.Array]:
+def _forces(model: Model, r: Array | None, t: Array) -> tuple[Ends, Array]:
     """The fixed ends, and the forces (free nodes, 3) [N] on nodes at rest at positions r, or at the start of the
     line."""
     ends = model.ends(t)
@@ -222,7 +223,7 @@ def _forces(model: Model, r: jax.Array | None, t: jax.Array) -> tuple[Ends, jax.
 LEAST_INCREMENT = 1.0 / 1024
 
 
-def _continue(model: Model, loads: jax.Array, t: float) -> tuple[State, float, float]:
+def _continue(model: Model, loads: Array, t: float) -> tuple[State, float, float]:
     """Load continuation from the catenary; returns the fraction of the loads that was reached."""
     s, residual = solve_statics(model, _catenary(model, t), jnp.zeros_like(loads))
     if not np.any(np.asarray(loads)):
@@ -255,7 +256,7 @@ def _catenary(model: Model, t: float) -> State:
 
 
 @cached_jit()
-def node_positions(model: Model, s: State) -> jax.Array:
+def node_positions(model: Model, s: State) -> Array:
     """Positions of all nodes (n + 1, 3) [m]."""
     return model.nodes(s.r, model.ends(s.t))
 

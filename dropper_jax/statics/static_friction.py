@@ -14,8 +14,8 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import ClassVar
 
-import jax
 import jax.numpy as jnp
+from jax import Array
 
 from dropper_jax.base.fields import component
 from dropper_jax.base.numerics import safe_norm
@@ -31,18 +31,18 @@ class StaticSeabedFriction(Effect):
     positions: `position` (free, 2) [m], `grip` K (free,) [N/m]."""
 
     name: ClassVar[str] = "laid_out"
-    position: jax.Array
-    grip: jax.Array
-    mu: jax.Array
+    position: Array
+    grip: Array
+    mu: Array
 
-    def force(self, k: Kinematics) -> jax.Array:
+    def force(self, k: Kinematics) -> Array:
         bed = k.model.having(Seabed)[0]
         u = jnp.concatenate([k.r[:, :2] - self.position, jnp.zeros_like(k.r[:, :1])], axis=1)
         slides = self.mu * bed.normal(k) / safe_norm(u)
         return -jnp.minimum(self.grip, slides)[:, None] * u
 
 
-def with_static_seabed_friction(model: Model, s: State, mu: jax.Array) -> tuple[Model, jax.Array]:
+def with_static_seabed_friction(model: Model, s: State, mu: Array) -> tuple[Model, Array]:
     """The static model with friction on the inner nodes of all lines, and the rounding error of its rows.
 
     The latter is in units of `force_scale`, like `system_tolerance`. Differentiable in model and configuration.

@@ -15,6 +15,7 @@ from functools import partial
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 from jax.flatten_util import ravel_pytree
 from jax.typing import ArrayLike
 
@@ -31,24 +32,24 @@ from dropper_jax.statics.system import descend, unbalance
 from dropper_jax.statics.tangent import Linear, solve_linear
 
 
-def nodal_loads(model: Model, nodes: Sequence[int] | np.ndarray | None, forces: ArrayLike | None) -> jax.Array:
+def nodal_loads(model: Model, nodes: Sequence[int] | np.ndarray | None, forces: ArrayLike | None) -> Array:
     """Loads (free nodes, 3) [N] from node numbers (counted from 1) and 3-vectors; zero without `nodes`."""
     if nodes is None or len(nodes) == 0:
         return given_loads(model, None)
     index = np.asarray(nodes, int) - 1
     if np.any(index < 0) or np.any(index >= model.free_nodes):
         raise SceneError(f"start.release_nodes: {list(nodes)}; allowed are free nodes, 1 to {model.free_nodes}")
-    if not isinstance(forces, jax.Array):
+    if not isinstance(forces, Array):
         forces = np.asarray(forces, model.dtype)
     return scatter_add(index, forces, model.free_nodes)
 
 
-def release_loads(model: Model, start: StartSpec) -> jax.Array:
+def release_loads(model: Model, start: StartSpec) -> Array:
     """The loads (free nodes, 3) [N] under which a start is in equilibrium, until it is released."""
     return nodal_loads(model, start.release_nodes, start.release_force)
 
 
-def equilibrium(model: Model, loads: jax.Array | None = None, t: float = 0.0, near: State | None = None) -> Equilibrium:
+def equilibrium(model: Model, loads: Array | None = None, t: float = 0.0, near: State | None = None) -> Equilibrium:
     """The equilibrium of the model at time t under additional nodal `loads` (free nodes, 3) [N].
 
     Works for hanging strings, slack loops, ends at different heights or at the same point, nearly taut loops, and
@@ -75,7 +76,7 @@ def _is_traced(tree: object) -> bool:
     return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(tree))
 
 
-def _differentiable(model: Model, loads: jax.Array | None, t: float, near: State | None) -> Equilibrium:
+def _differentiable(model: Model, loads: Array | None, t: float, near: State | None) -> Equilibrium:
     """The equilibrium next to a given one, or next to one solved on the host for the primal values."""
     there = near is None
     if near is None:
@@ -103,7 +104,7 @@ def _differentiable(model: Model, loads: jax.Array | None, t: float, near: State
     return Equilibrium(model.nodes(s.r, model.ends(s.t)), s.tension, residual, status, message, s)
 
 
-def settle(model: Model, near: State, loads: jax.Array | None = None, there: bool = False) -> State:
+def settle(model: Model, near: State, loads: Array | None = None, there: bool = False) -> State:
     """The equilibrium next to `near`, as a differentiable, batchable function of model and loads.
 
     Newton from `near` (found once with `equilibrium`); derivatives by the implicit function theorem. Lines that stretch
@@ -121,7 +122,7 @@ RIGID_CORRECTIONS = 12
 NEAR_CORRECTIONS = 100
 
 
-def _settle(full: Model, near: State, loads: jax.Array, there: bool) -> tuple[State, Model]:
+def _settle(full: Model, near: State, loads: Array, there: bool) -> tuple[State, Model]:
     """The equilibrium, and the model that is at rest there."""
     model = rest(full.with_lengths(near.t, still=True))
     if model.constraints or model.line.axial.elastic:
@@ -135,17 +136,17 @@ def _settle(full: Model, near: State, loads: jax.Array, there: bool) -> tuple[St
     problem = RestProblem(model, near, loads)
     flat, unravel = ravel_pytree(guess)
 
-    def rows(x: jax.Array) -> jax.Array:
+    def rows(x: Array) -> Array:
         return ravel_pytree(problem.residual(unravel(x)))[0]
 
-    def find(rows: Linear, x: jax.Array) -> jax.Array:
+    def find(rows: Linear, x: Array) -> Array:
         if there:
             return x
         return jax.lax.fori_loop(
             0, RIGID_CORRECTIONS, lambda _, y: y - jnp.linalg.solve(jax.jacfwd(rows)(y), rows(y)), x
         )
 
-    def tangent(linear: Linear, b: jax.Array) -> jax.Array:
+    def tangent(linear: Linear, b: Array) -> Array:
         return jnp.linalg.solve(jax.jacfwd(linear)(jnp.zeros_like(b)), b)
 
     u = unravel(jax.lax.custom_root(rows, flat, find, tangent))
@@ -153,7 +154,7 @@ def _settle(full: Model, near: State, loads: jax.Array, there: bool) -> tuple[St
 
 
 @partial(jax.jit, static_argnames="there", inline=True)
-def equilibrium_near(model: Model, near: State, loads: jax.Array, there: bool = False) -> State:
+def equilibrium_near(model: Model, near: State, loads: Array, there: bool = False) -> State:
     """The equilibrium next to `near`, differentiable; its positions are NaN if there is no equilibrium.
 
     With `there` it is `near` itself, which is not checked again: only its derivatives are computed.

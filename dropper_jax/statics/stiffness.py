@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import SceneError, nearest
@@ -52,7 +53,7 @@ class Stiffness:
     warnings: tuple[str, ...] = ()
 
 
-def mooring_stiffness(model: Model, pose: State, names: Sequence[str], loads: jax.Array | None = None) -> Stiffness:
+def mooring_stiffness(model: Model, pose: State, names: Sequence[str], loads: Array | None = None) -> Stiffness:
     """The stiffness of points, fixed or free, and rigid bodies, by name.
 
     Args:
@@ -126,9 +127,7 @@ def _resolve_names(model: Model, names: Sequence[str]) -> dict[str, np.ndarray]:
     return rows
 
 
-def _shifted_residual(
-    model: Model, pose: State, loads: jax.Array, x: jax.Array, u: jax.Array
-) -> tuple[jax.Array, jax.Array]:
+def _shifted_residual(model: Model, pose: State, loads: Array, x: Array, u: Array) -> tuple[Array, Array]:
     """Unbalanced forces, minus F, on free nodes (free, 3) and fixed points (held, 3) [N], displaced by x and u [m]."""
     problem = RestProblem(model, pose, loads)
     problem.ends = Ends(problem.ends.positions + u, problem.ends.velocities)
@@ -145,7 +144,7 @@ def forces_on_held(model: Model, pose: State) -> np.ndarray:
 
 
 @cached_jit()
-def _of_held(model: Model, pose: State, loads: jax.Array) -> tuple[jax.Array, ...]:
+def _of_held(model: Model, pose: State, loads: Array) -> tuple[Array, ...]:
     """Derivatives by displacements of fixed points: rows (3 free, h) and forces on these points (h, h); the latter by
     free nodes (h, 3 free)."""
     x = jnp.zeros_like(pose.r)
@@ -155,7 +154,7 @@ def _of_held(model: Model, pose: State, loads: jax.Array) -> tuple[jax.Array, ..
     return rows.reshape(x.size, u.size), own.reshape(u.size, u.size), back.reshape(u.size, x.size)
 
 
-def stiffness_with_held(model: Model, pose: State, loads: jax.Array) -> csc_array:
+def stiffness_with_held(model: Model, pose: State, loads: Array) -> csc_array:
     """K [N/m] of displacements of the free nodes, then of the fixed points (f + h, f + h). On the host."""
     from scipy.sparse import block_array, csc_array  # noqa: PLC0415
 
@@ -163,7 +162,7 @@ def stiffness_with_held(model: Model, pose: State, loads: jax.Array) -> csc_arra
     return block_array([[stiffness(model, pose, loads), rows], [back, own]], format="csc")
 
 
-def _condense(model: Model, pose: State, loads: jax.Array, matrix: csc_array, picked: np.ndarray) -> np.ndarray:
+def _condense(model: Model, pose: State, loads: Array, matrix: csc_array, picked: np.ndarray) -> np.ndarray:
     """K of some degrees of freedom, all other free ones in equilibrium, fixed points at rest.
 
     Raises:
@@ -194,7 +193,7 @@ def _condense(model: Model, pose: State, loads: jax.Array, matrix: csc_array, pi
     raise SceneError(f"points: the others have no equilibrium: {words}. Use constrained points")
 
 
-def _of_bodies(model: Model, pose: State, loads: jax.Array) -> csc_array:
+def _of_bodies(model: Model, pose: State, loads: Array) -> csc_array:
     """K in the coordinates of `statics.bodies`, with displacement and rotation of bodies about their reference
     points."""
     from scipy.sparse import csc_array  # noqa: PLC0415
@@ -202,7 +201,7 @@ def _of_bodies(model: Model, pose: State, loads: jax.Array) -> csc_array:
     moves = BodyMoves(model)
     count = moves.size
 
-    def rows_of(q: jax.Array) -> jax.Array:
+    def rows_of(q: Array) -> Array:
         r, back = jax.vjp(partial(moves.positions, pose.r), q[:count])
         free, own = _shifted_residual(model, pose, loads, r - pose.r, q[count:].reshape(-1, 3))
         return jnp.concatenate([back(free)[0], own.ravel()])

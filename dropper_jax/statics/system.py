@@ -18,6 +18,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.axial import AxialLaw
 from dropper_jax.backend.programs import cached_jit
@@ -32,7 +33,7 @@ from dropper_jax.statics.tangent import NodeMoves
 
 
 @cached_jit()
-def stiffness_and_motions(model: Model, s: State) -> tuple[jax.Array, jax.Array]:
+def stiffness_and_motions(model: Model, s: State) -> tuple[Array, Array]:
     """K (k, k) [N/m] of the motions (3 free, k) of lines that stretch and of rigid bodies, and these motions."""
     moves = moves_of(model)
     loads = jnp.zeros_like(s.r)
@@ -60,7 +61,7 @@ def stiffness_of_motions(model: Model, s: State) -> tuple[np.ndarray, np.ndarray
 
 
 @cached_jit()
-def _rows_by_unknowns(model: Model, s: State) -> jax.Array:
+def _rows_by_unknowns(model: Model, s: State) -> Array:
     problem = RestProblem(model, s, jnp.zeros_like(s.r))
     return residual_matrix(problem, Unknowns(jnp.zeros_like(s.r), s.tension))
 
@@ -173,8 +174,8 @@ LEAST_SHARE = 2.0**-13
 
 
 def correct_pose(
-    moves: NodeMoves | BodyMoves, s: State, loads: jax.Array, kappa: jax.Array
-) -> tuple[State, jax.Array, jax.Array, jax.Array]:
+    moves: NodeMoves | BodyMoves, s: State, loads: Array, kappa: Array
+) -> tuple[State, Array, Array, Array]:
     """One correction of the configuration s: the next one, its maximum unbalanced force [N], that of s, the next
     kappa."""
     # maximum displacement of a node in one iteration, in mean link lengths
@@ -188,11 +189,11 @@ def correct_pose(
     # maximum opposing force along a correction, relative to its initial value
     allowed = 0.5 * jnp.sum(rows * dx)
 
-    def overshoots(trial: tuple[jax.Array, ...]) -> jax.Array:
+    def overshoots(trial: tuple[Array, ...]) -> Array:
         share, along, _ = trial
         return ~(along >= allowed) & (share > LEAST_SHARE)
 
-    def shorter(trial: tuple[jax.Array, ...]) -> tuple[jax.Array, ...]:
+    def shorter(trial: tuple[Array, ...]) -> tuple[Array, ...]:
         share = 0.5 * trial[0]
         after = rows_at(share * dx)
         return share, -jnp.sum(after * dx), jnp.max(jnp.abs(after))
@@ -209,7 +210,7 @@ def correct_pose(
 
 
 @cached_jit()
-def unbalance(model: Model, s: State, loads: jax.Array) -> jax.Array:
+def unbalance(model: Model, s: State, loads: Array) -> Array:
     """Maximum scaled unbalanced force of a configuration."""
     moves = moves_of(model)
     return jnp.max(jnp.abs(moves.rows(s, loads, moves.none)), initial=0.0) / force_scale(model)
@@ -244,19 +245,19 @@ class _Descent(NamedTuple):
     tolerance, the number of corrections, the force of the guess, and the best configuration with its force."""
 
     s: State
-    size: jax.Array
-    kappa: jax.Array
-    reached: jax.Array
-    count: jax.Array
-    first: jax.Array
+    size: Array
+    kappa: Array
+    reached: Array
+    count: Array
+    first: Array
     best: State
-    least: jax.Array
+    least: Array
 
 
 @cached_jit(static=("rounds",))
 def descend(
-    model: Model, s: State, loads: jax.Array, tolerance: jax.Array | float, kappa: jax.Array, rounds: int
-) -> tuple[State, jax.Array]:
+    model: Model, s: State, loads: Array, tolerance: Array | float, kappa: Array, rounds: int
+) -> tuple[State, Array]:
     """Result of the descent from `s`: the best configuration and its maximum scaled unbalanced force.
 
     It stops after two successive configurations within the tolerance: the last correction then reaches rounding.
@@ -266,7 +267,7 @@ def descend(
     s = balanced(model, s, loads)
     never = jnp.full((), jnp.inf, model.dtype)
 
-    def needs_correction(now: _Descent) -> jax.Array:
+    def needs_correction(now: _Descent) -> Array:
         hopeless = (now.count > HOPELESS) & ~(now.least < now.first)
         unfinished = (now.reached < 2) & (now.count < rounds)
         return unfinished & (jnp.isfinite(now.size) | (now.count == 0)) & ~hopeless
@@ -287,7 +288,7 @@ def descend(
     return end.best, end.least
 
 
-def find_rest(model: Model, s: State, loads: jax.Array, tolerance: float) -> tuple[State, float]:
+def find_rest(model: Model, s: State, loads: Array, tolerance: float) -> tuple[State, float]:
     """The stable equilibrium reached by descent from `s`, and its maximum scaled unbalanced force.
 
     The descent is continued while `ROUNDS` iterations make the force much smaller: lines that rest on each other slide
@@ -303,7 +304,7 @@ def find_rest(model: Model, s: State, loads: jax.Array, tolerance: float) -> tup
     return s, residual
 
 
-def find_softened(model: Model, s: State, loads: jax.Array, tolerance: float) -> tuple[State, float]:
+def find_softened(model: Model, s: State, loads: Array, tolerance: float) -> tuple[State, float]:
     """Equilibrium by continuation from softer lines: if slack links become taut one after another, stiff links shorten
     every step.
 
@@ -332,7 +333,7 @@ def springy(model: Model, pushes: bool = False) -> Model:
     return with_axial(model, model.line.axial.springs(jnp.broadcast_to(weight, model.line.length.shape), pushes))
 
 
-def describe_unbalance(model: Model, s: State, loads: jax.Array, residual: float, extent: str) -> str:
+def describe_unbalance(model: Model, s: State, loads: Array, residual: float, extent: str) -> str:
     """The node with the maximum unbalanced force after a failed search; `extent` describes the extent of the search."""
     if model.constraints:
         return f"no equilibrium of lines and bodies found: maximum scaled unbalanced force {residual:.1e}"

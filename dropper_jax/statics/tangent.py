@@ -16,6 +16,7 @@ from functools import lru_cache, partial
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 from jax.scipy.linalg import lu_factor, lu_solve
 
 from dropper_jax.base.indexed_sums import scatter_add_many
@@ -24,9 +25,9 @@ from dropper_jax.solvers.elimination import Order, apply, eliminate, elimination
 from dropper_jax.statics.pattern import Pattern, pattern
 from dropper_jax.statics.rest_problem import SMALLEST, balanced, soft_scale, unbalanced_at
 
-Linear = Callable[[jax.Array], jax.Array]
+Linear = Callable[[Array], Array]
 #: A factored map: the displacements for given forces, or of the transposed map.
-Solve = Callable[[jax.Array, bool], jax.Array]
+Solve = Callable[[Array, bool], Array]
 
 #: Maximum number of corrections of a linear solve, and the remaining fraction of the right side above which the system
 #: has no solution.
@@ -46,7 +47,7 @@ class Tangent:
 
     pattern: Pattern
     order: Order
-    kappa: jax.Array
+    kappa: Array
 
     @classmethod
     def of(cls, model: Model) -> Tangent:
@@ -54,13 +55,13 @@ class Tangent:
         kappa = SMALLEST * soft_scale(model)
         return cls(pattern(model.geometry, reach), _order(model.geometry, reach), jax.lax.stop_gradient(kappa))
 
-    def matrix(self, linear: Linear, x: jax.Array) -> jax.Array:
+    def matrix(self, linear: Linear, x: Array) -> Array:
         """Blocks (entries, 3, 3) [N/m] of a linear map from displacements like x to forces, in the order of the
         pattern."""
         seeds = jnp.asarray(self.pattern.seeds, x.dtype)
         return self.pattern.blocks(jax.vmap(jax.vmap(linear))(seeds))
 
-    def dense(self, blocks: jax.Array) -> jax.Array:
+    def dense(self, blocks: Array) -> Array:
         """The map as one matrix (3 free, 3 free)."""
         row = self.pattern.row
         column = self.pattern.column
@@ -68,18 +69,18 @@ class Tangent:
         matrix = jnp.zeros((size, 3, size, 3), blocks.dtype)
         return matrix.at[row, :, column, :].set(blocks).reshape(3 * size, 3 * size)
 
-    def factor(self, linear: Linear, kappa: jax.Array, x: jax.Array) -> Solve:
+    def factor(self, linear: Linear, kappa: Array, x: Array) -> Solve:
         """The factored map of displacements like x, stiffened by kappa [N/m]."""
         own = jnp.asarray(self.pattern.row == self.pattern.column, x.dtype)
         stiffer = kappa * own[:, None, None] * jnp.eye(3, dtype=x.dtype)
         return self.factor_matrix(self.matrix(linear, x) + stiffer)
 
-    def factor_matrix(self, blocks: jax.Array) -> Solve:
+    def factor_matrix(self, blocks: Array) -> Solve:
         """The factored map of these blocks."""
         factor = eliminate(self.order, blocks)
         return lambda rows, transposed: solve(factor.transpose() if transposed else factor, rows)
 
-    def multiply(self, blocks: jax.Array, x: jax.Array) -> jax.Array:
+    def multiply(self, blocks: Array, x: Array) -> Array:
         """The map of these blocks at displacements x (free, 3)."""
         return scatter_add_many(self.pattern.row, apply(blocks, x[self.pattern.column]), len(x))
 
@@ -88,47 +89,47 @@ class Tangent:
 class DenseTangent:
     """The factored map for any coordinates (k,), as one matrix."""
 
-    kappa: jax.Array
+    kappa: Array
 
-    def matrix(self, linear: Linear, x: jax.Array) -> jax.Array:
+    def matrix(self, linear: Linear, x: Array) -> Array:
         return jax.vmap(linear, out_axes=1)(jnp.eye(x.size, dtype=x.dtype))
 
-    def dense(self, matrix: jax.Array) -> jax.Array:
+    def dense(self, matrix: Array) -> Array:
         return matrix
 
-    def factor(self, linear: Linear, kappa: jax.Array, x: jax.Array) -> Solve:
+    def factor(self, linear: Linear, kappa: Array, x: Array) -> Solve:
         factor = lu_factor(self.matrix(linear, x) + kappa * jnp.eye(x.size, dtype=x.dtype))
         return lambda rows, transposed: lu_solve(factor, rows, trans=int(transposed))
 
 
-def solve_linear(tangent: Tangent | DenseTangent, linear: Linear, right: jax.Array) -> jax.Array:
+def solve_linear(tangent: Tangent | DenseTangent, linear: Linear, right: Array) -> Array:
     """dr [m] with `linear(dr) = right` [N]; differentiable in both modes; NaN if there is no solution."""
     return _solve_factored(linear, tangent.factor(linear, tangent.kappa, right), right)
 
 
-def solve_matrix(tangent: Tangent, matrix: jax.Array, right: jax.Array) -> jax.Array:
+def solve_matrix(tangent: Tangent, matrix: Array, right: Array) -> Array:
     """The same for a matrix as blocks, real or complex, without free motions."""
     factor = tangent.factor_matrix(jax.lax.stop_gradient(matrix))
     return _solve_factored(partial(tangent.multiply, matrix), factor, right)
 
 
-def _solve_factored(linear: Linear, factor: Solve, right: jax.Array) -> jax.Array:
-    def solve_with(transposed: bool, matrix: Linear, b: jax.Array) -> jax.Array:
+def _solve_factored(linear: Linear, factor: Solve, right: Array) -> Array:
+    def solve_with(transposed: bool, matrix: Linear, b: Array) -> Array:
         return refine_solution(matrix, lambda left: factor(left, transposed), b)
 
     return jax.lax.custom_linear_solve(linear, right, partial(solve_with, False), partial(solve_with, True))
 
 
-def refine_solution(matrix: Linear, apply: Linear, b: jax.Array) -> jax.Array:
+def refine_solution(matrix: Linear, apply: Linear, b: Array) -> Array:
     """x of `matrix(x) = b` by `x <- x + apply(b - matrix(x))`, until the residual no longer decreases."""
     enough = 1e2 * jnp.finfo(b.dtype).eps
 
-    def keep_iterating(carry: tuple[jax.Array, ...]) -> jax.Array:
+    def keep_iterating(carry: tuple[Array, ...]) -> Array:
         x, _, change, before, count = carry
         falling = (change < 0.5 * before) | (count < 2)
         return (change > enough * jnp.max(jnp.abs(x))) & falling & (count < REFINEMENTS)
 
-    def correct(carry: tuple[jax.Array, ...]) -> tuple[jax.Array, ...]:
+    def correct(carry: tuple[Array, ...]) -> tuple[Array, ...]:
         x, left, change, _, count = carry
         dx = apply(left)
         x = x + dx
@@ -150,14 +151,14 @@ class NodeMoves:
         return Tangent.of(self.model)
 
     @property
-    def none(self) -> jax.Array:
+    def none(self) -> Array:
         """x of the reference configuration of the displacements."""
         return jnp.zeros((self.model.free_nodes, 3), self.model.dtype)
 
-    def rows(self, s: State, loads: jax.Array, x: jax.Array) -> jax.Array:
+    def rows(self, s: State, loads: Array, x: Array) -> Array:
         """Unbalanced forces [N], minus F, at the displacement x from s."""
         return unbalanced_at(self.model, s, loads, x)[0]
 
-    def move_pose(self, s: State, loads: jax.Array, x: jax.Array) -> State:
+    def move_pose(self, s: State, loads: Array, x: Array) -> State:
         """The configuration at the displacement x from s."""
         return balanced(self.model, state(self.model, s.r + x, t=s.t), loads)

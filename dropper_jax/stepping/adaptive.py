@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.model import Model, State
 from dropper_jax.residual import Stepper
@@ -64,10 +65,10 @@ class Record(NamedTuple):
         part: of a repeated step, what is done [s].
     """
 
-    length: jax.Array
-    number: jax.Array
-    repeats: jax.Array
-    part: jax.Array
+    length: Array
+    number: Array
+    repeats: Array
+    part: Array
 
     @classmethod
     def empty(cls, model: Model, most: int = MOST_STEPS) -> Record:
@@ -83,14 +84,14 @@ class Record(NamedTuple):
         """The record for a run that starts and takes the recorded steps."""
         return self._replace(number=jnp.zeros((), jnp.int32), repeats=jnp.ones((), bool))
 
-    def next_length(self, control: Control, chosen: jax.Array) -> jax.Array:
+    def next_length(self, control: Control, chosen: Array) -> Array:
         """The next step [s] in place of the chosen one."""
         left = self.length[self.number] - self.part
         divided = (self.part > 0.0) | control.rejected
         repeated = jnp.where(divided, jnp.minimum(control.wanted, left), left)
         return jnp.where(self.repeats, repeated, chosen)
 
-    def with_step(self, h: jax.Array, accepted: jax.Array) -> Record:
+    def with_step(self, h: Array, accepted: Array) -> Record:
         """The record after a step of h [s]."""
         now = self.length[self.number]
         length = jnp.where(accepted & ~self.repeats, h, now)
@@ -119,9 +120,9 @@ class Adaptive(NamedTuple):
 
     progress: Progress
     control: Control
-    refused: jax.Array
-    shortest: jax.Array
-    changed: jax.Array
+    refused: Array
+    shortest: Array
+    changed: Array
     record: Record | None = None
 
     @property
@@ -130,17 +131,17 @@ class Adaptive(NamedTuple):
         return self.progress.state
 
     @property
-    def steps_done(self) -> jax.Array:
+    def steps_done(self) -> Array:
         """Intervals done."""
         return self.progress.steps_done
 
     @property
-    def t(self) -> jax.Array:
+    def t(self) -> Array:
         """Time reached [s]."""
         return self.progress.t
 
     @property
-    def has_failed(self) -> jax.Array:
+    def has_failed(self) -> Array:
         """Whether a step failed."""
         return self.progress.has_failed
 
@@ -148,9 +149,9 @@ class Adaptive(NamedTuple):
 class Within(NamedTuple):
     """Tensions between two saved times: mean and mean square, (k, n) each; steps (k,)."""
 
-    mean: jax.Array
-    square: jax.Array
-    steps: jax.Array
+    mean: Array
+    square: Array
+    steps: Array
 
 
 class _Interval(NamedTuple):
@@ -158,9 +159,9 @@ class _Interval(NamedTuple):
 
     adaptive: Adaptive
     within: Within
-    residual: jax.Array
-    retried: jax.Array
-    bad: jax.Array
+    residual: Array
+    retried: Array
+    bad: Array
     extremes: Extremes | None
 
 
@@ -168,10 +169,10 @@ def advance_adaptively(
     stepper: Stepper,
     model: Model,
     adaptive: Adaptive,
-    dt: jax.Array,
-    accuracy: jax.Array,
+    dt: Array,
+    accuracy: Array,
     saves: int,
-    count: jax.Array | np.integer | None = None,
+    count: Array | np.integer | None = None,
     watch: Watch | None = None,
 ) -> tuple[Adaptive, tuple[Trajectory, Within]]:
     """Advance by `saves` intervals of dt [s], in steps whose local error the accuracy allows.
@@ -180,7 +181,7 @@ def advance_adaptively(
     only this number of intervals is computed, and of `saves` rows the first are filled.
     """
 
-    def save(adaptive: Adaptive, _: jax.Array | None) -> tuple[Adaptive, tuple[Trajectory, Within]]:
+    def save(adaptive: Adaptive, _: Array | None) -> tuple[Adaptive, tuple[Trajectory, Within]]:
         s = adaptive.state
         none = jnp.zeros((), jnp.int32)
         end = s.t + dt
@@ -189,7 +190,7 @@ def advance_adaptively(
         extremes = no_extremes(watch, model, s)
         start = _Interval(adaptive, within, jnp.zeros((), model.dtype), none, none, extremes)
 
-        def before_end(done: _Interval) -> jax.Array:
+        def before_end(done: _Interval) -> Array:
             return done.adaptive.t < end - ROUNDING * dt
 
         def attempt(done: _Interval) -> _Interval:
@@ -228,19 +229,17 @@ class _Tried(NamedTuple):
     """What follows a trial step: the run, with the step if it is accepted; its length, largest scaled row and fate."""
 
     adaptive: Adaptive
-    h: jax.Array
-    row: jax.Array
-    failed: jax.Array
-    accepted: jax.Array
+    h: Array
+    row: Array
+    failed: Array
+    accepted: Array
 
 
 #: A failed run continues to its end with any error.
 LAST_RESORT = 1.01
 
 
-def _try(
-    stepper: Stepper, model: Model, adaptive: Adaptive, end: jax.Array, dt: jax.Array, accuracy: jax.Array
-) -> _Tried:
+def _try(stepper: Stepper, model: Model, adaptive: Adaptive, end: Array, dt: Array, accuracy: Array) -> _Tried:
     (s, number, first_bad), control, refused, shortest, changed, record = adaptive
     stop = _next_stop(model, s.t, end, dt)
     left = stop - s.t
@@ -273,13 +272,13 @@ def _try(
     return _Tried(chosen, h, row, failed, accepted)
 
 
-def _in_the_middle(stepper: Stepper, s: State, s1: State) -> jax.Array:
+def _in_the_middle(stepper: Stepper, s: State, s1: State) -> Array:
     """Tensions (n,) [N] in the middle of a step, from those reported in this and the last one."""
     late = stepper.integrator.tension_time - 0.5
     return (1.0 - late) * s1.tension + late * s.tension if late else s1.tension
 
 
-def _next_stop(model: Model, t: jax.Array, end: jax.Array, dt: jax.Array) -> jax.Array:
+def _next_stop(model: Model, t: Array, end: Array, dt: Array) -> Array:
     """The end of the interval of dt, or a time before it at which an effect is not smooth [s].
 
     It is that time, to the last bit, if the end is the same but for rounding: effects switch there.
@@ -292,8 +291,8 @@ def _next_stop(model: Model, t: jax.Array, end: jax.Array, dt: jax.Array) -> jax
 
 
 def adaptive_step_lengths(
-    stepper: Stepper, model: Model, s: State, dt: jax.Array, intervals: int, accuracy: jax.Array, most: int = 100_000
-) -> tuple[jax.Array, jax.Array]:
+    stepper: Stepper, model: Model, s: State, dt: Array, intervals: int, accuracy: Array, most: int = 100_000
+) -> tuple[Array, Array]:
     """Lengths (most,) [s] of the steps of `intervals` of dt [s] from s that follow an accuracy, and their number.
 
     A run along these steps, `integrate(stepper, model, s, lengths[:number], number)`, has derivatives in both modes
@@ -306,16 +305,16 @@ def find_lengths(
     stepper: Stepper,
     model: Model,
     s: State,
-    dt: jax.Array,
-    intervals: int | jax.Array,
-    accuracy: jax.Array,
+    dt: Array,
+    intervals: int | Array,
+    accuracy: Array,
     most: int,
-) -> tuple[jax.Array, jax.Array, jax.Array]:
+) -> tuple[Array, Array, Array]:
     """The lengths of `adaptive_step_lengths`, their number, and whether a step failed or steps are left out."""
     adaptive = adaptive_start(stepper, model, begin(stepper, model, s))
     last = adaptive.t + intervals * dt
 
-    def before_end(carry: tuple[Any, ...]) -> jax.Array:
+    def before_end(carry: tuple[Any, ...]) -> Array:
         return (carry[0].t < last - ROUNDING * dt) & (carry[2] < most)
 
     def attempt(carry: tuple[Any, ...]) -> tuple[Any, ...]:
@@ -330,7 +329,7 @@ def find_lengths(
     return lengths, number, end.has_failed | (end.t < last - ROUNDING * dt)
 
 
-def interval_ends(length: jax.Array, dt: float | jax.Array, intervals: int) -> jax.Array:
+def interval_ends(length: Array, dt: float | Array, intervals: int) -> Array:
     """Number of steps of these lengths (most,) [s] up to the end of each of the intervals of dt [s]."""
     ends = jnp.searchsorted(jnp.cumsum(length), dt * (1.0 + jnp.arange(intervals)) * (1.0 - ROUNDING)) + 1
     return jnp.minimum(ends, len(length)).astype(jnp.int32)
@@ -340,9 +339,9 @@ def integrate_adaptively(
     stepper: Stepper,
     model: Model,
     s: State,
-    dt: float | jax.Array,
+    dt: float | Array,
     intervals: int,
-    accuracy: float | jax.Array,
+    accuracy: float | Array,
     most: int,
     checkpoint: bool = False,
     warn: bool = True,

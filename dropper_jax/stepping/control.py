@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from dropper_jax.base.numerics import safe_norm
 from dropper_jax.model import Model, State
@@ -36,14 +37,14 @@ class Interval(NamedTuple):
     """
 
     state: State
-    done: jax.Array
-    wanted: jax.Array
-    row: jax.Array
-    retried: jax.Array
-    failed: jax.Array
+    done: Array
+    wanted: Array
+    row: Array
+    retried: Array
+    failed: Array
 
     @property
-    def unfinished(self) -> jax.Array:
+    def unfinished(self) -> Array:
         """Whether the end is not reached."""
         return self.done < 1.0 - ROUNDING
 
@@ -56,8 +57,8 @@ def begin_interval(s: State) -> Interval:
 
 
 def attempt(
-    stepper: Stepper, model: Model, now: Interval, interval: jax.Array, alive: jax.Array | bool = True
-) -> tuple[Interval, jax.Array]:
+    stepper: Stepper, model: Model, now: Interval, interval: Array, alive: Array | bool = True
+) -> tuple[Interval, Array]:
     """After one more step was tried: the interval, and the fraction of it that the step advanced (0 if rejected)."""
     shortest = 0.5**stepper.halvings
     left = 1.0 - now.done
@@ -79,9 +80,7 @@ def attempt(
     return following, jnp.where(accepted, part, 0.0)
 
 
-def advance_over(
-    stepper: Stepper, model: Model, s: State, interval: jax.Array, alive: jax.Array | bool = True
-) -> Interval:
+def advance_over(stepper: Stepper, model: Model, s: State, interval: Array, alive: Array | bool = True) -> Interval:
     """The interval from s of this length [s], done.
 
     With `stepper.halvings` derivatives exist in forward mode, with the lengths of the steps held constant; without in
@@ -102,7 +101,7 @@ def advance_over(
     return end._replace(state=replace(end.state, t=s.t + interval))
 
 
-def step_failed(stepper: Stepper, model: Model, s: State, row: jax.Array) -> jax.Array:
+def step_failed(stepper: Stepper, model: Model, s: State, row: Array) -> Array:
     """Whether the step that led to `s` failed: not converged, not finite, or with constraint drift."""
     bad = ~(row <= stepper.limit(model))
     if stepper.integrator.holds_length:

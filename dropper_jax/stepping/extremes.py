@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from dropper_jax.model import Model, State
 
@@ -24,7 +25,7 @@ class Extremes(NamedTuple):
 
 
 #: Signals (m,) of a step and their time [s], from the model and the states before and after the step.
-Watch = Callable[[Model, State, State], tuple[jax.Array, jax.Array]]
+Watch = Callable[[Model, State, State], tuple[Array, Array]]
 
 
 def no_extremes(watch: Watch | None, model: Model, s: State) -> Extremes | None:

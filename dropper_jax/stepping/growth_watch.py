@@ -17,6 +17,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 from jax.flatten_util import ravel_pytree
 
 #: Times of a run at which the cotangent is measured.
@@ -30,17 +31,17 @@ MESSAGE = (
 
 
 @jax.custom_jvp
-def start_meter(leaves: list[jax.Array]) -> jax.Array:
+def start_meter(leaves: list[Array]) -> Array:
     """A meter (2,) of zeros, linked to every array with respect to which a run may be differentiated."""
     return jnp.zeros(2, leaves[0].dtype)
 
 
 @start_meter.defjvp
-def _start_meter_jvp(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[jax.Array, jax.Array]:
+def _start_meter_jvp(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Array, Array]:
     meter = start_meter(*primals)
     total = functools.reduce(operator.add, map(jnp.sum, tangents[0])).astype(meter.dtype)
 
-    def warn_of(ct: jax.Array) -> jax.Array:
+    def warn_of(ct: Array) -> Array:
         jax.debug.callback(_warn, ct)
         return jnp.zeros_like(ct)
 
@@ -48,25 +49,23 @@ def _start_meter_jvp(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tup
 
 
 @jax.custom_jvp
-def watch(r: jax.Array, meter: jax.Array, at_end: jax.Array) -> tuple[jax.Array, jax.Array]:
+def watch(r: Array, meter: Array, at_end: Array) -> tuple[Array, Array]:
     """Positions (nodes, 3) and the meter, both unchanged; at the end of a segment their cotangent is measured."""
     return r, meter
 
 
 @watch.defjvp
-def _watch_jvp(primals: tuple[jax.Array, ...], tangents: tuple[jax.Array, ...]) -> tuple[Any, Any]:
+def _watch_jvp(primals: tuple[Array, ...], tangents: tuple[Array, ...]) -> tuple[Any, Any]:
     flat, unravel = ravel_pytree(tangents[:2])
 
-    def measured(ct: jax.Array) -> jax.Array:
+    def measured(ct: Array) -> Array:
         of_r, of_meter = unravel(ct)
         return ravel_pytree((of_r, _measure(of_meter, of_r, primals[2])))[0]
 
     return watch(*primals), unravel(_linear(lambda x: x, measured, flat))
 
 
-def _linear(
-    f: Callable[[jax.Array], jax.Array], transposed: Callable[[jax.Array], jax.Array], x: jax.Array
-) -> jax.Array:
+def _linear(f: Callable[[Array], Array], transposed: Callable[[Array], Array], x: Array) -> Array:
     """f(x) (n,) of a linear map with a transpose of its own, in both modes: the two "solvers" of a linear system.
 
     Functions with a reverse rule of their own have no forward mode in JAX.
@@ -74,7 +73,7 @@ def _linear(
     return jax.lax.custom_linear_solve(lambda y: y, x, lambda _, b: f(b), lambda _, ct: transposed(ct))
 
 
-def _measure(meter: jax.Array, cotangent: jax.Array, at_end: jax.Array) -> jax.Array:
+def _measure(meter: Array, cotangent: Array, at_end: Array) -> Array:
     """The meter (..., 2) after a cotangent of positions (..., nodes, 3)."""
     size = jnp.max(jnp.abs(cotangent), axis=(-2, -1), initial=0.0)
     first = meter[..., 0]

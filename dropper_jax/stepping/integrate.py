@@ -10,6 +10,7 @@ from typing import Any, NamedTuple, TypeVar
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.backend.one_kernel import forbids_callbacks
 from dropper_jax.base.numerics import safe_norm
@@ -28,14 +29,14 @@ Rows = TypeVar("Rows")
 class Observed(NamedTuple):
     """One instant as reported: all nodes' positions and velocities (n + 1, 3), energies [J], length error [m]."""
 
-    positions: jax.Array
-    velocities: jax.Array
-    kinetic: jax.Array
-    potential: jax.Array
-    closure: jax.Array
+    positions: Array
+    velocities: Array
+    kinetic: Array
+    potential: Array
+    closure: Array
 
 
-def consistent_velocity(model: Model, s: State) -> jax.Array:
+def consistent_velocity(model: Model, s: State) -> Array:
     """Velocities (nodes, 3) [m/s] projected to the constraints, about which those of a midpoint scheme oscillate
     slightly.
 
@@ -48,9 +49,9 @@ def consistent_velocity(model: Model, s: State) -> jax.Array:
 
 def observe(
     model: Model,
-    r: jax.Array,
-    v: jax.Array,
-    t: jax.Array,
+    r: Array,
+    v: Array,
+    t: Array,
     parted: Parted | None = None,
     internal: Mapping[str, Frozen] | None = None,
 ) -> Observed:
@@ -85,14 +86,14 @@ class Trajectory(NamedTuple):
         extremes: of the watched signals over the steps since the last saved time (k, m), if signals are watched.
     """
 
-    r: jax.Array
-    v: jax.Array
-    tension: jax.Array
-    work: jax.Array
-    residual: jax.Array
-    retried: jax.Array
-    failed: jax.Array
-    first_bad: jax.Array
+    r: Array
+    v: Array
+    tension: Array
+    work: Array
+    residual: Array
+    retried: Array
+    failed: Array
+    first_bad: Array
     parted: Parted | None = None
     own: dict[str, Frozen] | None = None
     extremes: Extremes | None = None
@@ -102,16 +103,16 @@ class Progress(NamedTuple):
     """State of a run: the dynamic state, steps done, the first failed step (-1: no failure)."""
 
     state: State
-    steps_done: jax.Array
-    first_bad: jax.Array
+    steps_done: Array
+    first_bad: Array
 
     @property
-    def t(self) -> jax.Array:
+    def t(self) -> Array:
         """Time reached [s]."""
         return self.state.t
 
     @property
-    def has_failed(self) -> jax.Array:
+    def has_failed(self) -> Array:
         """Whether a step failed."""
         return self.first_bad >= 0
 
@@ -124,7 +125,7 @@ def begin(stepper: Stepper, model: Model, s: State) -> Progress:
     return Progress(s, jnp.zeros((), jnp.int32), jnp.asarray(np.int32(-1)))
 
 
-def next_progress(stepper: Stepper, model: Model, progress: Progress, dt: jax.Array) -> tuple[Progress, Interval]:
+def next_progress(stepper: Stepper, model: Model, progress: Progress, dt: Array) -> tuple[Progress, Interval]:
     """The progress after one step of dt [s], and how it was taken."""
     taken = advance_over(stepper, model, progress.state, dt, progress.first_bad < 0)
     first_bad = jnp.where(taken.failed & (progress.first_bad < 0), progress.steps_done, progress.first_bad)
@@ -132,17 +133,17 @@ def next_progress(stepper: Stepper, model: Model, progress: Progress, dt: jax.Ar
 
 
 def scan_steps(
-    advance: Callable[[Carry, Any], tuple[Carry, Rows]], carry: Carry, count: jax.Array | np.integer | int, rows: Rows
+    advance: Callable[[Carry, Any], tuple[Carry, Rows]], carry: Carry, count: Array | np.integer | int, rows: Rows
 ) -> tuple[Carry, Rows]:
     """Call `advance(carry, number)` `count` times; its results replace the first of the `rows` (capacity, ...).
 
     `count` may be traced, which `scan` does not allow: one program serves runs of any length up to the capacity.
     """
 
-    def fill(i: jax.Array, both: tuple[Carry, Rows]) -> tuple[Carry, Rows]:
+    def fill(i: Array, both: tuple[Carry, Rows]) -> tuple[Carry, Rows]:
         carry, row = advance(both[0], i)
 
-        def put(rows: jax.Array, row: jax.Array) -> jax.Array:
+        def put(rows: Array, row: Array) -> Array:
             return jax.lax.dynamic_update_index_in_dim(rows, row.astype(rows.dtype), i, axis=0)
 
         return carry, jax.tree.map(put, both[1], row)
@@ -159,10 +160,10 @@ def advance(
     stepper: Stepper,
     model: Model,
     progress: Progress,
-    dt: jax.Array,
+    dt: Array,
     saves: int,
     save_every: int = 1,
-    count: jax.Array | np.integer | None = None,
+    count: Array | np.integer | None = None,
     watch: Watch | None = None,
 ) -> tuple[Progress, Trajectory]:
     """Advance by `saves * save_every` steps of dt [s], saved every `save_every`.
@@ -171,7 +172,7 @@ def advance(
     chunks of any length, which allows progress reports and interruption.
     """
 
-    def save(carry: Progress, _: jax.Array | None) -> tuple[Progress, Trajectory]:
+    def save(carry: Progress, _: Array | None) -> tuple[Progress, Trajectory]:
         return advance_and_save(stepper, model, carry, dt, save_every, watch)
 
     if count is None:
@@ -193,10 +194,10 @@ def advance_and_save(
     stepper: Stepper,
     model: Model,
     carry: Progress,
-    dt: jax.Array,
+    dt: Array,
     save_every: int,
     watch: Watch | None = None,
-    before: jax.Array | None = None,
+    before: Array | None = None,
 ) -> tuple[Progress, Trajectory]:
     """Advance by `save_every` steps of dt [s], scalar or (save_every,), and save the result.
 
@@ -204,9 +205,7 @@ def advance_and_save(
         before: the step before each of them (save_every,) [s], 0 for none; None if all are equal.
     """
 
-    def one(
-        both: tuple[Any, ...], sizes: tuple[jax.Array | None, ...]
-    ) -> tuple[tuple[Any, ...], tuple[jax.Array, ...]]:
+    def one(both: tuple[Any, ...], sizes: tuple[Array | None, ...]) -> tuple[tuple[Any, ...], tuple[Array, ...]]:
         carry, extremes = both
         size, last = sizes
         if size is None:
@@ -243,15 +242,15 @@ class Steps(NamedTuple):
         residual, retried, failed: of each interval (k,), see `Trajectory`.
     """
 
-    length: jax.Array
-    ends: jax.Array
-    residual: jax.Array
-    retried: jax.Array
-    failed: jax.Array
+    length: Array
+    ends: Array
+    residual: Array
+    retried: Array
+    failed: Array
 
 
 def step_lengths(
-    stepper: Stepper, model: Model, s: State, dt: float | jax.Array, intervals: int, most: int | None = None
+    stepper: Stepper, model: Model, s: State, dt: float | Array, intervals: int, most: int | None = None
 ) -> Steps:
     """The steps of a run over `intervals` of dt [s], scalar or (intervals,), from s; not differentiated.
 
@@ -262,7 +261,7 @@ def step_lengths(
     if most is None:
         most = intervals + max(64, intervals // 2)
 
-    def one(carry: tuple[Any, ...], size: jax.Array) -> tuple[tuple[Any, ...], tuple[jax.Array, ...]]:
+    def one(carry: tuple[Any, ...], size: Array) -> tuple[tuple[Any, ...], tuple[Array, ...]]:
         s, number, lengths, alive = carry
 
         def try_one(now: tuple[Any, ...]) -> tuple[Any, ...]:
@@ -289,7 +288,7 @@ def integrate(
     stepper: Stepper,
     model: Model,
     s: State,
-    dt: float | jax.Array,
+    dt: float | Array,
     steps: int,
     save_every: int = 1,
     checkpoint: bool = False,
@@ -328,7 +327,7 @@ def integrate(
         before = jnp.append(0.0, dt[:-1]).reshape(saves, save_every)
     rows = sizes, before, _measured(jnp.arange(1, saves + 1), saves)
 
-    def save(carry: tuple[Any, ...], row: tuple[jax.Array | None, ...]) -> tuple[tuple[Any, ...], Trajectory]:
+    def save(carry: tuple[Any, ...], row: tuple[Array | None, ...]) -> tuple[tuple[Any, ...], Trajectory]:
         progress, meter = carry
         sizes, before, measured = row
         progress, saved = advance_and_save(stepper.plain, model, progress, sizes, save_every, before=before)
@@ -339,7 +338,7 @@ def integrate(
     return progress.state, trajectory
 
 
-def growth_meter(*differentiated: Any) -> jax.Array | None:
+def growth_meter(*differentiated: Any) -> Array | None:
     """A meter of the growth of derivatives by these trees (see `growth_watch`); None in what may not call Python."""
     if forbids_callbacks():
         return None
@@ -347,12 +346,12 @@ def growth_meter(*differentiated: Any) -> jax.Array | None:
     return start_meter([jnp.asarray(x) for x in floats])
 
 
-def _measured(number: jax.Array, last: jax.Array | int) -> jax.Array:
+def _measured(number: Array, last: Array | int) -> Array:
     """After which of the numbers 1..last the growth of derivatives is measured: `SEGMENTS` of them, from the end."""
     return (last - number) % jnp.maximum(last // SEGMENTS, 1) == 0
 
 
-def _watch_growth(s: State, meter: jax.Array | None, measured: jax.Array) -> tuple[State, jax.Array | None]:
+def _watch_growth(s: State, meter: Array | None, measured: Array) -> tuple[State, Array | None]:
     """The state and the meter (see `growth_watch`), unchanged."""
     if meter is None:
         return s, None
@@ -367,7 +366,7 @@ def along_accepted_steps(
     found: Steps,
     save_every: int,
     checkpoint: bool,
-    meter: jax.Array | None,
+    meter: Array | None,
     follows: bool = False,
 ) -> tuple[State, Trajectory]:
     """The run along known steps.
@@ -377,7 +376,7 @@ def along_accepted_steps(
             (`step_change`), and tensions are means over the interval.
     """
 
-    def take(carry: tuple[Any, ...], row: tuple[jax.Array, ...]) -> tuple[tuple[Any, ...], State]:
+    def take(carry: tuple[Any, ...], row: tuple[Array, ...]) -> tuple[tuple[Any, ...], State]:
         s, meter = carry
         h, before, measured = row
 
@@ -413,10 +412,10 @@ def along_accepted_steps(
     return last, trajectory
 
 
-def _interval_means(found: Steps, tension: jax.Array) -> jax.Array:
+def _interval_means(found: Steps, tension: Array) -> Array:
     """Means (k, n) over the intervals of the tensions (steps, n) of steps."""
 
-    def over_intervals(steps: jax.Array) -> jax.Array:
+    def over_intervals(steps: Array) -> Array:
         to_end = jnp.cumsum(steps, axis=0)[found.ends - 1]
         return jnp.diff(to_end, axis=0, prepend=jnp.zeros_like(to_end[:1]))
 
@@ -425,7 +424,7 @@ def _interval_means(found: Steps, tension: jax.Array) -> jax.Array:
 
 
 def _scan(
-    f: Callable[[Carry, Any], tuple[Carry, Rows]], start: Carry, rows: tuple[jax.Array | None, ...], checkpoint: bool
+    f: Callable[[Carry, Any], tuple[Carry, Rows]], start: Carry, rows: tuple[Array | None, ...], checkpoint: bool
 ) -> tuple[Carry, Rows]:
     """`jax.lax.scan`, with `checkpoint` in about sqrt(n) pieces that reverse mode repeats."""
     count = len(jax.tree.leaves(rows)[0])
@@ -435,7 +434,7 @@ def _scan(
     whole = count // per * per
 
     @jax.checkpoint
-    def piece(carry: Carry, rows: tuple[jax.Array | None, ...]) -> tuple[Carry, Rows]:
+    def piece(carry: Carry, rows: tuple[Array | None, ...]) -> tuple[Carry, Rows]:
         return jax.lax.scan(f, carry, rows)
 
     pieces = jax.tree.map(lambda a: a[:whole].reshape(-1, per, *a.shape[1:]), rows)

@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from dropper_jax.model import Model, State, as_parted
 from dropper_jax.residual import Stepper
@@ -19,9 +20,7 @@ STEP_CHANGES = "step_changes"
 SAME = 1e-9
 
 
-def with_step_changed(
-    stepper: Stepper, model: Model, s: State, before: jax.Array, h: jax.Array
-) -> tuple[State, jax.Array]:
+def with_step_changed(stepper: Stepper, model: Model, s: State, before: Array, h: Array) -> tuple[State, Array]:
     """The state from which a step of h [s] continues smoothly after one of `before` [s], 0 if there is none, and the
     energy that this adds [J]."""
     none = jnp.zeros((), model.dtype)
@@ -29,7 +28,7 @@ def with_step_changed(
         return s, none
     inner = as_parted(model, s.parted).with_internal_state(s.own)
 
-    def change() -> tuple[jax.Array, jax.Array]:
+    def change() -> tuple[Array, Array]:
         v = stepper.integrator.change_step(inner, s, h).v
         if not stepper.track_work:
             return v, none

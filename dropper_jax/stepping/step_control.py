@@ -26,6 +26,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.numerics import safe_norm
@@ -73,12 +74,12 @@ class Control(NamedTuple):
         speed: largest speed of a node so far [m/s].
     """
 
-    wanted: jax.Array
-    before: jax.Array
-    excess: jax.Array
-    rejected: jax.Array
-    level: jax.Array
-    speed: jax.Array
+    wanted: Array
+    before: Array
+    excess: Array
+    rejected: Array
+    level: Array
+    speed: Array
 
 
 def start_control(stepper: Stepper, model: Model, s: State) -> Control:
@@ -99,7 +100,7 @@ def start_control(stepper: Stepper, model: Model, s: State) -> Control:
     )
 
 
-def shortest_step(stepper: Stepper, model: Model) -> jax.Array:
+def shortest_step(stepper: Stepper, model: Model) -> Array:
     """The shortest step [s] that is chosen: `w^2 <= 2 EA/L (1/m_a + 1/m_b)` bounds the stiffest vibration."""
     model = jax.lax.stop_gradient(model)
     lighter = model.geometry.everywhere(1.0 / model.node_mass[:, None], None)[:, 0]
@@ -112,7 +113,7 @@ def shortest_step(stepper: Stepper, model: Model) -> jax.Array:
     return jnp.minimum(swing, axial).astype(model.dtype)
 
 
-def error_rows(stepper: Stepper, before: jax.Array) -> Filter:
+def error_rows(stepper: Stepper, before: Array) -> Filter:
     """Rows of which the matrix of a step makes the error of positions (nodes, 3) [m], as far as the step resolves it.
 
     Args:
@@ -133,8 +134,8 @@ def error_rows(stepper: Stepper, before: jax.Array) -> Filter:
 
 
 def try_step(
-    stepper: Stepper, model: Model, s: State, h: jax.Array, control: Control, accuracy: jax.Array
-) -> tuple[State, jax.Array, jax.Array]:
+    stepper: Stepper, model: Model, s: State, h: Array, control: Control, accuracy: Array
+) -> tuple[State, Array, Array]:
     """The state after a step of h [s], the largest scaled row, and the error relative to what the accuracy allows."""
     scheme = stepper.integrator
     if isinstance(scheme, Embedded):
@@ -147,14 +148,12 @@ def try_step(
     return s1, row, jnp.where(control.before > 0.0, jax.lax.stop_gradient(excess), LEAST)
 
 
-def allowed_error(accuracy: jax.Array | float, dtype: Any) -> jax.Array:
+def allowed_error(accuracy: Array | float, dtype: Any) -> Array:
     """Error of a step [m], [m/s] that schemes with an embedded estimate allow."""
     return jnp.maximum(TOLERANCE_SHARE * accuracy, TOLERANCE_ROUNDING * float(jnp.finfo(dtype).eps)).astype(dtype)
 
 
-def _compare(
-    model: Model, s: State, s1: State, h: jax.Array, error: jax.Array, control: Control, accuracy: jax.Array
-) -> jax.Array:
+def _compare(model: Model, s: State, s1: State, h: Array, error: Array, control: Control, accuracy: Array) -> Array:
     """The error of a step relative to what the accuracy allows, of second order in h, a scalar."""
     speed = jnp.maximum(control.speed, _speed(s1))
     drift = _largest(error) / h / (DRIFT * accuracy * speed)
@@ -168,7 +167,7 @@ def _compare(
     return jnp.maximum(drift, jnp.cbrt(of_tension) ** ORDER)
 
 
-def next_length(h: jax.Array, excess: jax.Array, control: Control, accepted: jax.Array) -> jax.Array:
+def next_length(h: Array, excess: Array, control: Control, accepted: Array) -> Array:
     """The next step [s] after one of h [s], which is repeated if it is not accepted; not bounded."""
     h, now = jax.lax.stop_gradient((h, jnp.clip(excess, LEAST, MOST)))
     most = jnp.where(control.rejected | ~accepted, 1.0, LONGER)
@@ -177,9 +176,7 @@ def next_length(h: jax.Array, excess: jax.Array, control: Control, accepted: jax
     return h * jnp.clip(SAFETY * jnp.where(accepted, onward, again), SHORTER, most)
 
 
-def after_step(
-    model: Model, s1: State, h: jax.Array, excess: jax.Array, wanted: jax.Array, control: Control
-) -> Control:
+def after_step(model: Model, s1: State, h: Array, excess: Array, wanted: Array, control: Control) -> Control:
     """The controller after an accepted step of h [s] to s1."""
     h, s1 = jax.lax.stop_gradient((h, s1))
     return Control(
@@ -192,15 +189,15 @@ def after_step(
     )
 
 
-def _speed(s: State) -> jax.Array:
+def _speed(s: State) -> Array:
     return _largest(s.v)
 
 
-def _largest(vectors: jax.Array) -> jax.Array:
+def _largest(vectors: Array) -> Array:
     return jnp.max(safe_norm(vectors), initial=0.0)
 
 
-def _line_maximum(geometry: Graph, values: jax.Array) -> jax.Array:
+def _line_maximum(geometry: Graph, values: Array) -> Array:
     """The largest value of the line of each link (n,). A gather: a scatter prevents a single kernel."""
     lengths = [member.links for member in geometry.members]
     starts = np.cumsum([0, *lengths[:-1]])

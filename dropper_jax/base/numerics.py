@@ -100,9 +100,9 @@ def upright(z: Array) -> Array:
 
 
 @trace_once
-def safe_norm(x: Array) -> Array:
+def safe_norm(x: Array, floor: float = 1e-30) -> Array:
     """|x| of 3-vectors (..., 3), with finite derivatives at zero (the floor is 1e-15 in |x|)."""
-    return jnp.sqrt(dot(x, x) + jnp.asarray(1e-30, x.dtype))
+    return jnp.sqrt(dot(x, x) + jnp.asarray(floor, x.dtype))
 
 
 def time_just_after(t: Array, side: float = 1.0) -> Array:

@@ -177,10 +177,10 @@ def _fill_rows(rows: Sequence[Sequence[float]], size: int) -> np.ndarray:
 def _after_jump(model: Model, s: State, track: bool) -> State:
     """The state after prescribed points took their velocities at its time; their impulse is recorded."""
     v, impulse = apply_jump(model, s.r, s.v, time_just_after(s.t))
-    if not track:
-        return replace(s, v=v)
     before = model.ends(time_just_after(s.t, -1.0))
     after = model.ends(time_just_after(s.t))
+    if not track or before.velocities is None or after.velocities is None:
+        return replace(s, v=v)
     mean = before._replace(velocities=0.5 * (before.velocities + after.velocities))
     work = s.work + book_works(model, {MOVING_ENDS: model.end_powers(impulse, mean)[MOVING_ENDS]})
     return replace(s, v=v, work=work)

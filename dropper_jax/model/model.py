@@ -42,7 +42,7 @@ MOVING_ENDS = "moving_ends"
 Forces = dict[str, Array]
 
 
-def _joined(times: Iterable[Array | None]) -> Array | None:
+def _joined(times: Iterable[Array | np.ndarray | None]) -> Array | None:
     """All times (k,) [s]; None without any."""
     found = [jnp.ravel(part) for part in times if part is not None]
     return jnp.concatenate(found) if found else None
@@ -149,9 +149,9 @@ class Model:
 
     def no_multipliers(self) -> tuple[Array, ...]:
         """Zeros in the shape of the unknowns of laws and constraints (`State.law`)."""
-        shapes = [(law.rows(self), law.components) for law in self.laws]
-        shapes += [constraint.rows(self) for constraint in self.constraints]
-        return tuple(jnp.asarray(np.zeros(shape), self.dtype) for shape in shapes)
+        laws = [np.zeros((law.rows(self), law.components)) for law in self.laws]
+        constraints = [np.zeros(constraint.rows(self)) for constraint in self.constraints]
+        return tuple(jnp.asarray(zeros, self.dtype) for zeros in (*laws, *constraints))
 
     @property
     def dtype(self) -> jnp.dtype:

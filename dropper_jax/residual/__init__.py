@@ -21,6 +21,7 @@ from dropper_jax.residual.scheme import (
 from dropper_jax.residual.step import (
     TOO_FAR,
     Filter,
+    Linear,
     Newton,
     Solver,
     Stepper,
@@ -39,6 +40,7 @@ __all__ = [
     "GRAVITY_SCALE",
     "Implicit",
     "Integrator",
+    "Linear",
     "LocalError",
     "Newton",
     "NodeRows",

@@ -54,7 +54,7 @@ def pattern(geometry: Graph, reach: int) -> Pattern:
     free = geometry.free
     inside = (geometry.first < free) & (geometry.last < free)
     links = geometry.first[inside], geometry.last[inside]
-    beside = coo_array((np.ones(np.sum(inside)), links), shape=(free, free))
+    beside = coo_array((np.ones(len(links[0])), links), shape=(free, free))
     near = (beside + beside.T + eye_array(free)).tocsr()
     far = near
     for _ in range(reach - 1):

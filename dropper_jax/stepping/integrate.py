@@ -327,7 +327,7 @@ def integrate(
         before = jnp.append(0.0, dt[:-1]).reshape(saves, save_every)
     rows = sizes, before, _measured(jnp.arange(1, saves + 1), saves)
 
-    def save(carry: tuple[Any, ...], row: tuple[Array | None, ...]) -> tuple[tuple[Any, ...], Trajectory]:
+    def save(carry: tuple[Any, ...], row: tuple[Any, ...]) -> tuple[tuple[Any, ...], Trajectory]:
         progress, meter = carry
         sizes, before, measured = row
         progress, saved = advance_and_save(stepper.plain, model, progress, sizes, save_every, before=before)

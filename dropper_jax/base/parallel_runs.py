@@ -30,14 +30,12 @@ def run_parallel(
     """
     found: list[B] = []
     with ThreadPoolExecutor(workers or available_cores()) as pool:
-        head = [one(item) for item in items[:alone]]
-        futures = [pool.submit(one, item) for item in items[alone:]]
         try:
-            for i, value in enumerate([*head, *futures]):
-                found.append(value if i < len(head) else value.result())
-                say(i + 1)
+            for run, part in ((map, items[:alone]), (pool.map, items[alone:])):
+                for value in run(one, part):
+                    found.append(value)
+                    say(len(found))
         except BaseException:
-            for future in futures:
-                future.cancel()
+            pool.shutdown(cancel_futures=True)
             raise
     return found

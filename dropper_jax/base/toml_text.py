@@ -108,20 +108,18 @@ def prose(text: str, table: bool = False) -> str:
     parts = " ".join(str(text).split()).split("`")
     if len(parts) % 2 == 0:  # a backtick without its partner
         return literal(text)
-    return "".join(_code(part, table) if i % 2 else _keep_blanks(part) for i, part in enumerate(parts))
+    for i, part in enumerate(parts):
+        if i % 2:
+            parts[i] = _code(part, table)
+        else:  # with its leading and trailing blanks
+            parts[i] = re.sub(r"\S(.*\S)?", lambda found: literal(found[0]), part)
+    return "".join(parts)
 
 
 def _code(text: str, table: bool) -> str:
     if table and "|" in text:  # readers differ on escaped bars in code, but not on this form
         return f"<code>{''.join(HTML.get(letter, letter) for letter in text)}</code>"
     return f"`{text}`"
-
-
-def _keep_blanks(text: str) -> str:
-    """Part of a text, with its leading and trailing blanks."""
-    if not text.strip():
-        return text
-    return text[: len(text) - len(text.lstrip())] + literal(text) + text[len(text.rstrip()) :]
 
 
 def html_table(title: str, rows: Iterable[tuple[str, ...]]) -> str:

@@ -25,7 +25,7 @@ from dropper_jax.residual import StepProblem, Unknowns
 from dropper_jax.solvers.coupling import Coupling
 from dropper_jax.solvers.elimination import Pair, apply, optimization_barrier
 from dropper_jax.solvers.links import LinkParts
-from dropper_jax.solvers.saddle import Saddle, Stretching
+from dropper_jax.solvers.saddle import Saddle, Stretching, factor_lines
 
 #: Unknowns of a body: positions of its corners, multipliers of its edges, and of its pin.
 BODY_COORDINATES = 12
@@ -210,10 +210,7 @@ def factor_bodies(
     (constraint,) = problem.model.constraints
     nodes = BodyNodeMap.of(problem, constraint, between)
     within, others = nodes.split(between)
-    kind = Saddle
-    if problem.model.line.axial.elastic:
-        kind = Stretching
-    kept = kind.of(nodes.rest, node[nodes.retained_nodes], links, within)
+    kept = factor_lines(problem.model, nodes.rest, node[nodes.retained_nodes], links, within)
     lines = Lines(nodes, links, kept, nodes.pad_seats(node[nodes.seats]), others)
     if nodes.seats.size:
         shares = constraint.seat_shares()

@@ -22,7 +22,7 @@ from dropper_jax.solvers.bodies import BodyFactor, factor_bodies
 from dropper_jax.solvers.coupling import coupling
 from dropper_jax.solvers.elimination import apply, inverse, multiply, optimization_barrier
 from dropper_jax.solvers.links import LinkParts
-from dropper_jax.solvers.saddle import Saddle, Stretching
+from dropper_jax.solvers.saddle import Saddle, Stretching, factor_lines
 
 #: Compliance of the friction of a sticking node relative to its inertia.
 SOFT = 1e-8
@@ -97,10 +97,7 @@ class Network(Solver):
         links = optimization_barrier(LinkParts.of(problem, u))
         if model.constraints:
             return NetworkFactor(factor_bodies(problem, u, node, links, between), law)
-        kind = Saddle
-        if model.line.axial.elastic:
-            kind = Stretching
-        return NetworkFactor(kind.of(model.geometry, node, links, between), law)
+        return NetworkFactor(factor_lines(model, model.geometry, node, links, between), law)
 
 
 def _law_blocks(problem: StepProblem, u: Unknowns) -> tuple[Array, LawBlocks]:

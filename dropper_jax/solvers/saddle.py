@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from dropper_jax.model import Graph
+from dropper_jax.model import Graph, Model
 from dropper_jax.solvers.coupling import Coupling
 from dropper_jax.solvers.elimination import (
     WIDER,
@@ -40,8 +40,7 @@ class Stretching(NamedTuple):
     nodes: Elimination
 
     @classmethod
-    def of(cls, graph: Graph, node: Array, links: LinkParts, between: Coupling | None = None) -> Stretching:
-        """From A = `node` (free, 3, 3), and its off-diagonal blocks."""
+    def of(cls, graph: Graph, node: Array, links: LinkParts, between: Coupling | None) -> Stretching:
         stiffness = links.turn - (links.force / links.compliance[:, None])[..., None] * links.gradient[:, None, :]
         diagonal = node + graph.from_first(stiffness) + graph.from_last(stiffness)
         blocks = jnp.concatenate([diagonal, -stiffness, -stiffness])
@@ -82,8 +81,7 @@ class Saddle(NamedTuple):
     groups: Elimination
 
     @classmethod
-    def of(cls, graph: Graph, node: Array, links: LinkParts, between: Coupling | None = None) -> Saddle:
-        """From A = `node` (free, 3, 3), and its off-diagonal blocks."""
+    def of(cls, graph: Graph, node: Array, links: LinkParts, between: Coupling | None) -> Saddle:
         diagonal = node + graph.from_first(links.turn) + graph.from_last(links.turn)
         if graph.free:
             size = jnp.max(jnp.abs(diagonal))
@@ -142,6 +140,14 @@ def _block(
 def _last(graph: Graph) -> np.ndarray:
     """The last link of each line."""
     return np.array([span.stop - 1 for span in graph.spans])
+
+
+def factor_lines(
+    model: Model, graph: Graph, node: Array, links: LinkParts, between: Coupling | None
+) -> Stretching | Saddle:
+    """From A = `node` (free, 3, 3), and its off-diagonal blocks."""
+    kind = Stretching if model.line.axial.elastic else Saddle
+    return kind.of(graph, node, links, between)
 
 
 @lru_cache(maxsize=64)

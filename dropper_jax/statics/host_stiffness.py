@@ -11,9 +11,8 @@ from jax import Array
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.model import Model, State
 from dropper_jax.statics.bodies import stiffness_matrix
-from dropper_jax.statics.pattern import pattern_of
 from dropper_jax.statics.rest_problem import SMALLEST, name_of, rest, soft_scale
-from dropper_jax.statics.tangent import LEFT, NodeMoves
+from dropper_jax.statics.tangent import LEFT, NodeMoves, Tangent
 
 if TYPE_CHECKING:
     from scipy.sparse import csc_array
@@ -28,7 +27,7 @@ def _blocks(model: Model, s: State, loads: Array) -> Array:
 def stiffness(model: Model, s: State, loads: Array) -> csc_array:
     """Minus the derivative of all forces by all positions (3 free, 3 free) [N/m], including drag and contact. On the
     host."""
-    return pattern_of(model).sparse(np.asarray(_blocks(model, s, loads)))
+    return Tangent.of(model).sparse(np.asarray(_blocks(model, s, loads)))
 
 
 def factor_softened(model: Model, matrix: csc_array) -> SuperLU:
@@ -81,12 +80,14 @@ def follow_parameters(
     Returns:
         the tree, whose last `count` directions are those of the parameters, and where there is no solution (count,).
     """
-    near = pattern_of(model)
-    by_position = np.concatenate([near.seeds.reshape(-1, model.free_nodes, 3), np.zeros((count, model.free_nodes, 3))])
+    tangent = Tangent.of(model)
+    free = model.free_nodes
+    seeds = tangent.seeds
+    by_position = np.concatenate([seeds.reshape(-1, free, 3), np.zeros((count, free, 3))])
     by_value = np.concatenate([np.zeros((len(by_position) - count, count)), np.eye(count)])
     rows, found = slopes(by_value, by_position)
-    blocks = near.blocks(np.asarray(rows[:-count]).reshape(near.colours, 3, -1, 3))
-    factor = factor_softened(model, near.sparse(blocks))
+    blocks = tangent.blocks(np.asarray(rows[:-count]).reshape(seeds.shape))
+    factor = factor_softened(model, tangent.sparse(blocks))
     right = rows[-count:]
     for _ in range(2):  # the second correction reduces the rounding error, and the error by the softening
         dx = factor.solve(np.asarray(rows[-count:]).reshape(count, -1).T)

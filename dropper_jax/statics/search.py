@@ -98,8 +98,8 @@ def search(model: Model, loads: Array | None, t: float, near: State | None = Non
         message = "the equilibrium found is not stable: a small displacement lowers the potential energy"
     if message and not model.line.compound:  # slack links, seabed or surface during the search
         lower = _by_descent(full, model, loads, t)
-        came_closer = lower.status != "ok" and lower.residual < residual
-        if came_closer or (lower.status == "ok" and holds(model, lower.state)):
+        better = holds(model, lower.state) if lower.status == "ok" else lower.residual < residual
+        if better:
             return lower
     return _result(full, s, residual, message)
 
@@ -109,9 +109,10 @@ def _by_descent(full: Model, model: Model, loads: Array, t: float, near: State |
     if not model.line.axial.elastic:
         model = springy(model)
     tolerance = system_tolerance(model)
-    s, residual = find_rest(model, guess(model, t) if near is None else near, loads, tolerance)
+    straight = guess(model, t)
+    s, residual = find_rest(model, near or straight, loads, tolerance)
     if not residual <= tolerance:
-        s, residual = min((s, residual), find_softened(model, guess(model, t), loads, tolerance), key=itemgetter(1))
+        s, residual = min((s, residual), find_softened(model, straight, loads, tolerance), key=itemgetter(1))
     current = model.sea is not None and model.sea.current is not None
     drifting = current and not model.constraints and bool(np.any(np.asarray(s.tension) <= 0.0))
     if residual <= tolerance and drifting:
@@ -123,12 +124,12 @@ def _by_descent(full: Model, model: Model, loads: Array, t: float, near: State |
         s, residual = find_rest(model, s, loads, tolerance)
     if not residual <= tolerance:
         return _result(full, s, residual, describe_unbalance(model, s, loads, residual, "by descent"))
-    if model.line is rigid:
-        return _result(full, s, residual)
-    model = replace(model, lines=(rigid,))
-    s, residual = _find_rigid(model, s, loads, tolerance)
-    lost = f"no equilibrium of the rigid links found: maximum scaled row {residual:.1e}"
-    return _result(full, s, residual, "" if residual <= tolerance else lost)
+    message = ""
+    if model.line is not rigid:
+        s, residual = _find_rigid(replace(model, lines=(rigid,)), s, loads, tolerance)
+        if not residual <= tolerance:
+            message = f"no equilibrium of the rigid links found: maximum scaled row {residual:.1e}"
+    return _result(full, s, residual, message)
 
 
 def _find_rigid(model: Model, near: State, loads: Array, tolerance: float) -> tuple[State, float]:

@@ -3,8 +3,8 @@
     K = -dF/dr,    K dr = dF        (F: all static forces on free nodes, including the tensions of links)
 
 K is exact: it includes drag that turns with the links, contact and wetted fractions. Its blocks come from a handful of
-directional derivatives (see `pattern`) and are eliminated in rounds (`solvers.elimination`) in O(n). If a node can move
-freely K is singular: `K + kappa` is eliminated, and the solution is refined with K itself. This gives the shortest
+directional derivatives (`Tangent.seeds`) and are eliminated in rounds (`solvers.elimination`) in O(n). If a node can
+move freely K is singular: `K + kappa` is eliminated, and the solution is refined with K itself. This gives the shortest
 solution, or NaN if the system has no solution.
 """
 
@@ -13,18 +13,23 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache, partial
+from typing import TYPE_CHECKING, TypeVar
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 from jax.scipy.linalg import lu_factor, lu_solve
 
 from dropper_jax.base.indexed_sums import scatter_add_many
 from dropper_jax.model import Graph, Model, State, state
 from dropper_jax.solvers.elimination import Order, apply, eliminate, elimination_order, solve
-from dropper_jax.statics.pattern import Pattern, pattern
-from dropper_jax.statics.rest_problem import SMALLEST, balanced, soft_scale, unbalanced_at
+from dropper_jax.statics.rest_problem import balanced, unbalanced_at
 
+if TYPE_CHECKING:
+    from scipy.sparse import csc_array
+
+AnyArray = TypeVar("AnyArray", Array, np.ndarray)
 Linear = Callable[[Array], Array]
 #: A factored map: the displacements for given forces, or of the transposed map.
 Solve = Callable[[Array, bool], Array]
@@ -35,43 +40,56 @@ REFINEMENTS = 20
 LEFT = 1e-7
 
 
-@lru_cache(maxsize=64)
-def _order(geometry: Graph, reach: int) -> Order:
-    near = pattern(geometry, reach)
-    return elimination_order(geometry.free, list(zip(near.row.tolist(), near.column.tolist(), strict=True)))
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Tangent:
-    """Layout and elimination order of the blocks of a model's K."""
+    """Layout of the blocks of K, which tell how nodal forces depend on nodes, and their elimination order.
 
-    pattern: Pattern
+    Attributes:
+        row, column: nodes of each block (entries,), row by row.
+        colour: of each column (free,); columns without a common row have the same one.
+    """
+
+    row: np.ndarray
+    column: np.ndarray
+    colour: np.ndarray
     order: Order
-    kappa: Array
 
     @classmethod
     def of(cls, model: Model) -> Tangent:
-        reach = max(model.reach, 1)
-        kappa = SMALLEST * soft_scale(model)
-        return cls(pattern(model.geometry, reach), _order(model.geometry, reach), jax.lax.stop_gradient(kappa))
+        """That of a model's static forces."""
+        return _tangent(model.geometry, max(model.reach, 1))
+
+    @property
+    def seeds(self) -> np.ndarray:
+        """Displacements (colours, 3, free, 3) [m] of the nodes of one colour along one axis."""
+        picked = self.colour == np.arange(1 + self.colour.max(initial=0))[:, None]
+        return 1.0 * picked[:, None, :, None] * np.eye(3)[None, :, None, :]
+
+    def blocks(self, answer: AnyArray) -> AnyArray:
+        """Blocks (entries, 3, 3) [N/m], from the forces (colours, 3, free, 3) [N] that answer the seeds."""
+        return answer[self.colour[self.column], :, self.row, :].swapaxes(-1, -2)
+
+    def sparse(self, blocks: np.ndarray) -> csc_array:
+        """The matrix (3 free, 3 free) [N/m] of these blocks."""
+        from scipy.sparse import bsr_array  # noqa: PLC0415
+
+        free = len(self.colour)
+        starts = np.searchsorted(self.row, np.arange(free + 1))
+        return bsr_array((blocks, self.column, starts), shape=(3 * free, 3 * free)).tocsc()
 
     def matrix(self, linear: Linear, x: Array) -> Array:
-        """Blocks (entries, 3, 3) [N/m] of a linear map from displacements like x to forces, in the order of the
-        pattern."""
-        seeds = jnp.asarray(self.pattern.seeds, x.dtype)
-        return self.pattern.blocks(jax.vmap(jax.vmap(linear))(seeds))
+        """Blocks of a linear map from displacements like x to forces."""
+        return self.blocks(jax.vmap(jax.vmap(linear))(jnp.asarray(self.seeds, x.dtype)))
 
     def dense(self, blocks: Array) -> Array:
         """The map as one matrix (3 free, 3 free)."""
-        row = self.pattern.row
-        column = self.pattern.column
-        size = len(self.pattern.colour)
+        size = len(self.colour)
         matrix = jnp.zeros((size, 3, size, 3), blocks.dtype)
-        return matrix.at[row, :, column, :].set(blocks).reshape(3 * size, 3 * size)
+        return matrix.at[self.row, :, self.column, :].set(blocks).reshape(3 * size, 3 * size)
 
     def factor(self, linear: Linear, kappa: Array, x: Array) -> Solve:
         """The factored map of displacements like x, stiffened by kappa [N/m]."""
-        own = jnp.asarray(self.pattern.row == self.pattern.column, x.dtype)
+        own = jnp.asarray(self.row == self.column, x.dtype)
         stiffer = kappa * own[:, None, None] * jnp.eye(3, dtype=x.dtype)
         return self.factor_matrix(self.matrix(linear, x) + stiffer)
 
@@ -82,14 +100,34 @@ class Tangent:
 
     def multiply(self, blocks: Array, x: Array) -> Array:
         """The map of these blocks at displacements x (free, 3)."""
-        return scatter_add_many(self.pattern.row, apply(blocks, x[self.pattern.column]), len(x))
+        return scatter_add_many(self.row, apply(blocks, x[self.column]), len(x))
 
 
-@dataclass(frozen=True)
+@lru_cache(maxsize=64)
+def _tangent(geometry: Graph, reach: int) -> Tangent:
+    """That of forces that couple nodes up to this number of links apart."""
+    from scipy.sparse import coo_array, eye_array  # noqa: PLC0415
+
+    free = geometry.free
+    inside = (geometry.first < free) & (geometry.last < free)
+    links = geometry.first[inside], geometry.last[inside]
+    beside = coo_array((np.ones(len(links[0])), links), shape=(free, free))
+    near = (beside + beside.T + eye_array(free)).tocsr()
+    far = near
+    for _ in range(reach - 1):
+        far = far @ near
+    meeting = (far.T @ far).tocsr()
+    colour = np.full(free, -1)
+    for node in range(free):
+        taken = colour[meeting.indices[meeting.indptr[node] : meeting.indptr[node + 1]]]
+        colour[node] = np.setdiff1d(np.arange(len(taken) + 1), taken)[0]
+    entries = far.tocoo()
+    order = elimination_order(free, list(zip(entries.row.tolist(), entries.col.tolist(), strict=True)))
+    return Tangent(entries.row, entries.col, colour, order)
+
+
 class DenseTangent:
     """The factored map for any coordinates (k,), as one matrix."""
-
-    kappa: Array
 
     def matrix(self, linear: Linear, x: Array) -> Array:
         return jax.vmap(linear, out_axes=1)(jnp.eye(x.size, dtype=x.dtype))
@@ -102,9 +140,9 @@ class DenseTangent:
         return lambda rows, transposed: lu_solve(factor, rows, trans=int(transposed))
 
 
-def solve_linear(tangent: Tangent | DenseTangent, linear: Linear, right: Array) -> Array:
+def solve_linear(tangent: Tangent | DenseTangent, kappa: Array, linear: Linear, right: Array) -> Array:
     """dr [m] with `linear(dr) = right` [N]; differentiable in both modes; NaN if there is no solution."""
-    return _solve_factored(linear, tangent.factor(linear, tangent.kappa, right), right)
+    return _solve_factored(linear, tangent.factor(linear, kappa, right), right)
 
 
 def solve_matrix(tangent: Tangent, matrix: Array, right: Array) -> Array:

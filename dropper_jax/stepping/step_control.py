@@ -96,7 +96,7 @@ def start_control(stepper: Stepper, model: Model, s: State) -> Control:
         excess=zero + 1.0,
         rejected=jnp.zeros((), bool),
         level=jnp.maximum(level, SMALL * largest),
-        speed=jnp.maximum(still, _speed(s)),
+        speed=jnp.maximum(still, _largest(s.v)),
     )
 
 
@@ -155,7 +155,7 @@ def allowed_error(accuracy: Array | float, dtype: Any) -> Array:
 
 def _compare(model: Model, s: State, s1: State, h: Array, error: Array, control: Control, accuracy: Array) -> Array:
     """The error of a step relative to what the accuracy allows, of second order in h, a scalar."""
-    speed = jnp.maximum(control.speed, _speed(s1))
+    speed = jnp.maximum(control.speed, _largest(s1.v))
     drift = _largest(error) / h / (DRIFT * accuracy * speed)
     links = model.links(s1.r, model.ends(s1.t))
     direction = links / safe_norm(links)[:, None]
@@ -185,12 +185,8 @@ def after_step(model: Model, s1: State, h: Array, excess: Array, wanted: Array, 
         excess=jnp.clip(excess, LEAST, MOST),
         rejected=jnp.zeros((), bool),
         level=jnp.maximum(control.level, _line_maximum(model.geometry, jnp.abs(s1.tension))),
-        speed=jnp.maximum(control.speed, _speed(s1)),
+        speed=jnp.maximum(control.speed, _largest(s1.v)),
     )
-
-
-def _speed(s: State) -> Array:
-    return _largest(s.v)
 
 
 def _largest(vectors: Array) -> Array:

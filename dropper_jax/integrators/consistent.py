@@ -33,18 +33,19 @@ class ProjectionProblem(StepProblem):
         self.model = k.model
         self.h = jnp.ones((), k.r.dtype)
         self.k, self.added = k.over(INSTANT) if added else k, added
+        self.moved: Array | None = None
+        self.force: Array | float = self.model.inertia(self.k, jnp.zeros_like(k.r)) if added else 0.0
         self.link_direction = k.links / k.line.length[:, None]
         self.rigid = k.line.axial.rigid(k.line.links)
         #: Target rate of stretch per length of rigid links, and impulses of others.
         self.aim = self.law = jnp.zeros((), k.r.dtype)
 
-    def _inertia(self, x: Array) -> Array:
-        if not self.added:
-            return self.model.nodal_inertia(x)
-        return self.model.inertia(self.k, x) - self.model.inertia(self.k, jnp.zeros_like(x))
-
     def node_rows(self, x: Array, z: PerLaw) -> NodeRows:
-        return self._inertia(x), ()
+        if self.added:
+            inertia = self.model.inertia(self.k, x, self.moved)
+        else:
+            inertia = self.model.nodal_inertia(x, self.moved)
+        return inertia - self.force, ()
 
     def link_vectors(self, x: Array) -> Array:
         """Rates of the links, for the network solver."""
@@ -69,12 +70,6 @@ class InstantProblem(ProjectionProblem):
         if not self.rigid.all():
             self.law = line.axial.tension(k.links, k.link_velocities, line.length)
             self.link_direction = jnp.where(self.rigid[:, None], self.link_direction, k.tangents)
-
-    def _inertia(self, x: Array) -> Array:
-        return self.model.inertia(self.k, x, self.moved)
-
-    def node_rows(self, x: Array, z: PerLaw) -> NodeRows:
-        return self._inertia(x) - self.force, ()
 
     def link_vectors(self, x: Array) -> Array:
         return self.model.geometry.differences(x, self.moved)

@@ -107,9 +107,7 @@ class MidpointProblem(StepProblem):
         if not self.alone:  # the last step has another length, and may go backwards
             return LinkStart(self.links0, rate)
         acceleration = model.geometry.differences(s.acceleration, self.end_acceleration)
-        lighter = model.geometry.everywhere(1.0 / model.node_mass[:, None], None)[:, 0]
-        lightness = lighter[model.geometry.first] + lighter[model.geometry.last]
-        return LinkStart(self.links0, rate, acceleration, lightness)
+        return LinkStart(self.links0, rate, acceleration, model.link_lightness)
 
     def guess(self) -> Unknowns:
         s = self.s

@@ -140,12 +140,12 @@ class Model:
     @property
     def laws(self) -> tuple[Law, ...]:
         """Effects with their own unknowns."""
-        return tuple(e for e in self.effects if isinstance(e, Law) and e.components)
+        return tuple(law for law in self.having(Law) if law.components)
 
     @property
     def constraints(self) -> tuple[HolonomicConstraint, ...]:
         """Equality constraints between nodes: rigid bodies."""
-        return tuple(e for e in self.effects if isinstance(e, HolonomicConstraint))
+        return self.having(HolonomicConstraint)
 
     def no_multipliers(self) -> tuple[Array, ...]:
         """Zeros in the shape of the unknowns of laws and constraints (`State.law`)."""
@@ -230,6 +230,12 @@ class Model:
         if self.lump is not None:
             return self.lump
         return sum((e.point_mass(self) for e in self.having(PointMass)), self.line.node_mass)
+
+    @property
+    def link_lightness(self) -> Array:
+        """Sum of 1/m of both nodes of each link (n,) [1/kg]; zero of fixed points."""
+        lighter = self.geometry.everywhere(1.0 / self.node_mass, None)
+        return lighter[self.geometry.first] + lighter[self.geometry.last]
 
     def lump_mass(self) -> Model:
         """The same with `node_mass` and the couplings between nodes computed."""

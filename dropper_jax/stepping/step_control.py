@@ -103,9 +103,7 @@ def start_control(stepper: Stepper, model: Model, s: State) -> Control:
 def shortest_step(stepper: Stepper, model: Model) -> Array:
     """The shortest step [s] that is chosen: `w^2 <= 2 EA/L (1/m_a + 1/m_b)` bounds the stiffest vibration."""
     model = jax.lax.stop_gradient(model)
-    lighter = model.geometry.everywhere(1.0 / model.node_mass[:, None], None)[:, 0]
-    stiffness = model.line.axial.stiffness(model.line.length)
-    fastest = jnp.max(2.0 * stiffness * (lighter[model.geometry.first] + lighter[model.geometry.last]))
+    fastest = jnp.max(2.0 * model.line.axial.stiffness(model.line.length) * model.link_lightness)
     swing = SWING_SHARE * 2.0 * jnp.pi * jnp.sqrt(jnp.min(model.line.length) / GRAVITY)
     if isinstance(stepper.integrator, Embedded):
         return (EMBEDDED_SHARE * swing).astype(model.dtype)

@@ -11,7 +11,7 @@ constant, up to corners that depend on a parameter.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -23,6 +23,7 @@ from dropper_jax.residual import Stepper
 from dropper_jax.stepping.control import ROUNDING, step_failed
 from dropper_jax.stepping.extremes import Extremes, Watch, no_extremes, with_step
 from dropper_jax.stepping.integrate import (
+    Loop,
     Progress,
     Steps,
     Trajectory,
@@ -314,10 +315,10 @@ def find_lengths(
     adaptive = adaptive_start(stepper, model, begin(stepper, model, s))
     last = adaptive.t + intervals * dt
 
-    def before_end(carry: tuple[Any, ...]) -> Array:
+    def before_end(carry: Loop) -> Array:
         return (carry[0].t < last - ROUNDING * dt) & (carry[2] < most)
 
-    def attempt(carry: tuple[Any, ...]) -> tuple[Any, ...]:
+    def attempt(carry: Loop) -> Loop:
         adaptive, lengths, number = carry
         end = s.t + dt * (jnp.floor((adaptive.t - s.t) / dt + ROUNDING) + 1.0)
         tried = _try(stepper, model, adaptive, end, dt, accuracy)

@@ -24,6 +24,8 @@ from dropper_jax.stepping.step_change import with_step_changed
 
 Carry = TypeVar("Carry")
 Rows = TypeVar("Rows")
+#: The state of a loop between two of its rounds.
+Loop = tuple[Any, ...]
 
 
 class Observed(NamedTuple):
@@ -205,7 +207,7 @@ def advance_and_save(
         before: the step before each of them (save_every,) [s], 0 for none; None if all are equal.
     """
 
-    def one(both: tuple[Any, ...], sizes: tuple[Array | None, ...]) -> tuple[tuple[Any, ...], tuple[Array, ...]]:
+    def one(both: Loop, sizes: tuple[Array | None, ...]) -> tuple[Loop, tuple[Array, ...]]:
         carry, extremes = both
         size, last = sizes
         if size is None:
@@ -261,10 +263,10 @@ def step_lengths(
     if most is None:
         most = intervals + max(64, intervals // 2)
 
-    def one(carry: tuple[Any, ...], size: Array) -> tuple[tuple[Any, ...], tuple[Array, ...]]:
+    def one(carry: Loop, size: Array) -> tuple[Loop, tuple[Array, ...]]:
         s, number, lengths, alive = carry
 
-        def try_one(now: tuple[Any, ...]) -> tuple[Any, ...]:
+        def try_one(now: Loop) -> Loop:
             interval, number, lengths = now
             interval, part = attempt(stepper, model, interval, size, alive)
             lengths = jax.lax.dynamic_update_index_in_dim(lengths, part * size, number, axis=0)
@@ -327,7 +329,7 @@ def integrate(
         before = jnp.append(0.0, dt[:-1]).reshape(saves, save_every)
     rows = sizes, before, _measured(jnp.arange(1, saves + 1), saves)
 
-    def save(carry: tuple[Any, ...], row: tuple[Any, ...]) -> tuple[tuple[Any, ...], Trajectory]:
+    def save(carry: Loop, row: tuple[Any, ...]) -> tuple[Loop, Trajectory]:
         progress, meter = carry
         sizes, before, measured = row
         progress, saved = advance_and_save(stepper.plain, model, progress, sizes, save_every, before=before)
@@ -376,7 +378,7 @@ def along_accepted_steps(
             (`step_change`), and tensions are means over the interval.
     """
 
-    def take(carry: tuple[Any, ...], row: tuple[Array, ...]) -> tuple[tuple[Any, ...], State]:
+    def take(carry: Loop, row: tuple[Array, ...]) -> tuple[Loop, State]:
         s, meter = carry
         h, before, measured = row
 

@@ -23,6 +23,18 @@ MASS = 100.0
 PEAK = MASS * (2 * np.pi / 0.008 * np.sqrt(2 * 9.81 * 0.2 + (9.81 * 0.008 / (2 * np.pi)) ** 2) + 9.81)
 
 
+def accepted_steps(stepper, model, start, intervals):
+    """Lengths of the steps that follow an accuracy of 1 % over intervals of 20 ms."""
+    find = jax.jit(partial(dj.adaptive_step_lengths, stepper, intervals=intervals, most=2000))
+    lengths, number = find(model, start, dt=0.02, accuracy=0.01)
+    return lengths[: int(number)]
+
+
+def stiffened(model, stiffer):
+    axial = replace(model.line.axial, EA=stiffer * model.line.axial.EA)
+    return replace(model, lines=(replace(model.line, axial=axial),))
+
+
 @pytest.fixture(scope="module")
 def followed(falling):
     return dj.simulate(falling(**CASE, accuracy=0.01))
@@ -87,12 +99,10 @@ def test_rejected_steps_leave_no_trace(falling):
     model, start = dj.build(scene)
     stepper = dj.make_stepper(model)
     run = dj.simulate(scene, accuracy=0.01)
-    lengths, number = jax.jit(partial(dj.adaptive_step_lengths, stepper, intervals=25, most=500))(
-        model, start, dt=0.02, accuracy=0.01
-    )
+    lengths = accepted_steps(stepper, model, start, 25)
     assert run.settings["refused_steps"] > 0
-    assert int(number) == run.settings["steps"]
-    last, _ = dj.integrate(stepper.plain, model, start, lengths[: int(number)], int(number))
+    assert len(lengths) == run.settings["steps"]
+    last, _ = dj.integrate(stepper.plain, model, start, lengths, len(lengths))
     np.testing.assert_allclose(last.r, run.positions[-1, 1:], atol=1e-9)
     np.testing.assert_allclose(last.work, run.work[-1], atol=1e-8 * np.abs(run.work).max())
     assert np.abs(run.work[-1]).min() > 0.0
@@ -114,11 +124,9 @@ def test_a_run_along_the_steps_of_a_release_is_the_same():
     run = dj.simulate("dropper-release-a", duration=0.4)
     model, start = dj.build("dropper-release-a")
     stepper = dj.make_stepper(model)
-    lengths, number = jax.jit(partial(dj.adaptive_step_lengths, stepper, intervals=20, most=500))(
-        model, start, dt=0.02, accuracy=0.01
-    )
-    assert int(number) == run.settings["steps"]
-    last, _ = dj.integrate(stepper.plain, model, start, lengths[: int(number)], int(number))
+    lengths = accepted_steps(stepper, model, start, 20)
+    assert len(lengths) == run.settings["steps"]
+    last, _ = dj.integrate(stepper.plain, model, start, lengths, len(lengths))
     np.testing.assert_allclose(last.r, run.positions[-1, 1:-1], atol=1e-9)
     np.testing.assert_allclose(run.balance, run.balance[0], atol=1e-12 * run.energy_scale)
 
@@ -218,17 +226,13 @@ def test_a_run_along_the_steps_taken_is_the_same_and_has_derivatives_in_both_mod
 ):
     model, start = dj.build(falling(**CASE))
     stepper = dj.make_stepper(model, track_work=False).plain
-    lengths, number = jax.jit(partial(dj.adaptive_step_lengths, stepper, intervals=25, most=2000))(
-        model, start, dt=0.02, accuracy=0.01
-    )
-    number = int(number)
-    assert number == followed.settings["steps"]
-    assert float(jnp.sum(lengths[:number])) == pytest.approx(0.5, rel=1e-12)
+    lengths = accepted_steps(stepper, model, start, 25)
+    assert len(lengths) == followed.settings["steps"]
+    assert float(jnp.sum(lengths)) == pytest.approx(0.5, rel=1e-12)
 
     def height(stiffer):
-        axial = replace(model.line.axial, EA=stiffer * model.line.axial.EA)
-        changed = replace(model, lines=(replace(model.line, axial=axial),))
-        return dj.integrate(stepper, changed, start, lengths[:number], number, checkpoint=checkpoint)[0].r[0, 2]
+        changed = stiffened(model, stiffer)
+        return dj.integrate(stepper, changed, start, lengths, len(lengths), checkpoint=checkpoint)[0].r[0, 2]
 
     run = both_modes(height)
     z, reverse, forward = (float(np.squeeze(x)) for x in run(1.0))
@@ -242,20 +246,14 @@ def test_a_run_that_finds_its_steps_in_one_program_is_the_same_and_has_derivativ
     """The steps are held constant: derivatives are those of `integrate` along their lengths."""
     model, start = dj.build(falling(**CASE))
     stepper = dj.make_stepper(model, track_work=False)
-    find = partial(dj.adaptive_step_lengths, stepper, intervals=25, most=2000)
-    lengths, number = jax.jit(find)(model, start, dt=0.02, accuracy=0.01)
-
-    def stiffened(stiffer):
-        axial = replace(model.line.axial, EA=stiffer * model.line.axial.EA)
-        return replace(model, lines=(replace(model.line, axial=axial),))
+    lengths = accepted_steps(stepper, model, start, 25)
 
     def together(stiffer):
-        last, rows = dj.integrate_adaptively(stepper, stiffened(stiffer), start, 0.02, 25, 0.01, 2000)
+        last, rows = dj.integrate_adaptively(stepper, stiffened(model, stiffer), start, 0.02, 25, 0.01, 2000)
         return last.r[0, 2], rows
 
     def along(stiffer):
-        last, _ = dj.integrate(stepper.plain, stiffened(stiffer), start, lengths[: int(number)], int(number))
-        return last.r[0, 2]
+        return dj.integrate(stepper.plain, stiffened(model, stiffer), start, lengths, len(lengths))[0].r[0, 2]
 
     (z, rows), slope = jax.jit(jax.value_and_grad(together, has_aux=True))(1.0)
     assert float(z) == pytest.approx(followed.positions[-1, 1, 2], abs=1e-9)

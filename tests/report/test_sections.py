@@ -104,4 +104,5 @@ def test_parts_stand_before_tensions_where_there_are_many_lines(made):
     assert (part["part"], part["largest"]["line"], part["largest"]["n"]) == ("drop-*", "drop-10", 110.0)
     text = markdown(found, [{}])
     assert 0 < text.index("## Parts") < text.index("## Tension")
+    assert "## Bodies" not in text
     assert "## Parts" not in markdown(report_runs({"run": hung(10)}), [{}])

@@ -27,6 +27,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 from jax.scipy.linalg import solve_triangular
 from jax.scipy.sparse.linalg import gmres
 
@@ -46,20 +47,20 @@ class LinearMotion(NamedTuple):
     """Stiffness, damping and mass in the form of the tangent, and derivatives of tensions by link vectors and their
     rates (n, 3)."""
 
-    stiffness: jax.Array
-    damping: jax.Array
-    mass: jax.Array
-    stretch: jax.Array
-    stretch_rate: jax.Array
+    stiffness: Array
+    damping: Array
+    mass: Array
+    stretch: Array
+    stretch_rate: Array
 
 
 class WaveLoads(NamedTuple):
     """Complex amplitudes by component: forces (c, free, 3) [N], tensions from moving ends (c, n) [N], and velocities of
     the water (c, free, 3) [m/s]."""
 
-    force: jax.Array
-    tension: jax.Array
-    flow: jax.Array
+    force: Array
+    tension: Array
+    flow: Array
 
 
 def _normal_points() -> tuple[np.ndarray, np.ndarray]:
@@ -94,7 +95,7 @@ def still_model(model: Model, pose: State) -> Model:
     return with_static_seabed_friction(still, pose, friction.kinetic)[0]
 
 
-def _force(model: Model, k: Kinematics, tension: jax.Array) -> jax.Array:
+def _force(model: Model, k: Kinematics, tension: Array) -> Array:
     """All forces on the nodes (free, 3) at an instant, with tensions along the links."""
     direction = model.line.axial.direction(k.links, k.links, k.links, model.line.length)
     return model.force(k) + model.tension_force(tension, direction)
@@ -107,7 +108,7 @@ def linearise(still: Model, pose: State) -> LinearMotion:
     none = jnp.zeros_like(pose.r)
     ends = still.ends(pose.t)
 
-    def rows(x: jax.Array, v: jax.Array, a: jax.Array) -> jax.Array:
+    def rows(x: Array, v: Array, a: Array) -> Array:
         k = still.instant(pose.r + x, v, pose.t, ends)
         return still.inertia(k, a) - _force(still, k, still.tension_by_law(k))
 
@@ -132,8 +133,8 @@ def wave_loads(model: Model, pose: State, waves: Waves) -> WaveLoads:
     """The loads of all components; the model is without waves."""
     still = jnp.zeros_like(pose.r)
 
-    def of(component: Waves, later: jax.Array) -> tuple[jax.Array, ...]:
-        def loads(amplitude: jax.Array) -> tuple[jax.Array, ...]:
+    def of(component: Waves, later: Array) -> tuple[Array, ...]:
+        def loads(amplitude: Array) -> tuple[Array, ...]:
             sea = replace(model.sea, waves=replace(component, amplitude=amplitude, phase=component.phase + later))
             moved = replace(model, sea=sea)
             k = moved.instant(pose.r, still, pose.t)
@@ -160,14 +161,12 @@ def dragging_effects(still: Model) -> tuple[Model, Model]:
     return replace(still, effects=wet), replace(still, effects=other)
 
 
-def linear_drag(
-    dragging: tuple[Model, Model], pose: State, v: jax.Array, flow: jax.Array
-) -> tuple[jax.Array, jax.Array]:
+def linear_drag(dragging: tuple[Model, Model], pose: State, v: Array, flow: Array) -> tuple[Array, Array]:
     """D (2, free, 3, 3) of the water and of the other effects, and the change of the mean force (free, 3), for complex
     velocities (c, free, 3)."""
     points, weights = (jnp.asarray(x) for x in _normal_points())
 
-    def of(model: Model, velocity: jax.Array) -> tuple[jax.Array, jax.Array]:
+    def of(model: Model, velocity: Array) -> tuple[Array, Array]:
         ends = model.ends(pose.t)
         covariance = 0.5 * jnp.einsum("cni,cnj->nij", velocity, velocity.conj()).real
         # the root of a covariance of plane motion needs a small one in the third direction
@@ -176,7 +175,7 @@ def linear_drag(
         force = lambda x: model.force(model.instant(pose.r, x, pose.t, ends))  # noqa: E731
         at_rest, linear = jax.linearize(force, jnp.zeros_like(pose.r))
 
-        def beyond(z: jax.Array) -> jax.Array:
+        def beyond(z: Array) -> Array:
             x = root @ z
             return force(x) - at_rest - linear(x)
 
@@ -189,26 +188,26 @@ def linear_drag(
     return jnp.stack([water, other]), shift + more
 
 
-def tension_changes(model: Model, linear: LinearMotion, x: jax.Array, v: jax.Array) -> jax.Array:
+def tension_changes(model: Model, linear: LinearMotion, x: Array, v: Array) -> Array:
     """Changes of the tensions (k, n) [N] at displacements and velocities (k, free, 3)."""
     links = jax.vmap(lambda y: model.rates(y, None))
     return jnp.sum(linear.stretch * links(x) + linear.stretch_rate * links(v), axis=-1)
 
 
-def respond(model: Model, linear: LinearMotion, drag: jax.Array, loads: WaveLoads, omega: jax.Array) -> jax.Array:
+def respond(model: Model, linear: LinearMotion, drag: Array, loads: WaveLoads, omega: Array) -> Array:
     """Displacements (c, free, 3) by the full equations."""
     tangent = Tangent.of(model)
     times = lambda d, x: jnp.einsum("nij,...nj->...ni", d, x)  # noqa: E731
     extra = tangent.matrix(partial(times, drag[0] + drag[1]), jnp.zeros_like(loads.force[0].real))
 
-    def solve(w: jax.Array, b: jax.Array) -> jax.Array:
+    def solve(w: Array, b: Array) -> Array:
         matrix = linear.stiffness + 1j * w * (linear.damping + extra) - w**2 * linear.mass
         return solve_matrix(tangent, matrix, b)
 
     return jax.vmap(solve)(omega, loads.force + times(drag[0], loads.flow))
 
 
-def static_shift(model: Model, linear: LinearMotion, omega: jax.Array, force: jax.Array) -> jax.Array:
+def static_shift(model: Model, linear: LinearMotion, omega: Array, force: Array) -> Array:
     """Displacement (free, 3) under a constant force."""
     return solve_matrix(Tangent.of(model), static_matrix(linear, omega), force)
 
@@ -217,20 +216,20 @@ def static_shift(model: Model, linear: LinearMotion, omega: jax.Array, force: ja
 BED_STIFFNESS = 1e-4
 
 
-def static_matrix(linear: LinearMotion, omega: jax.Array) -> jax.Array:
+def static_matrix(linear: LinearMotion, omega: Array) -> Array:
     return linear.stiffness + BED_STIFFNESS * jnp.min(omega) ** 2 * linear.mass
 
 
 def iterate_drag(
-    drag_of: Callable[[jax.Array, jax.Array], tuple[jax.Array, jax.Array]], start: jax.Array, tolerance: float
-) -> tuple[jax.Array, jax.Array, jax.Array]:
+    drag_of: Callable[[Array, Array], tuple[Array, Array]], start: Array, tolerance: float
+) -> tuple[Array, Array, Array]:
     """D with `drag_of(D, number of the iteration) = D`, the change of the mean force, and the last relative change
     of D."""
 
-    def keep_iterating(carry: tuple[jax.Array, ...]) -> jax.Array:
+    def keep_iterating(carry: tuple[Array, ...]) -> Array:
         return (carry[2] > tolerance) & (carry[3] < 60)
 
-    def correct(carry: tuple[jax.Array, ...]) -> tuple[jax.Array, ...]:
+    def correct(carry: tuple[Array, ...]) -> tuple[Array, ...]:
         drag, _, _, count, share, before = carry
         after, shift = drag_of(drag, count)
         left = after - drag
@@ -246,17 +245,17 @@ def iterate_drag(
     return drag, shift, change
 
 
-def no_drag(pose: State) -> jax.Array:
+def no_drag(pose: State) -> Array:
     """D = 0."""
     return jnp.zeros((2, *pose.r.shape, 3))
 
 
-def _krylov(linear: Linear, b: jax.Array) -> jax.Array:
+def _krylov(linear: Linear, b: Array) -> Array:
     """The solution of `linear(x) = b`; a change of D changes itself by less than its size, so GMRES needs few steps."""
     return gmres(linear, b, tol=1e-12, restart=60, maxiter=4, solve_method="batched")[0]
 
 
-def tension_deviation(model: Model, pose: State) -> tuple[jax.Array, jax.Array]:
+def tension_deviation(model: Model, pose: State) -> tuple[Array, Array]:
     """Mean and standard deviation of all tensions (n,) [N] in the irregular waves of the model, by the full equations.
 
     Differentiable in model and configuration, forward and reverse: the linearised drag D = g(D) has the derivative
@@ -281,7 +280,7 @@ def tension_deviation(model: Model, pose: State) -> tuple[jax.Array, jax.Array]:
     of_waves = wave_loads(still, pose, waves)
     rate = 1j * waves.omega[:, None, None]
 
-    def drag_of(drag: jax.Array, number: jax.Array | None = None) -> tuple[jax.Array, jax.Array]:
+    def drag_of(drag: Array, number: Array | None = None) -> tuple[Array, Array]:
         x = respond(still, linear, drag, of_waves, waves.omega)
         if number is not None:
             x = jnp.where(number > 0, x, 0.0)

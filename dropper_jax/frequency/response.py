@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 from numpy.typing import ArrayLike
 
 from dropper_jax.base.errors import SceneError
@@ -237,7 +238,7 @@ def _end_links(scene: Scene) -> np.ndarray:
 SPRING_STRETCH = 1e-4
 
 
-def _with_springs(model: Model, pose: Equilibrium, loads: jax.Array) -> tuple[Model, Equilibrium]:
+def _with_springs(model: Model, pose: Equilibrium, loads: Array) -> tuple[Model, Equilibrium]:
     """The model with springs for rigid links, and its equilibrium."""
     stiffness = jnp.full(pose.tension.shape, jnp.max(jnp.asarray(pose.tension)) / SPRING_STRETCH)
     model = with_axial(model, model.line.axial.springs(stiffness))

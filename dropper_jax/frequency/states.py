@@ -11,6 +11,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.frequency.linear_waves import (
@@ -35,25 +36,25 @@ from dropper_jax.statics.tangent import Tangent
 class _Basis(NamedTuple):
     """Motions (m, free, 3), the matrices (m, m) along them, and tensions (m, n) by displacement and speed."""
 
-    motions: jax.Array
-    soft: jax.Array
-    stiffness: jax.Array
-    damping: jax.Array
-    mass: jax.Array
-    tension: jax.Array
-    tension_rate: jax.Array
+    motions: Array
+    soft: Array
+    stiffness: Array
+    damping: Array
+    mass: Array
+    tension: Array
+    tension_rate: Array
 
 
 class SolvedStates(NamedTuple):
     """A state: amplitudes at the picked links (c, picked) [N] and nodes (c, picked, 3) [m], standard deviation and mean
     shift of all tensions (n,) [N], D (2, free, 3, 3) [N s/m] of water and other effects, its last relative change."""
 
-    tension: jax.Array
-    motion: jax.Array
-    deviation: jax.Array
-    shift: jax.Array
-    drag: jax.Array
-    change: jax.Array
+    tension: Array
+    motion: Array
+    deviation: Array
+    shift: Array
+    drag: Array
+    change: Array
 
 
 #: Change of the linearised drag in an iteration, over its size, at which it has converged.
@@ -71,15 +72,15 @@ def _chunk_loads(still: Model, pose: State, waves: Waves) -> WaveLoads:
 
 
 @cached_jit()
-def _fixed_drag(dragging: tuple[Model, Model], pose: State, flow: jax.Array) -> tuple[jax.Array, jax.Array]:
+def _fixed_drag(dragging: tuple[Model, Model], pose: State, flow: Array) -> tuple[Array, Array]:
     """D and the mean force of nodes that do not move."""
     return linear_drag(dragging, pose, jnp.zeros_like(flow), flow)
 
 
 @cached_jit()
 def _amplitudes(
-    still: Model, linear: LinearMotion, drag: jax.Array, constant: jax.Array, loads: WaveLoads, omega: jax.Array
-) -> tuple[jax.Array, jax.Array]:
+    still: Model, linear: LinearMotion, drag: Array, constant: Array, loads: WaveLoads, omega: Array
+) -> tuple[Array, Array]:
     """By the full equations: displacements per component and under a constant force (c + 1, free, 3), tensions (c,
     n)."""
     x = respond(still, linear, drag, loads, omega)
@@ -88,11 +89,11 @@ def _amplitudes(
 
 
 @cached_jit()
-def _project_basis(still: Model, linear: LinearMotion, motions: jax.Array, omega: jax.Array) -> _Basis:
+def _project_basis(still: Model, linear: LinearMotion, motions: Array, omega: Array) -> _Basis:
     """The basis of these motions (m, free, 3); `omega`: of all states."""
     flat = motions.reshape(motions.shape[0], -1)
 
-    def project(matrix: jax.Array) -> jax.Array:
+    def project(matrix: Array) -> Array:
         return flat @ jax.vmap(partial(Tangent.of(still).multiply, matrix))(motions).reshape(flat.shape).T
 
     none = jnp.zeros_like(motions)
@@ -106,27 +107,27 @@ def _solve_chunk(
     dragging: tuple[Model, Model],
     pose: State,
     basis: _Basis,
-    picked: tuple[jax.Array, jax.Array],
+    picked: tuple[Array, Array],
     loads: WaveLoads,
-    omega: jax.Array,
+    omega: Array,
 ) -> SolvedStates:
     """Several states in the basis, one after another; `picked` are links and nodes."""
     links, nodes = picked
     parts = basis.motions
     along = lambda d: jnp.einsum("ani,nij,bnj->ab", parts, d, parts)  # noqa: E731
 
-    def solve(state: tuple[WaveLoads, jax.Array]) -> SolvedStates:
+    def solve(state: tuple[WaveLoads, Array]) -> SolvedStates:
         loads, omega = state
         rate = 1j * omega[:, None]
         w = omega[:, None, None]
         push = jnp.einsum("ani,cni->ca", parts, loads.force)
 
-        def motions(drag: jax.Array) -> jax.Array:
+        def motions(drag: Array) -> Array:
             right = push + jnp.einsum("ani,nij,cnj->ca", parts, drag[0], loads.flow)
             matrix = basis.stiffness + 1j * w * (basis.damping + along(drag[0] + drag[1])) - w**2 * basis.mass
             return jnp.linalg.solve(matrix, right[..., None])[..., 0]
 
-        def drag_of(drag: jax.Array, number: jax.Array) -> tuple[jax.Array, jax.Array]:
+        def drag_of(drag: Array, number: Array) -> tuple[Array, Array]:
             q = jnp.where(number > 0, motions(drag), 0.0)  # at first the drag of nodes that do not move
             return linear_drag(dragging, pose, jnp.tensordot(rate * q, parts, 1), loads.flow)
 
@@ -240,7 +241,7 @@ def _basis_motions(still: Model, linear: LinearMotion, shapes: np.ndarray, omega
 
 
 @cached_jit()
-def _sizes(still: Model, linear: LinearMotion, shapes: jax.Array) -> tuple[jax.Array, jax.Array]:
+def _sizes(still: Model, linear: LinearMotion, shapes: Array) -> tuple[Array, Array]:
     """Displacements of the nodes times the roots of their masses (k, 3 free), and tensions over their roots of
     stiffness (k, n)."""
     moved = shapes * jnp.sqrt(still.node_mass)[:, None]

@@ -1,7 +1,7 @@
 """The paper's cases and a driven chain in MoorDyn v2 and here: motions, tensions, conventions, and speed on one thread.
 
     python benchmarks/against_moordyn.py [--only case_4|cases|step_sizes|schemes|speed|peaks]
-        [--peaks hard|case_1|case_3]
+        [--peaks hard|case_1|case_3|edulis]
 
 Needs the extra `moordyn`; takes about 15 minutes, a few more with the explicit schemes,
 an hour more with peaks, of which `--peaks` measures one scene.

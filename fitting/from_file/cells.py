@@ -63,15 +63,14 @@ def read_cells(path: Path) -> Cells:
     before: list[list[str]] = []
     comments = []
     for line, row in zip(lines, rows, strict=True):
-        if is_sample(row, comma) and len(row) == width:
+        if len(row) == width and is_sample(row, comma):
             samples.append(row)
             continue
         comments.append(line.strip())
         if not samples and not line.lstrip().startswith("#"):
             before.append(row)
-    columns = list(zip(*samples, strict=True))
-    values = np.array([[number(cell, comma) for cell in column] for column in columns]).T
-    clock = tuple(any(CLOCK.fullmatch(cell.strip()) for cell in column[:10]) for column in columns)
+    values = np.array([number(cell, comma) for row in samples for cell in row]).reshape(-1, width)
+    clock = tuple(any(CLOCK.fullmatch(cell.strip()) for cell in column) for column in zip(*samples[:10], strict=True))
     return Cells(path.name, tuple(comments), names_of(before, width), values, clock)
 
 
@@ -129,14 +128,12 @@ def separator_of(file: str, lines: Sequence[str]) -> tuple[str | None, bool]:
 
 def check_commas(file: str, rows: Sequence[Sequence[str]]) -> None:
     """Reject decimal commas between columns separated by commas: `0,016,12,5`."""
-    pairs = [row for row in rows if len(row) >= 4 and len(row) % 2 == 0]
-    integers = []
-    for row in pairs:
-        integers.append(all(re.fullmatch(r"\s*[+-]?\d+\s*", cell) for cell in row))
-    padded = []
-    for row in pairs:
-        padded.append(any(cell.strip().startswith("0") and len(cell.strip()) > 1 for cell in row[1::2]))
-    if len(pairs) == len(rows) and all(integers) and np.mean(padded) > 0.1:
+    padded = 0
+    for row in rows:
+        if len(row) < 4 or len(row) % 2 or not all(re.fullmatch(r"\s*[+-]?\d+\s*", cell) for cell in row):
+            return
+        padded += any(re.match(r"\s*0\d", cell) for cell in row[1::2])
+    if padded > 0.1 * len(rows):
         raise SceneError(
             f"{file}: decimal commas in a file with comma-separated columns. Use semicolons between columns"
         )
@@ -186,9 +183,8 @@ def names_of(before: Sequence[Sequence[str]], width: int) -> tuple[str, ...]:
     """
     heads = []
     for row in before:
-        if len(row) in (width, width - 1, width + 1):
-            heads.append([cell.strip().strip('"') for cell in row])
-    heads = [[*row, *[""] * width][:width] for row in heads]
+        if abs(len(row) - width) <= 1:
+            heads.append([cell.strip().strip('"') for cell in [*row, ""][:width]])
     if not heads:
         return tuple(f"column_{i + 1}" for i in range(width))
     last = heads[-1]
@@ -204,9 +200,7 @@ def names_of(before: Sequence[Sequence[str]], width: int) -> tuple[str, ...]:
     found = []
     for i, (above, name) in enumerate(zip(groups, last, strict=True)):
         group = above or group
-        text = name
-        if group and group != name:
-            text = f"{group} {name}".strip()
+        text = name if name == group else f"{group} {name}".strip()
         found.append(text or f"column_{i + 1}")
     return tuple(found)
 

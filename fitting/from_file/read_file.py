@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +14,7 @@ from fitting.from_file.angles import read_angles
 from fitting.from_file.cells import Cells, read_cells
 from fitting.from_file.clock import ordered_rows, unit_of_time
 from fitting.from_file.columns import Columns, find_columns
+from fitting.from_file.motion import Motion
 from fitting.from_file.points import read_points
 from fitting.from_file.swing import Swing, find_swing, gravity_of_last_link, main_period
 from fitting.from_file.thinning import thin
@@ -83,18 +84,6 @@ class Measured:
     scaled: bool
     open_end: bool
     notes: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class Motion:
-    """Angles (k, n) [rad] at times (k,) in the file's unit; of points the start of the last link (k,) and the lengths
-    of the links (n,) in the file's unit of length."""
-
-    t: np.ndarray
-    theta: np.ndarray
-    joint: np.ndarray | None = None
-    lengths: np.ndarray | None = None
-    notes: tuple[str, ...] = field(default=())
 
 
 def read_measured(path: str | Path, given: Given = NOTHING, links: int | None = None) -> Measured:
@@ -169,13 +158,10 @@ def thinned(trace: Trace, fastest: float) -> tuple[Trace, list[str]]:
 
 
 def motion_of(cells: Cells, columns: Columns, t: np.ndarray, values: np.ndarray, given: Given) -> Motion:
-    """Angles of the columns' values (k, columns)."""
+    """The motion by the columns' values (k, columns)."""
     if columns.points:
-        points = np.stack([values[:, 2 * i] + 1j * values[:, 2 * i + 1] for i in range(len(columns.points))])
-        links = read_points(cells.file, points)
-        return Motion(t, links.theta, links.joint, links.lengths, links.notes)
-    angles = read_angles(cells.file, t, values, given.unit or columns.angle_unit, given.counts)
-    return Motion(angles.t, angles.theta, notes=angles.notes)
+        return read_points(cells.file, t, values[:, ::2].T + 1j * values[:, 1::2].T)
+    return read_angles(cells.file, t, values, given.unit or columns.angle_unit, given.counts)
 
 
 def cut_span(trace: Trace, given: Given) -> Trace:

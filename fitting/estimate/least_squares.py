@@ -225,13 +225,15 @@ def fit_starts(problem: Problem, values: np.ndarray, starts: Starts, iterations:
     return starts, evaluation
 
 
-#: Maximum evaluations when a solution continues with other noise.
+#: Maximum evaluations when a solution continues with other noise or finer steps.
 CONTINUED = 12
 
 
-def continue_windows(point: Solution, iterations: int = CONTINUED, progress: Progress = silent) -> Solution:
-    """Continue from a solution of separate windows with its own problem, whose noise may have changed."""
-    return descend(Objective(point.problem), point, iterations, progress=progress)
+def continue_fit(point: Solution, iterations: int = CONTINUED, progress: Progress = silent) -> Solution:
+    """Continue from a solution, whose windows are separate or joined, with its own problem, whose noise or steps may
+    have changed."""
+    found = descend(level_of(point.problem, point.gap_weight), point, iterations, progress=progress)
+    return replace(found, evidence=point.evidence)
 
 
 class Point(NamedTuple):
@@ -307,7 +309,8 @@ class DampedSteps:
             self.damping = max(10 * self.damping, 1e-3)
         if near or self.damping >= LARGEST_DAMPING:
             self.why = ""
-        self.why = self.why if near else failure or self.why
+        if not near:
+            self.why = failure or self.why
         return None
 
 

@@ -7,7 +7,6 @@ import os
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 from functools import partial
 from itertools import product
 from typing import Any, NamedTuple
@@ -92,8 +91,9 @@ class Simulator:
     ) -> None:
         self.model = model
         self.parameters = tuple(parameters)
-        self.release = release and replace(release)  # its poses belong to one model and one list of parameters
+        self.release = release
         self.compiled = (*self.parameters, *more)
+        self._released = release and release.static_poses(model, self.compiled)
         self.stepper = stepper or choose_stepper(model)
         self.freedoms = 2 * planar.freedoms(model)
         self.tangents = tangents or max(self.freedoms + len(self.parameters), 1)
@@ -167,7 +167,7 @@ class Simulator:
         asked = values.copy()
         values, _ = self.all_values(values)
         if self.release:
-            inputs = self.release.release_inputs(self.model, self.compiled, values, inputs, windows)
+            inputs = self.release.release_inputs(self._released, values, inputs, windows)
         found = self._run(values, inputs, windows, self._plain)
         if self._plain and found.failed.any():
             again = np.flatnonzero(found.failed)
@@ -183,41 +183,42 @@ class Simulator:
     def _run(self, values: np.ndarray, inputs: Sequence[np.ndarray], windows: Windows, plain: bool) -> Evaluation:
         """Inputs of all or some of the windows, each run by itself."""
         slots = windows.theta.shape[1]
-        key, program = self._program(self._key(windows, plain), values, inputs)
-        padded = list(inputs)
+        key = self._key(windows, plain)
+        inputs = list(inputs)
         for i in range(len(inputs))[SAMPLES]:
             others = [(0, 0)] * (inputs[i].ndim - 2)
-            padded[i] = np.pad(inputs[i], [(0, 0), (0, key.slots - slots), *others])
+            inputs[i] = np.pad(inputs[i], [(0, 0), (0, key.slots - slots), *others])
+        if key not in self._programs:
+            self._programs[key] = self._compile(key, values, inputs)
+        program = self._programs[key]
         substeps = np.int32(windows.substeps)
         seeds = self._seeds()
-        jobs = list(product(seeds, range(len(inputs[0]))))
+        jobs = list(product(seeds, zip(*inputs, strict=True)))
 
-        def run(job: tuple[np.ndarray, int]) -> list[np.ndarray]:
-            directions, k = job
-            own = [a[k] for a in padded]
+        def run(job: tuple[np.ndarray, tuple[np.ndarray, ...]]) -> list[np.ndarray]:
+            directions, own = job
             return [np.asarray(a) for a in program(values, directions, substeps, own[COUNT], *own)]
 
         # the compiled program releases the interpreter lock, so that threads use all cores
         with ThreadPoolExecutor(min(len(jobs), os.cpu_count() or 1)) as pool:
             parts = list(pool.map(run, jobs))
-        count = len(inputs[0])
-        blocks = [[np.stack(a) for a in zip(*parts[i : i + count], strict=True)] for i in range(0, len(parts), count)]
         columns = self.freedoms + len(self.parameters)
         whole = []
-        for i, field in enumerate(Evaluation._fields):
-            found = blocks[0][i]
+        for field, rows in zip(Evaluation._fields, zip(*parts, strict=True), strict=True):
+            blocks = np.split(np.stack(rows), len(seeds))
+            found = blocks[0]
             if field.endswith("jacobian"):
-                found = np.concatenate([block[i] for block in blocks], axis=-1)[..., :columns]
-                found = np.pad(found, [(0, 0)] * (found.ndim - 1) + [(0, columns - found.shape[-1])])
+                known = np.concatenate(blocks, axis=-1)[..., :columns]
+                found = np.zeros((*known.shape[:-1], columns))
+                found[..., : known.shape[-1]] = known
             whole.append(found[:, :slots] if field in ("theta", "residual", "jacobian") else found)
         return Evaluation(*whole)
 
     def _seeds(self) -> list[np.ndarray]:
         """Directions (tangents, m2 + compiled) of the derivatives, in as many blocks as starts and parameters need."""
-        more = []
+        columns = np.arange(self.freedoms)
         if not self.starts_only:
-            more = self.freedoms + self._where()
-        columns = np.concatenate([np.arange(self.freedoms), more]).astype(int)
+            columns = np.append(columns, self.freedoms + self._where())
         blocks = -(-len(columns) // self.tangents)
         seeds = np.zeros((blocks * self.tangents, self.freedoms + len(self.compiled)))
         seeds[np.arange(len(columns)), columns] = 1.0
@@ -231,36 +232,26 @@ class Simulator:
         return self._model[1]
 
     def _key(self, windows: Windows, plain: bool) -> Key:
+        """Key of a program that serves such windows: of one that is compiled, otherwise of a new one."""
         on_grid = self.release is None and not losses(self.compiled) and not windows.fraction.any()
-        return Key(plain, windows.dt, on_grid, windows.steps, windows.theta.shape[1])
-
-    def _program(
-        self, requested: Key, values: np.ndarray, inputs: Sequence[np.ndarray]
-    ) -> tuple[Key, jax.stages.Compiled]:
-        """A program that serves such windows, compiled if necessary, and its key."""
-        for key, program in self._programs.items():
+        size = (windows.steps, windows.theta.shape[1])
+        requested = Key(plain, windows.dt, on_grid, *size)
+        for key in self._programs:
             if key.serves(requested):
-                return key, program
+                return key
+        if isinstance(self.stepper.integrator, Embedded):  # these need all their steps in advance
+            return requested
+        return Key(plain, windows.dt, on_grid, *map(max, size, self.capacity))
+
+    def _compile(self, key: Key, values: np.ndarray, inputs: Sequence[np.ndarray]) -> jax.stages.Compiled:
+        """The program of a key, for windows with such inputs."""
         started = time.perf_counter()
-        key = requested
-        if not isinstance(self.stepper.integrator, Embedded):  # these need all their steps in advance
-            key = requested._replace(
-                steps=max(requested.steps, self.capacity[0]), slots=max(requested.slots, self.capacity[1])
-            )
-        stepper = self.stepper
-        if key.plain:
-            stepper = self.stepper.plain
+        stepper = self.stepper.plain if key.plain else self.stepper
         one = partial(self.window, stepper=stepper, dt=key.dt, capacity=key.steps, on_grid=key.on_grid)
-        like = []
-        for i, a in enumerate(inputs):
-            shape = a.shape[1:]
-            if i in range(len(inputs))[SAMPLES]:
-                shape = (key.slots, *shape[1:])
-            like.append(jax.ShapeDtypeStruct(shape, jax.dtypes.canonicalize_dtype(a.dtype)))
+        like = [jax.ShapeDtypeStruct(a.shape[1:], jax.dtypes.canonicalize_dtype(a.dtype)) for a in inputs]
         count = jax.ShapeDtypeStruct((), jnp.int32)
-        seeds = jax.ShapeDtypeStruct(
-            (self.tangents, self.freedoms + len(self.compiled)), jax.dtypes.canonicalize_dtype(float)
-        )
+        directions = (self.tangents, self.freedoms + len(self.compiled))
+        seeds = jax.ShapeDtypeStruct(directions, jax.dtypes.canonicalize_dtype(float))
         known_by = {
             "key": tuple(key),
             "stepper": stepper,
@@ -270,10 +261,9 @@ class Simulator:
             "freedoms": self.freedoms,
             "tangents": self.tangents,
         }
-        arguments = (values, seeds, count, count, *like)
-        self._programs[key] = compile_program(Simulator.window, known_by, arguments, one, kernel=True)
+        program = compile_program(Simulator.window, known_by, (values, seeds, count, count, *like), one, kernel=True)
         self.compile_s += time.perf_counter() - started
-        return key, self._programs[key]
+        return program
 
     def window(
         self,

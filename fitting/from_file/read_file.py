@@ -112,9 +112,9 @@ def read_measured(path: str | Path, given: Given = NOTHING, links: int | None = 
         named = "frames"
     second, how = unit_of_time(cells.file, motion.t, period, named, given.rate or columns.rate, name)
     # dates in seconds since 1970 lose digits
-    start = 0.0
-    if abs(second * rows.start) < LATE:
-        start = second * rows.start
+    start = second * rows.start
+    if abs(start) >= LATE:
+        start = 0.0
     times = start + second * motion.t
     period = second * period
     count = motion.theta.shape[1]
@@ -148,13 +148,10 @@ def read_measured(path: str | Path, given: Given = NOTHING, links: int | None = 
 def thinned(trace: Trace, fastest: float) -> tuple[Trace, list[str]]:
     """The trace with as many rows as a motion of this shortest period [s] needs, and a note if rows were left out."""
     t, theta, many = thin(trace.t, trace.theta, fastest)
-    found = replace(trace, t=t, theta=theta)
     if len(t) == len(trace.t):
-        return found, []
-    what = "one for each stretch of time"
-    if many > 1:
-        what = f"each the mean of about {many}"
-    return found, [f"{len(trace.t)} rows thinned to {len(t)}, {what}"]
+        return trace, []
+    what = f"each the mean of about {many}" if many > 1 else "one for each stretch of time"
+    return replace(trace, t=t, theta=theta), [f"{len(trace.t)} rows thinned to {len(t)}, {what}"]
 
 
 def motion_of(cells: Cells, columns: Columns, t: np.ndarray, values: np.ndarray, given: Given) -> Motion:
@@ -183,18 +180,16 @@ def cut_span(trace: Trace, given: Given) -> Trace:
 def free_part(file: str, trace: Trace, period: float) -> tuple[Trace, Swing, float]:
     """The free swing of one link, about its zero, and that zero [rad]."""
     trace = without_spikes(trace)
-    theta = trace.theta
-    known = np.flatnonzero(np.isfinite(theta[:, 0]))
+    known = np.isfinite(trace.theta[:, 0])
+    trace = replace(trace, t=trace.t[known], theta=trace.theta[known])
     # rows in the middle, where it swings; the noise of a long file would take longer than its fit
-    known = known[max(0, (len(known) - FOR_NOISE) // 2) :][:FOR_NOISE]
-    sigma = float(noise(replace(trace, t=trace.t[known], theta=theta[known]))[0])
-    swing = find_swing(file, trace.t, theta[:, 0], period, sigma)
+    middle = slice(max(0, (len(trace.t) - FOR_NOISE) // 2), (len(trace.t) + FOR_NOISE) // 2)
+    sigma = float(noise(replace(trace, t=trace.t[middle], theta=trace.theta[middle]))[0])
+    swing = find_swing(file, trace.t, trace.theta[:, 0], period, sigma)
     part = trace.between(swing.begin, swing.end)
-    seen = np.isfinite(part.theta[:, 0])
-    part = replace(part, t=part.t[seen], theta=part.theta[seen])
     # the reading at rest nearest to the middle of the swing
-    turns = 2 * np.pi * np.round((float(np.nanmedian(part.theta[:, 0])) - swing.zero) / (2 * np.pi))
-    zero = swing.zero + turns
+    turns = np.round((np.median(part.theta) - swing.zero) / (2 * np.pi))
+    zero = float(swing.zero + 2 * np.pi * turns)
     return replace(part, theta=part.theta - zero), swing, zero
 
 
@@ -234,13 +229,12 @@ def lengths_in_metres(
         lengths[-1] = np.nanmean(lengths) if shown is None else shown[1]
     if shown is None and unit not in METRES:
         raise SceneError(f"{file}: the points show no scale. Give the lengths of the links [m]: --lengths {missing}")
-    if shown is None:
-        scale = METRES[unit]
-    else:
+    scale = 1.0
+    if shown is not None:
         scale = GRAVITY / shown[0]
     if unit is None:
-        near = [name for name, size in METRES.items() if abs(np.log(scale / size)) < np.log(FITS_UNIT)]
-        unit = near[0] if near else "px"
+        near = (name for name, size in METRES.items() if abs(np.log(scale / size)) < np.log(FITS_UNIT))
+        unit = next(near, "px")
     text = ", ".join(f"{x / np.sum(lengths):.3g}" for x in lengths)
     if unit in METRES:
         return lengths * METRES[unit], False, [f"lengths from the points in {unit}, in parts of the whole: {text}"]

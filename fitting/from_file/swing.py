@@ -170,6 +170,8 @@ def unit_of_angle(t: np.ndarray, raw: np.ndarray, period: float) -> tuple[str | 
         return "rad", np.inf  # as degrees it would hardly move
     _, motion, _ = derivatives(t, raw, period)
     length = min(BLOCK * PER_PERIOD, len(motion))
+    if not length:
+        return None, 0.0
     blocks = motion[: len(motion) // length * length].reshape(-1, length, 3)
     size = blocks[..., 0].std(axis=1)
     loud = blocks[size > LOUD * size.max()]
@@ -181,16 +183,12 @@ def unit_of_angle(t: np.ndarray, raw: np.ndarray, period: float) -> tuple[str | 
     in_radians, in_degrees = np.maximum(squares_by_unit(free), 1e-300)
     # difference of the log likelihoods; accelerations a few samples apart are independent
     gain = 0.5 * len(free) / HALF * float(np.log(in_degrees / in_radians))
-    if abs(gain) < DECIDES:
-        # a swing of a few degrees is rarer than one of as many radians
-        if reach > 2 * np.pi:
-            likely = "deg"
-        elif gain > -1.0:
-            likely = "rad"
-        else:
-            likely = None
-        return likely, 0.0
-    return ("rad" if gain > 0 else "deg"), abs(gain)
+    if abs(gain) >= DECIDES:
+        return ("rad" if gain > 0 else "deg"), abs(gain)
+    # a swing of a few degrees is rarer than one of as many radians
+    if reach > 2 * np.pi:
+        return "deg", 0.0
+    return ("rad" if gain > -1.0 else None), 0.0
 
 
 def find_swing(file: str, t: np.ndarray, phi: np.ndarray, period: float, sigma: float) -> Swing:

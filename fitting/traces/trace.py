@@ -55,8 +55,7 @@ class Convention:
 
     def over(self, other: Convention) -> Convention:
         """This convention, completed by another."""
-        pick = lambda a, b: b if a is None else a  # noqa: E731
-        return Convention(pick(self.zero, other.zero), pick(self.sign, other.sign), pick(self.unit, other.unit))
+        return replace(other, **{key: value for key, value in vars(self).items() if value is not None})
 
 
 @dataclass(frozen=True)
@@ -104,26 +103,27 @@ class Trace:
     def between(self, low: float, high: float) -> Trace:
         """The samples with low <= t < high."""
         keep = (self.t >= low - 1e-9) & (self.t < high - 1e-9)
-        pick = lambda a: None if a is None else a[keep]  # noqa: E731
-        parts = tuple(one.between(low, high) for one in self.recordings)
-        part = replace(self, t=self.t[keep], theta=self.theta[keep], recordings=parts)
-        return replace(part, omega=pick(self.omega), se=pick(self.se))
+        part = {}
+        for name in ("t", "theta", "omega", "se"):
+            if getattr(self, name) is not None:
+                part[name] = getattr(self, name)[keep]
+        return replace(self, recordings=tuple(one.between(low, high) for one in self.recordings), **part)
 
     def at(self, times: np.ndarray) -> np.ndarray:
         """Angles (len(times), n) interpolated linearly between the known samples."""
-        known = [np.isfinite(column) for column in self.theta.T]
-        pairs = zip(known, self.theta.T, strict=True)
-        return np.stack([np.interp(times, self.t[some], column[some]) for some, column in pairs], axis=1)
+        found = np.empty((len(times), self.links))
+        for j, column in enumerate(self.theta.T):
+            known = np.isfinite(column)
+            found[:, j] = np.interp(times, self.t[known], column[known])
+        return found
 
     def in_model_convention(self, convention: Convention) -> Trace:
         """Angles [rad] from the horizontal, positive downwards, continuous in time."""
         unit = np.pi / 180 if convention.unit == "deg" else 1.0
-        turn = convention.turn * unit
-        zero = np.pi / 2 if convention.zero == "down" else 0.0
         return replace(
             self,
-            theta=unwrap(zero + turn * self.theta),
-            omega=None if self.omega is None else turn * self.omega,
+            theta=unwrap(convention.in_model(unit * self.theta)),
+            omega=None if self.omega is None else convention.turn * unit * self.omega,
             se=None if self.se is None else unit * self.se,
             convention=convention,
             model_error=unit * self.model_error,
@@ -178,21 +178,25 @@ def read_trace(
     names = table.names
     if renamed:
         names[:] = [name if OF_TRACE.fullmatch(name) else "" for name in names]
-    values = list(table.numbers())
+    values = dict(zip(names, table.numbers(), strict=False))
     if partial and any(name.startswith("theta_") for name in names):
-        for name in [f"theta_{j + 1}" for j in range(links or 0)]:
-            if name not in names:
-                names.append(name)
-                values.append(np.full(len(values[0]), np.nan))
-    count = _check_columns(path.name, names, links)
+        for j in range(links or 0):
+            values.setdefault(f"theta_{j + 1}", np.full(len(table.rows), np.nan))
+    count = _check_columns(path.name, [*names, *(name for name in values if name not in names)], links)
     stated = _header_values(path.name, table.comments)
-    part = lambda stem: np.stack([values[names.index(f"{stem}_{j + 1}")] for j in range(count)], axis=1)  # noqa: E731
+
+    def part(stem: str) -> np.ndarray | None:
+        """The columns of a kind (k, n)."""
+        if f"{stem}_1" in values:
+            return np.stack([values[f"{stem}_{j + 1}"] for j in range(count)], axis=1)
+        return None
+
     trace = Trace(
         name=path.stem,
-        t=values[names.index("t")],
+        t=values["t"],
         theta=part("theta"),
-        omega=part("omega") if "omega_1" in names else None,
-        se=part("se") if "se_1" in names else None,
+        omega=part("omega"),
+        se=part("se"),
         convention=convention(stated.get("zero"), stated.get("sign"), stated.get("unit"), path.name),
         warnings=tuple(c.removeprefix(WARNING) for c in table.comments if c.startswith(WARNING)),
         model_error=float(stated.get("model_error", 0.0)),

@@ -207,9 +207,7 @@ def fit_starts(problem: Problem, values: np.ndarray, starts: Starts, iterations:
     cost = window_costs(problem, evaluation.residual)
     for _ in range(iterations - 1):
         normal = normal_blocks(evaluation, problem.weights(evaluation), problem.freedoms)
-        diagonal = np.einsum("kii->ki", normal.A)
-        floor = 1e-12 * diagonal.max(axis=1, keepdims=True) + 1e-300
-        A = normal.A + (damping[:, None] * diagonal + floor)[:, :, None] * np.eye(diagonal.shape[1])
+        A = normal.damped(damping[:, None])
         usable = np.all(np.isfinite(A), axis=(1, 2)) & np.isfinite(cost)
         A = np.where(usable[:, None, None], A, np.eye(A.shape[1]))
         slope = np.where(usable[:, None], normal.gz, 0.0)

@@ -66,6 +66,7 @@ class Release:
     nodes: tuple[int, ...]
     force: np.ndarray
     given: State | None = None
+
     def parameters(self, name: str, option: str) -> list[Parameter]:
         """Parameters of `release.time[.RUN]` or `release.force[.RUN[.NODE.AXIS]]`; without AXIS those not zero."""
         known = {p.name: p for p in self._all()}

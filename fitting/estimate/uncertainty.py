@@ -155,7 +155,8 @@ def uncertainty(solution: Solution) -> Uncertainty:
 
 
 def intervals(solution: Solution, se: np.ndarray, blocks: float) -> tuple[np.ndarray, np.ndarray]:
-    """Ends (k,) of the intervals of these standard errors, cut at the bounds; by Student's law if the errors come from few blocks of time.
+    """Ends (k,) of the intervals of these standard errors, cut at the bounds; by Student's law if they come from few
+    blocks of time.
 
     On a bound the interval starts there and ends at the quantile of that law around the unbounded optimum,
     given that the parameter is inside its bounds.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import codecs
 import csv
 import math
 import re
@@ -12,12 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
-from dropper_jax.base.errors import SceneError, unreadable
+from dropper_jax.base.errors import SceneError
+from fitting.traces.lines import read_lines
 
-#: Largest file that is read [bytes]: an hour at 1 kHz with ten columns is 300 MB.
-LARGEST = 500_000_000
-#: Bytes in which a zero byte shows that a file is not text.
-HEAD = 65536
 #: Rows that decide between separators, and the fraction of their cells that must be numbers.
 TRIED = 200
 NUMBERS = 0.5
@@ -72,34 +68,6 @@ def read_cells(path: Path) -> Cells:
     values = np.array([number(cell, comma) for row in samples for cell in row]).reshape(-1, width)
     clock = tuple(any(CLOCK.fullmatch(cell.strip()) for cell in column) for column in zip(*samples[:10], strict=True))
     return Cells(path.name, tuple(comments), names_of(before, width), values, clock)
-
-
-def read_lines(path: Path) -> list[str]:
-    """Lines of a text file that are not empty.
-
-    Raises:
-        SceneError: a file that cannot be read, is not text or is too large.
-    """
-    try:
-        size = path.stat().st_size
-        if size > LARGEST:
-            raise SceneError(
-                f"{path.name}: has {size / 1e9:.3g} GB; allowed: {LARGEST / 1e9:g} GB. Keep the columns of time and "
-                "angle, or every tenth row"
-            )
-        data = path.read_bytes()
-    except OSError as error:
-        raise unreadable(path.name, error) from None
-    if not data.strip():
-        raise SceneError(f"{path.name}: is empty. Give a text file with a row per sample: time and angle")
-    wide = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
-    if b"\0" in data[:HEAD] and not wide:
-        raise SceneError(f"{path.name}: is not text. Export it as CSV: a row per sample, time and angle")
-    try:
-        text = data.decode("utf-16" if wide else "utf-8-sig")
-    except UnicodeDecodeError:
-        text = data.decode("latin-1")  # headers with umlauts or degree signs of older programs
-    return [line for line in text.splitlines() if line.strip() and not re.fullmatch(r"sep=.", line.strip())]
 
 
 def separator_of(file: str, lines: Sequence[str]) -> tuple[str | None, bool]:

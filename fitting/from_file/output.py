@@ -13,7 +13,10 @@ from fitting.traces.trace import write_trace
 
 
 def write_case(folder: Path, measured: list[Measured], scene: Table, options: tuple[str, ...]) -> str:
-    """Write the traces and the scene; nothing is replaced. Returns the command with these options that repeats the fit.
+    """Write the traces and the scene; nothing is replaced.
+
+    Returns:
+        The command with these options that repeats the fit.
     """
     folder.mkdir(parents=True, exist_ok=True)
     traces = []

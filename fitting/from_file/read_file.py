@@ -68,20 +68,16 @@ class Measured:
     Attributes:
         trace: angles from straight down [rad], thinned.
         zero: reading at rest that was subtracted [rad].
-        period: of the main motion [s].
         swing: the free swing of one link; None for several.
         lengths: of the links [m] as points or the user give them; None: unknown.
-        scaled: whether gravity alone gives the lengths their scale.
         open_end: whether the length of the last link follows from the motion alone.
         notes: how everything was found.
     """
 
     trace: Trace
     zero: float
-    period: float
     swing: Swing | None
     lengths: np.ndarray | None
-    scaled: bool
     open_end: bool
     notes: tuple[str, ...]
 
@@ -134,7 +130,7 @@ def read_measured(path: str | Path, given: Given = NOTHING, links: int | None = 
     if count == 1:
         trace, swing, zero = free_part(cells.file, trace, period)
         notes += [*swing.notes, f"the reading at rest, {zero:.4g} rad, is subtracted"]
-    lengths, scaled, note = lengths_in_metres(cells.file, columns.length_unit, motion, times, period, given, links)
+    lengths, note = lengths_in_metres(cells.file, columns.length_unit, motion, times, period, given, links)
     notes += note
     fastest = period
     if count > 1:
@@ -142,7 +138,7 @@ def read_measured(path: str | Path, given: Given = NOTHING, links: int | None = 
     trace, note = thinned(trace, fastest)
     notes += note
     open_end = motion.lengths is not None and bool(np.isnan(motion.lengths[-1])) and count > 1
-    return Measured(trace, zero, period, swing, lengths, scaled, open_end, tuple(notes))
+    return Measured(trace, zero, swing, lengths, open_end, tuple(notes))
 
 
 def thinned(trace: Trace, fastest: float) -> tuple[Trace, list[str]]:
@@ -201,8 +197,8 @@ def lengths_in_metres(
     period: float,
     given: Given,
     links: int | None,
-) -> tuple[np.ndarray | None, bool, list[str]]:
-    """Lengths of the links (n,) [m], whether they have an unknown factor, and notes.
+) -> tuple[np.ndarray | None, list[str]]:
+    """Lengths of the links (n,) [m], and notes.
 
     Args:
         unit: of the points, if their names give it.
@@ -216,9 +212,9 @@ def lengths_in_metres(
     if given.lengths is not None:
         if len(given.lengths) != count:
             raise SceneError(f"--lengths: {len(given.lengths)} values; {file} shows {count} links")
-        return np.array(given.lengths), False, ["lengths as given"]
+        return np.array(given.lengths), ["lengths as given"]
     if count == 1 or links is not None:
-        return None, False, []
+        return None, []
     if motion.lengths is None or motion.joint is None:
         raise SceneError(
             f"{file}: the angles of {count} links do not show their lengths. Give them [m]: --lengths {missing}"
@@ -237,5 +233,5 @@ def lengths_in_metres(
         unit = next(near, "px")
     text = ", ".join(f"{x / np.sum(lengths):.3g}" for x in lengths)
     if unit in METRES:
-        return lengths * METRES[unit], False, [f"lengths from the points in {unit}, in parts of the whole: {text}"]
-    return lengths * scale, True, [f"lengths from the points, scaled by gravity, in parts of the whole: {text}"]
+        return lengths * METRES[unit], [f"lengths from the points in {unit}, in parts of the whole: {text}"]
+    return lengths * scale, [f"lengths from the points, scaled by gravity, in parts of the whole: {text}"]

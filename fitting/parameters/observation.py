@@ -40,10 +40,7 @@ def camera_offset(parameters: Sequence[Parameter], values: jax.Array, links: int
     total: jax.Array | float = 0.0
     for i, p in enumerate(parameters):
         if isinstance(p.where, CameraPlace):
-            if p.where.link is None:
-                share = np.ones(links)
-            else:
-                share = np.eye(links)[p.where.link]
+            share = np.ones(links) if p.where.link is None else np.eye(links)[p.where.link]
             total = total + values[i] * share
     return total
 

@@ -27,10 +27,10 @@ from dropper_jax.study.lyapunov import lyapunov
 from fitting.parameters.parameter import apply
 from fitting.parameters.varied import Varied, floats_of
 from fitting.sensitivity.differences import central_differences, error_by_coarser, error_of_value
-from fitting.sensitivity.linear_range import linear_range
+from fitting.sensitivity.linear_range import with_linear_range
 from fitting.sensitivity.own_steps import part_of_steps, saved_times
 from fitting.sensitivity.problem import Plan, Study
-from fitting.sensitivity.result import TANGENT, Local, empty_result, hide_unresolved, slope_status
+from fitting.sensitivity.result import TANGENT, Local, empty_result, with_status
 from fitting.sensitivity.tangents import vary_start, vary_study
 
 
@@ -99,19 +99,10 @@ def _by_tangents(problem: Study, say: Progress, check: bool) -> Local:
             changed.append(changed_run)
             return quantity
 
-        linear = linear_range(problem, found.value, forward, evaluate)
-        if run is None:
-            motion = None
-        else:
-            motion = _motion_growth(problem, start, run, changed[0])
-        found = replace(
-            found,
-            linear_range=linear.size,
-            error=linear.error,
-            warnings=[*linear.warnings, *error_of_value(problem, found)],
-            along=linear.along,
-            motion_growth=motion,
-        )
+        found = with_linear_range(problem, found, evaluate)
+        found.warnings.extend(error_of_value(problem, found))
+        if run is not None:
+            found = replace(found, motion_growth=_motion_growth(problem, start, run, changed[0]))
     if check:
         found = _with_check(problem, found, say)
     if run is not None and found.finite and found.linear_range < 0.01:
@@ -122,9 +113,7 @@ def _by_tangents(problem: Study, say: Progress, check: bool) -> Local:
             rate = rate if found.exponent is None else found.exponent
             found = replace(found, horizon=limit, exponent=rate, window=length, window_mean=mean, window_error=spread)
     if found.finite and found.error is not None and found.linear_range == 0.0:
-        nowhere = [False] * len(forward)
-        status = slope_status(problem, found.value, forward, found.error, nowhere)
-        found = hide_unresolved(replace(found, slope_status=status))
+        found = with_status(problem, found, np.zeros(len(forward), bool))
     return found
 
 

@@ -47,8 +47,7 @@ from fitting.sensitivity.result import (
     UNCLEAR,
     Local,
     empty_result,
-    hide_unresolved,
-    slope_status,
+    with_status,
 )
 
 #: Relative changes of central differences: the slope, and a smaller one whose difference is its error. A farm's runs
@@ -316,7 +315,6 @@ def slopes_of_runs(base: StudyRuns, runs: Sequence[Run]) -> Local:
     branches = [[] for _ in problem.parameters]
     if motion <= MOTION_GROWTH:  # otherwise every run is on a branch of its own
         branches = _branches(base, changed)
-    status = slope_status(problem, base.value, slopes, errors, [bool(apart) for apart in branches])
     from_start = base.run_from(base.start, changed_values(problem)[0])
     found = replace(
         found,
@@ -325,31 +323,29 @@ def slopes_of_runs(base: StudyRuns, runs: Sequence[Run]) -> Local:
         noise=noise,
         growth=float(_growth(base.extent, SMALL_CHANGE, from_start.at_start, from_start.at_most)),
         motion_growth=motion,
-        slope_status=status,
-        warnings=[
-            *_branch_notes(problem, branches),
-            *statistic_notes(problem, base),
-            *_unclear(problem, slopes, errors, status),
-            *error_of_value(problem, found),
-        ],
     )
+    found = with_status(problem, found, np.array(list(map(bool, branches))))
+    found.warnings.extend(_branch_notes(problem, branches))
+    found.warnings.extend(statistic_notes(problem, base))
+    found.warnings.extend(_unclear(problem, slopes, found))
+    found.warnings.extend(error_of_value(problem, found))
     if len(found.unclear) == len(slopes):
         found = replace(found, linear_range=0.0)
-    return hide_unresolved(found)
+    return found
 
 
-def _unclear(problem: Study, slopes: np.ndarray, errors: np.ndarray, status: Sequence[str]) -> list[str]:
+def _unclear(problem: Study, slopes: np.ndarray, found: Local) -> list[str]:
     """A line on each parameter whose slope is not known to a third."""
     notes = []
     for i, p in enumerate(problem.parameters):
         large, small = (f"{100 * size:g} %" for size in difference_sizes(p))
-        if status[i] == UNCLEAR:
+        if found.slope_status[i] == UNCLEAR:
             notes.append(
                 f"{problem.of.name}: its differences by {large} and {small} of {p.name} give "
-                f"{slopes[i]:.3g} +- {errors[i]:.2g} per unit: it has no slope at this size. Use a mean, or a "
+                f"{slopes[i]:.3g} +- {found.error[i]:.2g} per unit: it has no slope at this size. Use a mean, or a "
                 "sweep over the range"
             )
-        if status[i] == NOT_RESOLVED:
+        if found.slope_status[i] == NOT_RESOLVED:
             notes.append(
                 f"{problem.of.name}: its differences by {large} and {small} of {p.name} are apart by more than the "
                 "whole quantity for 1 %: the slope is not resolved. Use a sweep over the range, with several seeds"

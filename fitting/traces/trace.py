@@ -1,13 +1,13 @@
 """Angle traces: the format that tracking writes and fitting reads.
 
 A file is a CSV with columns `t, theta_1..n[, omega_1..n][, se_1..n]` and comment lines such as
-`# zero=down, sign=1, unit=rad, model_error=1e-4`; a missing sample is empty. Comments `# warning: ...` become warnings.
+`# zero=down, sign=1, unit=rad, model_error=1e-4`; a missing sample is empty. Rates omega are not used. Comments
+`# warning: ...` become warnings.
 Internally, angles are from the horizontal, positive downwards.
 """
 
 from __future__ import annotations
 
-import csv
 import io
 import re
 import shlex
@@ -66,7 +66,6 @@ class Trace:
         name: of the file.
         t: (k,) [s], increasing.
         theta: (k, n) as measured, or [rad] from the horizontal once `in_model_convention` was used; NaN is missing.
-        omega: rates (k, n) or None.
         se: standard errors (k, n) [rad] or None.
         convention: how the angles are counted in the file.
         warnings: remarks of the trace's author, which a fit repeats.
@@ -77,7 +76,6 @@ class Trace:
     name: str
     t: np.ndarray
     theta: np.ndarray
-    omega: np.ndarray | None = None
     se: np.ndarray | None = None
     convention: Convention = Convention()
     warnings: tuple[str, ...] = ()
@@ -104,7 +102,7 @@ class Trace:
         """The samples with low <= t < high."""
         keep = (self.t >= low - 1e-9) & (self.t < high - 1e-9)
         part = {}
-        for name in ("t", "theta", "omega", "se"):
+        for name in ("t", "theta", "se"):
             if getattr(self, name) is not None:
                 part[name] = getattr(self, name)[keep]
         return replace(self, recordings=tuple(one.between(low, high) for one in self.recordings), **part)
@@ -123,7 +121,6 @@ class Trace:
         return replace(
             self,
             theta=unwrap(convention.in_model(unit * self.theta)),
-            omega=None if self.omega is None else convention.turn * unit * self.omega,
             se=None if self.se is None else unit * self.se,
             convention=convention,
             model_error=unit * self.model_error,
@@ -185,18 +182,15 @@ def read_trace(
     count = _check_columns(path.name, [*names, *(name for name in values if name not in names)], links)
     stated = _header_values(path.name, table.comments)
 
-    def part(stem: str) -> np.ndarray | None:
+    def part(stem: str) -> np.ndarray:
         """The columns of a kind (k, n)."""
-        if f"{stem}_1" in values:
-            return np.stack([values[f"{stem}_{j + 1}"] for j in range(count)], axis=1)
-        return None
+        return np.stack([values[f"{stem}_{j + 1}"] for j in range(count)], axis=1)
 
     trace = Trace(
         name=path.stem,
         t=values["t"],
         theta=part("theta"),
-        omega=part("omega"),
-        se=part("se"),
+        se=part("se") if "se_1" in values else None,
         convention=convention(stated.get("zero"), stated.get("sign"), stated.get("unit"), path.name),
         warnings=tuple(c.removeprefix(WARNING) for c in table.comments if c.startswith(WARNING)),
         model_error=float(stated.get("model_error", 0.0)),
@@ -297,22 +291,19 @@ def check_trace(trace: Trace, partial: bool = False) -> None:
 
 def write_trace(path: str | Path, trace: Trace, notes: Sequence[str] = ()) -> Path:
     """Write a trace in the format that `read_trace` reads; `notes` are comment lines for people, without `=`."""
-    names = ["t"]
-    columns = [trace.t[:, None]]
-    for stem, values in (("theta", trace.theta), ("omega", trace.omega), ("se", trace.se)):
-        if values is not None:
-            names += [f"{stem}_{j + 1}" for j in range(trace.links)]
-            columns.append(values)
-    text = io.StringIO()
+    names = ["t", *(f"theta_{j + 1}" for j in range(trace.links))]
+    columns = [trace.t[:, None], trace.theta]
+    if trace.se is not None:
+        names += [f"se_{j + 1}" for j in range(trace.links)]
+        columns.append(trace.se)
     c = trace.convention
+    head = f"# zero={c.zero or 'horizontal'}, sign={c.sign or 1}, unit={c.unit or 'rad'}"
     if trace.model_error:
-        error = f", model_error={trace.model_error:.9g}"
-    else:
-        error = ""
-    text.write(f"# zero={c.zero or 'horizontal'}, sign={c.sign or 1}, unit={c.unit or 'rad'}{error}\n")
+        head += f", model_error={trace.model_error:.9g}"
+    text = io.StringIO()
+    text.write(f"{head}\n")
     text.writelines(f"# {note}\n" for note in (*notes, *(WARNING + warning for warning in trace.warnings)))
-    rows = []
+    text.write(",".join(names) + "\n")
     for row in np.concatenate(columns, axis=1):
-        rows.append(["" if np.isnan(x) else f"{x:.9g}" for x in row])
-    csv.writer(text, lineterminator="\n").writerows([names, *rows])
+        text.write(",".join("" if np.isnan(x) else f"{x:.9g}" for x in row) + "\n")
     return atomic_write(path, text.getvalue())

@@ -26,7 +26,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.read import ScenePath
 from dropper_jax.model import Model
-from fitting.parameters.parameter import Parameter, adjust_parameters, check_once
+from fitting.parameters.parameter import Parameter
 from fitting.parameters.targets import (
     CAMERA,
     CLOCK,
@@ -63,14 +63,13 @@ def resolve(
         release: provides the `release.*` names.
 
     Raises:
-        SceneError: a path that does not exist (with the nearest one), or is given twice.
+        SceneError: a path that does not exist (with the nearest one).
     """
     found: list[Parameter] = []
     for name in names:
         released = release is not None and name.startswith("release.")
         found += release.parameters(name, option) if released else _expand(model, name, option)
-    check_once([p.name for p in found], option)
-    return adjust_parameters(found)
+    return tuple(found)
 
 
 class _Number(NamedTuple):

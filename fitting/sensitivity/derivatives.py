@@ -26,7 +26,7 @@ from dropper_jax.stepping.integrate import Steps, Trajectory
 from dropper_jax.study.lyapunov import lyapunov
 from fitting.parameters.parameter import apply
 from fitting.parameters.varied import Varied, floats_of
-from fitting.sensitivity.differences import central_differences, error_by_coarser, error_of_value
+from fitting.sensitivity.differences import central_differences, error_by_coarser, error_of_value, farthest
 from fitting.sensitivity.linear_range import with_linear_range
 from fitting.sensitivity.own_steps import part_of_steps, saved_times
 from fitting.sensitivity.problem import Plan, Study
@@ -150,7 +150,7 @@ def _displacements(problem: Study, start: Varied, run: Varied) -> tuple[np.ndarr
     and the extent [m] of the motion."""
     scale = np.array([p.scale for p in problem.parameters])
     first, moved = (np.linalg.norm(x.slopes[0], axis=-1).max(-1).T * scale for x in (start, run))
-    return first, moved, float(np.linalg.norm(run.tree.r - run.tree.r[0], axis=-1).max())
+    return first, moved, farthest(run.tree.r, run.tree.r[0])
 
 
 def _tangent_growth(problem: Study, start: Varied, run: Varied) -> float:
@@ -203,8 +203,7 @@ def _motion_growth(problem: Study, start: Varied, run: Varied, changed: Varied |
         return None
     first, _, extent = _displacements(problem, start, run)
     before = 0.01 * max(extent, float(np.sum(first)), np.finfo(float).tiny)
-    apart = float(np.linalg.norm(changed.tree.r - run.tree.r, axis=-1).max())
-    return float(np.log(max(apart / before, 1.0)))
+    return float(np.log(max(farthest(changed.tree.r, run.tree.r) / before, 1.0)))
 
 
 def windows(

@@ -84,6 +84,11 @@ class Run(NamedTuple):
     at_most: float
 
 
+def farthest(one: np.ndarray | jax.Array, other: np.ndarray | jax.Array) -> float:
+    """Distance [m] of the two positions (..., 3) that are farthest apart."""
+    return float(np.linalg.norm(np.asarray(one) - np.asarray(other), axis=-1).max())
+
+
 #: Error of the steps of a run, over that of its accuracy, which is warned of.
 MISSED = 3.0
 
@@ -117,7 +122,7 @@ class StudyRuns:
         self.rows: Trajectory = outcome.trajectory
         self.record = _recorded(outcome.carry, problem.of)
         self.value = self.measure(self.model, self.start, self.rows)
-        self.extent = float(np.linalg.norm(self.rows.r - self.rows.r[0], axis=-1).max())
+        self.extent = farthest(self.rows.r, self.rows.r[0])
         self.value_error = self._error_of_steps(program.companion(False))
 
     def _error_of_steps(self, companion: Companion) -> float:
@@ -156,17 +161,12 @@ class StudyRuns:
     def start_moved(self, values: np.ndarray) -> float:
         """Displacement [m] of the farthest node at the start with these values; NaN without one."""
         start = self.start_at(values)
-        if start is None:
-            return np.nan
-        return self._moved_at_start(start)
+        return np.nan if start is None else farthest(start.r, self.start.r)
 
     def is_jump(self, moved: np.ndarray | float, change: np.ndarray | float, rate: np.ndarray | float) -> np.ndarray:
         """Whether changes displace a node much farther than others do at this rate [m per change], if it is known."""
         most = np.maximum(JUMP * np.asarray(rate) * change, SMALLEST_JUMP * self.extent)
         return (np.asarray(rate) > 0.0) & (moved > most)
-
-    def _moved_at_start(self, s: State) -> float:
-        return float(np.linalg.norm(np.asarray(s.r) - np.asarray(self.start.r), axis=-1).max())
 
     def measure(self, model: Model, s: State, rows: Trajectory, intervals: float = 1.0) -> float:
         """The quantity of the rows of a run, NaN if a step failed."""
@@ -191,9 +191,8 @@ class StudyRuns:
 
     def compare(self, model: Model, s: State, rows: Trajectory) -> Run:
         """The quantity of the rows of a run from s, and its displacements from the study's own."""
-        apart = rows.r - self.rows.r[: len(rows.r)]
-        farthest = float(np.linalg.norm(apart, axis=-1).max())
-        return Run(self.measure(model, s, rows), self._moved_at_start(s), farthest)
+        at_most = farthest(rows.r, self.rows.r[: len(rows.r)])
+        return Run(self.measure(model, s, rows), farthest(s.r, self.start.r), at_most)
 
     def run_all(self, values: np.ndarray) -> list[Run]:
         """The runs with these values (cases, p), on all cores at once."""
@@ -206,9 +205,7 @@ class StudyRuns:
 
 def _recorded(carry: Carry, of: Quantity) -> Record | None:
     """The steps of a run, for others to repeat; None if all are equal."""
-    if isinstance(carry, RunProgress):
-        return None
-    record = carry.record
+    record = None if isinstance(carry, RunProgress) else carry.record
     if record is None:
         return None
     if int(record.number) >= len(record.length):

@@ -120,20 +120,20 @@ def scatter(solution: Solution) -> tuple[np.ndarray, int] | None:
     if len(parts.gradient) < FEWEST or not len(free):
         return None
     length = block_of(parts, information)
-    # a run's last block includes the remainder
-    part = [np.minimum(np.arange(n) // length, max(n // length - 1, 0)) for n in np.bincount(parts.run)]
-    names, block = np.unique(np.stack([parts.run, np.concatenate(part)]), axis=1, return_inverse=True)
-    blocks = names.shape[1]
-    if blocks < 2:
+    blocks = []
+    for run in np.unique(parts.run):
+        mine = np.flatnonzero(parts.run == run)
+        blocks += np.split(mine, length * np.arange(1, len(mine) // length))  # the last one includes the remainder
+    if len(blocks) < 2:
         return None
     inner = invert_spd(information)
-    covariance = jackknife(parts, [np.flatnonzero(block.ravel() == b) for b in range(blocks)], information)
+    covariance = jackknife(parts, blocks, information)
     covariance = covariance + inner @ prior @ inner
     own = np.diag(covariance)
     drift = _half_difference(parts, information) ** 2
     # independent blocks explain four times the variance
     more = np.maximum(0.25 * drift, drift - 4 * own)
-    return raised_to(covariance, own + more), blocks
+    return raised_to(covariance, own + more), len(blocks)
 
 
 def jackknife(parts: Pieces, blocks: Sequence[np.ndarray], information: np.ndarray) -> np.ndarray:

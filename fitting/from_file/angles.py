@@ -36,12 +36,11 @@ def read_angles(file: str, t: np.ndarray, raw: np.ndarray, unit: str | None, cou
     if unit is None and (counts is not None or (is_integer and reach.max() > LARGEST_DEGREES)):
         unit = "counts"
     if unit == "counts":
-        counts = counts or turn
-        if counts is None:
+        turn = counts or turn
+        if turn is None:
             raise SceneError(f"{file}: the angle is in counts of an encoder. Give the counts per turn: --counts 4096")
-        notes.append(f"angle in counts, {counts:g} per turn")
-        turn = counts
-        size = 2 * np.pi / counts
+        notes.append(f"angle in counts, {turn:g} per turn")
+        size = 2 * np.pi / turn
     elif unit is None and turn is not None:
         unit = "deg" if turn > 300 else "rad"
         notes.append(f"angle in {unit}, as its wraps of {turn:.4g} show")

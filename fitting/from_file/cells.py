@@ -5,8 +5,10 @@ from __future__ import annotations
 import csv
 import math
 import re
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import compress
 from pathlib import Path
 
 import numpy as np
@@ -51,15 +53,16 @@ def read_cells(path: Path) -> Cells:
     lines = read_lines(path)
     separator, comma = separator_of(path.name, lines)
     rows = [split(line, separator) for line in lines]
-    widths = [len(row) for row in rows if is_sample(row, comma)]
-    if len(widths) < 2:
+    good = [is_sample(row, comma) for row in rows]
+    widths = Counter(map(len, compress(rows, good)))
+    if widths.total() < 2:
         raise SceneError(f"{path.name}: has no rows of numbers. Give a text file with a row per sample: time and angle")
-    width = max(set(widths), key=widths.count)
+    width = widths.most_common(1)[0][0]
     samples = []
     before: list[list[str]] = []
     comments = []
-    for line, row in zip(lines, rows, strict=True):
-        if len(row) == width and is_sample(row, comma):
+    for line, row, usable in zip(lines, rows, good, strict=True):
+        if usable and len(row) == width:
             samples.append(row)
             continue
         comments.append(line.strip())

@@ -66,37 +66,11 @@ FPS = re.compile(
 INCREASES = 0.95
 
 
-@dataclass(frozen=True)
-class Columns:
-    """The columns that are used.
-
-    Attributes:
-        time: number of the column of times; None: the rows are counted.
-        time_unit: `s`, `ms`, `us`, `frames`, or None if the name does not give it.
-        rate: frames per second from a comment [1/s], or None.
-        angles: numbers of the columns of angles, from the first link on.
-        angle_unit: `deg`, `rad`, `mrad`, `counts`, or None.
-        points: (x, y) columns of points, in the order of the file.
-        length_unit: `m`, `cm`, `mm`, `px`, or None.
-        notes: how they were found.
-    """
-
-    time: int | None
-    time_unit: str | None
-    rate: float | None
-    angles: tuple[int, ...]
-    angle_unit: str | None
-    points: tuple[tuple[int, int], ...]
-    length_unit: str | None
-    notes: tuple[str, ...]
-
-
 @dataclass(frozen=True, eq=False)
 class Column:
     """A column of a file.
 
     Attributes:
-        number: from 0.
         name: as written.
         words: of the name, without accents and units.
         unit: by the name, or None.
@@ -104,7 +78,6 @@ class Column:
         is_clock: whether it contained times of day.
     """
 
-    number: int
     name: str
     words: tuple[str, ...]
     unit: str | None
@@ -119,6 +92,31 @@ class Column:
     def ordinal(self) -> int | None:
         """The number in the name."""
         return next((int(word) for word in self.words if word.isdecimal()), None)
+
+
+@dataclass(frozen=True)
+class Columns:
+    """The columns that are used.
+
+    Attributes:
+        time: None: the rows are counted.
+        time_unit: `s`, `ms`, `us`, `frames`, or None if the name does not give it.
+        rate: frames per second from a comment [1/s], or None.
+        angles: from the first link on.
+        angle_unit: `deg`, `rad`, `mrad`, `counts`, or None.
+        points: x and y of points, in the order of the file.
+        length_unit: `m`, `cm`, `mm`, `px`, or None.
+        notes: how they were found.
+    """
+
+    time: Column | None
+    time_unit: str | None
+    rate: float | None
+    angles: Sequence[Column]
+    angle_unit: str | None
+    points: Sequence[tuple[Column, Column]]
+    length_unit: str | None
+    notes: tuple[str, ...]
 
 
 def parse_name(name: str) -> tuple[tuple[str, ...], str | None]:
@@ -148,8 +146,8 @@ def find_columns(cells: Cells, given: Mapping[str, str] | None = None) -> Column
     """
     file = cells.file
     columns = []
-    for i, name in enumerate(cells.names):
-        columns.append(Column(i, name, *parse_name(name), cells.values[:, i], cells.clock[i]))
+    for name, values, is_clock in zip(cells.names, cells.values.T, cells.clock, strict=True):
+        columns.append(Column(name, *parse_name(name), values, is_clock))
     if len(columns) == 1:
         if given is None and not fps_of(cells):
             advice = "Give time and angle, or --rate with the rows per second of a film"
@@ -205,12 +203,12 @@ def describe(
     what = [column.name for column in angles] or [f"({x.name}, {y.name})" for x, y in points]
     kind = "angles" if angles else "points"
     return Columns(
-        None if time is None else time.number,
+        time,
         time_unit,
         fps_of(cells),
-        tuple(column.number for column in angles),
+        angles,
         common_unit(angles, ANGLE_UNITS),
-        tuple((x.number, y.number) for x, y in points),
+        points,
         common_unit([column for pair in points for column in pair], LENGTH_UNITS),
         (f"{note}{kind} from {', '.join(what)}",),
     )

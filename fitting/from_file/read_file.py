@@ -97,10 +97,10 @@ def read_measured(path: str | Path, given: Given = NOTHING, links: int | None = 
     name = None
     t = np.arange(len(cells.values), dtype=float)
     if columns.time is not None:
-        name = cells.names[columns.time]
-        t = cells.values[:, columns.time]
-    used = columns.angles or tuple(i for pair in columns.points for i in pair)
-    rows = ordered_rows(cells.file, t, cells.values[:, used])
+        name = columns.time.name
+        t = columns.time.values
+    used = columns.angles or [column for pair in columns.points for column in pair]
+    rows = ordered_rows(cells.file, t, np.stack([column.values for column in used], axis=1))
     motion = motion_of(cells, columns, rows.t, rows.values, given)
     period = main_period(motion.t, motion.theta)
     named = columns.time_unit

@@ -13,6 +13,7 @@ import re
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -223,7 +224,7 @@ def _check_columns(file: str, names: list[str], links: int | None) -> int:
     columns = {}
     for stem in ("theta", "omega", "se"):
         columns[stem] = [f"{stem}_{j + 1}" for j in range(count)]
-    known = ["t", *columns["theta"], *columns["omega"], *columns["se"]]
+    known = ["t", *chain.from_iterable(columns.values())]
     for name in used:
         if name not in known:
             raise SceneError(f"{file}: unknown column {name!r}; {nearest(name, known)}")

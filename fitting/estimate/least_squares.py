@@ -300,7 +300,10 @@ class DampedSteps:
             failure = problem.failure(evaluation) or failure
             if cost < point.cost:
                 gain = (point.cost - cost) / max(step.predicted, 1e-300)
-                self.damping = max(self.damping * (0.1 if gain > 0.5 else 1.0 if gain > 0.1 else 3.0), 1e-9)
+                if gain <= 0.1:
+                    self.damping *= 3.0
+                elif gain > 0.5:
+                    self.damping = max(0.1 * self.damping, 1e-9)
                 return Point(values, evaluation, cost, objective.system(evaluation, values))
             if near:  # a smooth cost would have decreased
                 break

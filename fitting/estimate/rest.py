@@ -50,23 +50,21 @@ class Rest:
 
     Attributes:
         theta: means (R, n) [rad].
-        deviation: standard deviation of one frame, claimed by the traces (R, n) [rad].
-        frames: number of frames (R, n).
+        error: standard deviation of the means by the noise that the traces claim (R, n) [rad].
         interval: between frames (R,) [s].
         run: of each (R,).
         precision: W (R, n, n).
     """
 
     theta: np.ndarray
-    deviation: np.ndarray
-    frames: np.ndarray
+    error: np.ndarray
     interval: np.ndarray
     run: np.ndarray
     precision: np.ndarray
 
     def with_noise(self, noise: Noise | None, simulator: Simulator, values: np.ndarray) -> Rest:
         """The rest with the noise estimated by a fit, and the band of friction at these parameter values."""
-        size = self.deviation / np.sqrt(self.frames)
+        size = self.error
         if noise is not None:
             phi = np.exp(-noise.decay[self.run] * self.interval[:, None])
             size = size * noise.factor[self.run] * np.sqrt((1 + phi) / (1 - phi))
@@ -139,10 +137,9 @@ def rests(traces: Sequence[Trace], sigma: Sequence[np.ndarray], spans: Sequence[
         apart = np.nan_to_num(np.ptp(parts, axis=0))
         if np.any(apart > np.maximum(MOVES * sigma[run], LEAST)):
             raise SceneError(f"{text} moves by {apart.max():.2g} rad. Use a span in which the line is at rest")
-        rows.append((means, sigma[run], known, trace.interval, run))
-    theta, deviation, frames, interval, run = map(np.array, zip(*rows, strict=True))
-    precision = np.eye(theta.shape[1]) * (frames / deviation**2)[:, None]
-    return Rest(theta, deviation, frames, interval, run, precision)
+        rows.append((means, sigma[run] / np.sqrt(known), trace.interval, run))
+    theta, error, interval, run = map(np.array, zip(*rows, strict=True))
+    return Rest(theta, error, interval, run, np.eye(theta.shape[1]) / error[:, None] ** 2)
 
 
 def _location(x: np.ndarray, sigma: float) -> float:

@@ -84,8 +84,7 @@ def profile(
             point = descend(level_there, begin, PROFILE_ITERATIONS)
             converged &= point.status == "ok"
             found[value] = (point.cost - cost) / unit
-    at = np.array(sorted(found))
-    growth = np.array([found[x] for x in at])
+    at, growth = np.array(sorted(found.items())).T
     limit = 0.5 * float(chdtri(1, 1 - level))
     ends = (_crossing(at, growth, best, limit, side) for side in (-1, 1))
     return Profile(name, at, growth, *ends, converged)

@@ -110,7 +110,7 @@ def read_points(file: str, t: np.ndarray, points: np.ndarray) -> Motion:
     else:
         reaches.append(last.end - best.joints[-1])
         lengths.append(np.nanmedian(np.abs(reaches[-1])))
-    theta = unwrap(np.angle(np.transpose(reaches)))
+    theta = unwrap(np.angle(unit(np.transpose(reaches))))
     down = resting_direction(theta)
     theta -= down + 2 * np.pi * np.round((np.nanmedian(theta, axis=0) - down) / (2 * np.pi))  # each link hangs at rest
     notes.append(f"pivot at ({best.pivot.real:.4g}, {best.pivot.imag:.4g})")

@@ -46,11 +46,10 @@ def missing_forces(model: Model) -> list[Parameter]:
 
 def tested_parameters(model: Model, parameters: Sequence[Parameter]) -> list[Parameter]:
     """Sizes of all candidates, which the programs of a fit with these parameters know too."""
-    if any(p.name == CAMERA for p in parameters):
-        camera = []
-    else:
-        camera = resolve(model, [CAMERA])
-    return [*missing_forces(model), *camera]
+    found = missing_forces(model)
+    if all(p.name != CAMERA for p in parameters):
+        found += resolve(model, [CAMERA])
+    return found
 
 
 def add_missing_forces(model: Model, parameters: Sequence[Parameter], values: jax.Array) -> Model:

@@ -272,10 +272,8 @@ def check_trace(trace: Trace, partial: bool = False) -> None:
         theta = theta[:, known > 0]
         known = known[known > 0]
     if known.min() < FEWEST:
-        count = f"{known.min()} samples; allowed: at least {FEWEST}"
-        if known.min():
-            text = count
-        else:
+        text = f"{known.min()} samples; allowed: at least {FEWEST}"
+        if not known.min():
             text = "every sample is missing; needed: numbers"
         raise SceneError(f"{trace.name}: theta_{int(np.argmin(known)) + 1}: {text}")
     for j, column in enumerate(theta.T):

@@ -93,7 +93,7 @@ class Simulator:
         self.parameters = tuple(parameters)
         self.release = release
         self.compiled = (*self.parameters, *more)
-        self._released = release and release.static_poses(model, self.compiled)
+        self._released = None if release is None else release.static_poses(model, self.compiled)
         self.stepper = stepper or choose_stepper(model)
         self.freedoms = 2 * planar.freedoms(model)
         self.tangents = tangents or max(self.freedoms + len(self.parameters), 1)
@@ -166,7 +166,7 @@ class Simulator:
         inputs = (*inputs, self.jumps(windows), windows.step_counts.astype(np.int32))
         asked = values.copy()
         values, _ = self.all_values(values)
-        if self.release:
+        if self.release and self._released:
             inputs = self.release.release_inputs(self._released, values, inputs, windows)
         found = self._run(values, inputs, windows, self._plain)
         if self._plain and found.failed.any():

@@ -221,10 +221,11 @@ def fill(traces: Sequence[Trace], pieces: Sequence[Piece], dt: float, sigma: Seq
         samples.append(np.zeros((len(parts), slots, *column[0].shape[1:]), column[0].dtype))
         for row, a in zip(samples[-1], column, strict=True):
             row[: len(a)] = a
+    theta, weight, index, fraction = samples
     run, begin, steps, follows = (np.array(column) for column in zip(*pieces, strict=True))
     released = np.zeros(len(begin), bool)
     most = int(steps.max())
-    found = Windows(begin, run, follows, *samples, dt, most, released, steps)
+    found = Windows(begin, run, follows, theta, weight, index, fraction, dt, most, released, steps)
     # windows in which some link has too few samples to determine its start are dropped
     seen = (found.weight > 0).sum(axis=1).reshape(len(begin), -1, traces[0].links)
     empty = seen.sum(axis=1).min(axis=1) < 2

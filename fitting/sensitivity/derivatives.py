@@ -113,7 +113,7 @@ def _by_tangents(problem: Study, say: Progress, check: bool) -> Local:
             rate = rate if found.exponent is None else found.exponent
             found = replace(found, horizon=limit, exponent=rate, window=length, window_mean=mean, window_error=spread)
     if found.finite and found.error is not None and found.linear_range == 0.0:
-        found = with_status(problem, found, np.zeros(len(forward), bool))
+        found = with_status(problem, found, found.error, np.zeros(len(forward), bool))
     return found
 
 

@@ -316,33 +316,32 @@ def slopes_of_runs(base: StudyRuns, runs: Sequence[Run]) -> Local:
     found = replace(
         found,
         forward=slopes,
-        error=errors,
         noise=noise,
         growth=float(_growth(base.extent, SMALL_CHANGE, from_start.at_start, from_start.at_most)),
         motion_growth=motion,
     )
-    found = with_status(problem, found, np.array(list(map(bool, branches))))
+    found = with_status(problem, found, errors, np.array(list(map(bool, branches))))
     found.warnings.extend(_branch_notes(problem, branches))
     found.warnings.extend(statistic_notes(problem, base))
-    found.warnings.extend(_unclear(problem, slopes, found))
+    found.warnings.extend(_unclear(problem, slopes, errors, found.slope_status))
     found.warnings.extend(error_of_value(problem, found))
     if len(found.unclear) == len(slopes):
         found = replace(found, linear_range=0.0)
     return found
 
 
-def _unclear(problem: Study, slopes: np.ndarray, found: Local) -> list[str]:
+def _unclear(problem: Study, slopes: np.ndarray, errors: np.ndarray, status: Sequence[str]) -> list[str]:
     """A line on each parameter whose slope is not known to a third."""
     notes = []
     for i, p in enumerate(problem.parameters):
         large, small = (f"{100 * size:g} %" for size in difference_sizes(p))
-        if found.slope_status[i] == UNCLEAR:
+        if status[i] == UNCLEAR:
             notes.append(
                 f"{problem.of.name}: its differences by {large} and {small} of {p.name} give "
-                f"{slopes[i]:.3g} +- {found.error[i]:.2g} per unit: it has no slope at this size. Use a mean, or a "
+                f"{slopes[i]:.3g} +- {errors[i]:.2g} per unit: it has no slope at this size. Use a mean, or a "
                 "sweep over the range"
             )
-        if found.slope_status[i] == NOT_RESOLVED:
+        if status[i] == NOT_RESOLVED:
             notes.append(
                 f"{problem.of.name}: its differences by {large} and {small} of {p.name} are apart by more than the "
                 "whole quantity for 1 %: the slope is not resolved. Use a sweep over the range, with several seeds"

@@ -170,20 +170,23 @@ def empty_result(problem: Study, duration: float) -> Local:
     )
 
 
-def with_status(problem: Study, found: Local, branched: np.ndarray) -> Local:
-    """The result with the status of each slope, without slopes that are not resolved.
+def with_status(problem: Study, found: Local, errors: np.ndarray, branched: np.ndarray) -> Local:
+    """The result with errors of its slopes and their status, without slopes that are not resolved.
 
     Args:
+        errors: (p,).
         branched: whether a run or start near it is on another branch, of each parameter (p,).
     """
     level = abs(found.value) / np.array([p.scale for p in problem.parameters])
     slopes = np.abs(found.forward)
     # a third of the change, or 0.01 in p/Q dQ/dp, as of exact derivatives (`linear_range`)
-    known = found.error <= np.maximum(slopes / 3.0, 0.01 * level)
-    lost = ~known & (np.fmax(slopes, found.error) >= UNRESOLVED * level)
-    cases = [known & ~branched, lost, branched]
-    status = np.select(cases, [KNOWN, NOT_RESOLVED, OTHER_BRANCH], UNCLEAR)
-    return replace(found, slope_status=tuple(status.tolist()), forward=np.where(lost, np.nan, found.forward))
+    known = errors <= np.maximum(slopes / 3.0, 0.01 * level)
+    lost = ~known & (np.fmax(slopes, errors) >= UNRESOLVED * level)
+    status = np.where(known, KNOWN, UNCLEAR).astype(object)
+    status[branched] = OTHER_BRANCH
+    status[lost] = NOT_RESOLVED
+    forward = np.where(lost, np.nan, found.forward)
+    return replace(found, error=errors, slope_status=tuple(status), forward=forward)
 
 
 def local_text(found: Local) -> str:

@@ -17,9 +17,9 @@ from functools import partial
 from itertools import product
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax import statics
 from dropper_jax.base.errors import SceneError, nearest
@@ -45,10 +45,10 @@ AXES = ("x", "y", "z")
 class ReleaseState(NamedTuple):
     """Start of a window: its time [s] and run, and the derivative of theta_s with respect to p (n, k)."""
 
-    released: jax.Array
-    begin: jax.Array
-    run: jax.Array
-    slope: jax.Array
+    released: Array
+    begin: Array
+    run: Array
+    slope: Array
 
 
 @dataclass(frozen=True)
@@ -87,14 +87,14 @@ class Release:
             forces.append(Parameter(f"{FORCE}.{i}.{node}.{AXES[c]}", where, float(self.force[j, c]), unit="N"))
         return times + forces
 
-    def times(self, parameters: Sequence[Parameter], values: jax.Array) -> jax.Array:
+    def times(self, parameters: Sequence[Parameter], values: Array) -> Array:
         """Instants of release (runs,) [s] on the traces' clocks; 0 if they are not free."""
         free = _free_times(parameters)
         none = jnp.zeros((), values.dtype)
         # not by `.at[].set`, which cannot be part of one kernel
         return jnp.stack([values[free[run]] if run in free else none for run in range(self.runs)])
 
-    def late(self, parameters: Sequence[Parameter], p: jax.Array, release_state: ReleaseState) -> jax.Array:
+    def late(self, parameters: Sequence[Parameter], p: Array, release_state: ReleaseState) -> Array:
         """Time from the start of a window to its release [s]; 0 for windows that are not released."""
         late = self.times(parameters, p)[release_state.run] - release_state.begin
         return jnp.where(release_state.released, late, 0.0)
@@ -122,7 +122,7 @@ class Release:
                 theta[k], omega[k] = planar.from_nodes(poses.model, self.given.r, self.given.v)
         return theta, omega, basis, *inputs[3:], windows.released, windows.begin, windows.run, slope
 
-    def _loads(self, parameters: Sequence[Parameter], model: Model, values: jax.Array, run: int) -> jax.Array:
+    def _loads(self, parameters: Sequence[Parameter], model: Model, values: Array, run: int) -> Array:
         """Forces (nodes, 3) [N] that hold a run."""
         force = jnp.asarray(self.force, model.dtype).reshape(-1)
         for i, p in enumerate(parameters):

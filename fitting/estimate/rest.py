@@ -21,6 +21,7 @@ from itertools import product
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax import statics
 from dropper_jax.base.errors import SceneError
@@ -87,7 +88,7 @@ def static_pose(simulator: Simulator, values: np.ndarray) -> tuple[np.ndarray, n
         refusal = "rest: the scene has no pose at rest: {}. Use a line that hangs"
         parameters = simulator.compiled
 
-        def seen(model: Model, p: jax.Array, theta: jax.Array) -> jax.Array:
+        def seen(model: Model, p: Array, theta: Array) -> Array:
             return camera_angles(model, parameters, p, theta)
 
         store["rest"] = StaticPoses(simulator.model, parameters, refusal, seen=seen)
@@ -106,7 +107,7 @@ def _band(model: Model) -> np.ndarray | float:
     basis = planar.chart(model, theta[None])[0]
     still = jnp.zeros(len(theta))
 
-    def energy(z: jax.Array) -> jax.Array:
+    def energy(z: Array) -> Array:
         return planar.energy(model, planar.close_chain(model, theta + basis @ z, still)[0], still)
 
     stiffness = np.asarray(jax.hessian(energy)(jnp.zeros(basis.shape[1])))

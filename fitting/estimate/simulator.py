@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.backend.programs import compile_program
 from dropper_jax.base.errors import SceneError
@@ -267,16 +268,16 @@ class Simulator:
 
     def window(
         self,
-        values: jax.Array,
-        seeds: jax.Array,
-        substeps: jax.Array,
-        count: jax.Array,
-        *inputs: jax.Array,
+        values: Array,
+        seeds: Array,
+        substeps: Array,
+        count: Array,
+        *inputs: Array,
         stepper: Stepper,
         dt: float,
         capacity: int,
         on_grid: bool,
-    ) -> tuple[jax.Array, ...]:
+    ) -> tuple[Array, ...]:
         """Value and derivatives of one window along `seeds`, directions of its start and of the values.
 
         Args:
@@ -287,19 +288,19 @@ class Simulator:
         m = basis.shape[1]
         recordings = measured.shape[1] // len(theta0)
 
-        def model_at(x: jax.Array) -> Model:
+        def model_at(x: Array) -> Model:
             p = x[2 * m :]
             return add_missing_forces(apply(self.model, self.compiled, p), self.compiled, p)
 
-        def begun(x: jax.Array) -> Start:
+        def begun(x: Array) -> Start:
             z = x[: 2 * m]
             p = x[2 * m :]
             model = model_at(x)
             # sums and not matrix products, which may call a library and so prevent one kernel
             theta = theta0 + jnp.sum(basis * z[:m], axis=1)
-            h: jax.Array | float = dt
+            h: Array | float = dt
             samples = (index, fraction)
-            late: jax.Array | float = 0.0
+            late: Array | float = 0.0
             if self.release:
                 release_state = ReleaseState(*more)
                 theta = theta + jnp.sum(release_state.slope * (p - values), axis=1)
@@ -311,7 +312,7 @@ class Simulator:
             theta, omega = planar.close_chain(model, theta, omega0 + jnp.sum(basis * z[m:], axis=1))
             return Start(theta, omega, planar.to_state(model, theta, omega), jnp.asarray(h, theta.dtype), samples)
 
-        def read_out(x: jax.Array, start: Start, rows: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, ...]:
+        def read_out(x: Array, start: Start, rows: tuple[Array, Array]) -> tuple[Array, ...]:
             p = x[2 * m :]
             model = model_at(x)
             angles, rates = jax.vmap(partial(planar.from_nodes, model))(*rows)
@@ -345,13 +346,13 @@ class Simulator:
 
     def _clock(
         self,
-        p: jax.Array,
-        late: jax.Array | float,
-        position: jax.Array,
-        jumps: jax.Array,
+        p: Array,
+        late: Array | float,
+        position: Array,
+        jumps: Array,
         dt: float,
-        steps: jax.Array,
-    ) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
+        steps: Array,
+    ) -> tuple[Array, tuple[Array, Array]]:
         """A window's step [s] and the position of its samples in steps, integer and fraction, by its own clock.
 
         The steps are stretched so that the last one ends with the window, however much time is missing in it.
@@ -374,11 +375,11 @@ class Start(NamedTuple):
     """Start of a window: angles [rad] and rates [rad/s] (n,), the state, its step [s], and the position of its samples
     in steps, integer and fraction (S,)."""
 
-    theta: jax.Array
-    omega: jax.Array
+    theta: Array
+    omega: Array
     state: State
-    h: jax.Array
-    samples: tuple[jax.Array, jax.Array]
+    h: Array
+    samples: tuple[Array, Array]
 
 
 def choose_stepper(model: Model, integrator: str | None = None, solver: str = "auto") -> Stepper:
@@ -410,15 +411,15 @@ ACCURACY_PER_LENGTH = 0.1
 
 def march(
     stepper: Stepper,
-    model_at: Callable[[jax.Array], Model],
-    x: jax.Array,
-    directions: jax.Array,
+    model_at: Callable[[Array], Model],
+    x: Array,
+    directions: Array,
     start: Varied,
     capacity: int,
-    substeps: jax.Array | int,
-    steps: jax.Array | int,
-    counted: jax.Array | int,
-) -> tuple[Varied, jax.Array]:
+    substeps: Array | int,
+    steps: Array | int,
+    counted: Array | int,
+) -> tuple[Varied, Array]:
     """Positions and velocities (capacity, nodes, 3) after every step from a start, a `Start` as a function of x, with
     derivatives along the directions (k, len(x)), and the number of failed (sub)steps among the first `counted`;
     undefined beyond `steps`.
@@ -428,7 +429,7 @@ def march(
     """
     if isinstance(stepper.integrator, Embedded):
 
-        def adapt(x: jax.Array, start: Start) -> tuple[tuple[jax.Array, jax.Array], jax.Array]:
+        def adapt(x: Array, start: Start) -> tuple[tuple[Array, Array], Array]:
             model = model_at(x)
             finer = jnp.asarray(substeps, model.dtype) ** -stepper.integrator.order
             accuracy = jax.lax.stop_gradient(ACCURACY_PER_LENGTH * jnp.min(model.line.length) * finer)
@@ -439,11 +440,11 @@ def march(
         found = vary(adapt, x, directions, start)
         return Varied(found.tree[0], found.slopes), found.tree[1]
 
-    def save(now: Varied, i: jax.Array) -> tuple[Varied, Varied]:
-        def interval(x: jax.Array, now: tuple[State, jax.Array], start: Start) -> tuple[Any, Any]:
+    def save(now: Varied, i: Array) -> tuple[Varied, Varied]:
+        def interval(x: Array, now: tuple[State, Array], start: Start) -> tuple[Any, Any]:
             model = model_at(x)
 
-            def part(_: jax.Array, now: tuple[State, jax.Array]) -> tuple[State, jax.Array]:
+            def part(_: Array, now: tuple[State, Array]) -> tuple[State, Array]:
                 s, failed = now
                 taken = advance_over(stepper, model, s, start.h / substeps, failed == 0)
                 return taken.state, failed + jnp.where(i < counted, taken.failed, 0)
@@ -453,7 +454,7 @@ def march(
 
         return split(vary(interval, x, directions, now, start))
 
-    def first(x: jax.Array, start: Start) -> tuple[Any, Any]:
+    def first(x: Array, start: Start) -> tuple[Any, Any]:
         s = begin(stepper, model_at(x), start.state).state
         # steps that are not reached keep the first pose: a link of zero length would have no angle
         shelf = tuple(jnp.broadcast_to(a, (capacity, *a.shape)) for a in (s.r, s.v))
@@ -466,14 +467,14 @@ def march(
 
 
 def at_samples(
-    start: tuple[jax.Array, jax.Array],
-    angles: jax.Array,
-    rates: jax.Array,
-    index: jax.Array,
-    fraction: jax.Array,
-    dt: jax.Array | float,
+    start: tuple[Array, Array],
+    angles: Array,
+    rates: Array,
+    index: Array,
+    fraction: Array,
+    dt: Array | float,
     on_grid: bool,
-) -> jax.Array:
+) -> Array:
     """Angles (S, n) at the sample times: cubic Hermite between steps, whose error is below the scheme's own."""
     angles = jnp.concatenate([start[0][None], angles])
     if on_grid:

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax import statics
 from dropper_jax.base.errors import SceneError
@@ -29,18 +30,18 @@ class StaticPoses:
         model: Model,
         parameters: Sequence[Parameter],
         refusal: str,
-        loads: Callable[[Model, jax.Array, int], jax.Array | None] = lambda model, values, run: None,
-        seen: Callable[[Model, jax.Array, jax.Array], jax.Array] = lambda model, values, theta: theta,
+        loads: Callable[[Model, Array, int], Array | None] = lambda model, values, run: None,
+        seen: Callable[[Model, Array, Array], Array] = lambda model, values, theta: theta,
     ) -> None:
         self.model = model
         self.refusal = refusal
         self._near: dict[int, State] = {}
 
-        def loaded(values: jax.Array, run: int) -> tuple[Model, jax.Array | None]:
+        def loaded(values: Array, run: int) -> tuple[Model, Array | None]:
             changed = apply(model, parameters, values)
             return changed, loads(changed, values, run)
 
-        def angles(values: jax.Array, near: State, run: int) -> tuple[jax.Array, tuple[jax.Array, State]]:
+        def angles(values: Array, near: State, run: int) -> tuple[Array, tuple[Array, State]]:
             changed, forces = loaded(values, run)
             s = statics.settle(changed, near, forces)
             theta = seen(changed, values, planar.from_nodes(changed, s.r, jnp.zeros_like(s.r))[0])

@@ -20,6 +20,7 @@ from typing import Generic, NamedTuple, TypeVar
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 from jax.typing import ArrayLike
 
 from dropper_jax.backend.programs import cached_jit
@@ -308,7 +309,7 @@ def follow_motion(windows: Windows, move: np.ndarray, steps: int) -> list[Piece]
 
 
 #: Arrays of NumPy or of JAX.
-A = TypeVar("A", np.ndarray, jax.Array)
+A = TypeVar("A", np.ndarray, Array)
 
 
 class Starts(NamedTuple, Generic[A]):
@@ -354,7 +355,7 @@ def first_starts(model: Model, traces: Sequence[Trace], windows: Windows, sigma:
 
 
 @cached_jit()
-def _close(model: Model, theta: ArrayLike, omega: ArrayLike) -> tuple[jax.Array, jax.Array]:
+def _close(model: Model, theta: ArrayLike, omega: ArrayLike) -> tuple[Array, Array]:
     """`close_chain` of many angles and rates (k, n)."""
     return jax.vmap(partial(planar.close_chain, model))(jnp.asarray(theta), jnp.asarray(omega))
 

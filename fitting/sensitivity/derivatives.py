@@ -15,6 +15,7 @@ from dataclasses import replace
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import Progress, SceneError, silent
@@ -35,7 +36,7 @@ from fitting.sensitivity.tangents import vary_start, vary_study
 
 
 @cached_jit(static=("plan",))
-def _reverse(plan: Plan, model: Model, near: State, values: jax.Array, steps: Steps) -> jax.Array:
+def _reverse(plan: Plan, model: Model, near: State, values: Array, steps: Steps) -> Array:
     return jax.grad(lambda p: plan.evaluate(model, near, p, steps, checkpoint=True))(values)
 
 
@@ -131,7 +132,7 @@ def _with_check(problem: Study, found: Local, say: Progress) -> Local:
     return replace(found, exponent=float(growth.exponent))
 
 
-def _error_of_steps(problem: Study, at: jax.Array, start: Varied, value: float) -> float:
+def _error_of_steps(problem: Study, at: Array, start: Varied, value: float) -> float:
     """The error of the quantity by a run with four times the accuracy; NaN if a step fails, or steps are equal."""
     settings = problem.scene.run
     if problem.of.at_rest or settings.accuracy is None:
@@ -207,7 +208,7 @@ def _motion_growth(problem: Study, start: Varied, run: Varied, changed: Varied |
 
 
 def windows(
-    problem: Study, at: jax.Array, length: float, run: Trajectory | None = None
+    problem: Study, at: Array, length: float, run: Trajectory | None = None
 ) -> tuple[np.ndarray, np.ndarray, float]:
     """Mean derivative of the quantity over windows of about `length` [s] that start on the motion itself.
 

@@ -24,6 +24,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import Progress, SceneError, silent
@@ -84,7 +85,7 @@ class Run(NamedTuple):
     at_most: float
 
 
-def farthest(one: np.ndarray | jax.Array, other: np.ndarray | jax.Array) -> float:
+def farthest(one: np.ndarray | Array, other: np.ndarray | Array) -> float:
     """Distance [m] of the two positions (..., 3) that are farthest apart."""
     return float(np.linalg.norm(np.asarray(one) - np.asarray(other), axis=-1).max())
 

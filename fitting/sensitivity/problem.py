@@ -10,6 +10,7 @@ from functools import cached_property, partial
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.backend.batches import map_members
 from dropper_jax.backend.one_kernel import one_kernel
@@ -68,7 +69,7 @@ class Plan:
             _, run = integrate(self.stepper, model, s, self.run.step, count, every, checkpoint, warn=False)
         return run
 
-    def measure(self, model: Model, s: State, run: Trajectory, t: jax.Array) -> jax.Array:
+    def measure(self, model: Model, s: State, run: Trajectory, t: Array) -> Array:
         """The quantity of states saved at times t (k,) [s], NaN if a step failed."""
         if self.of.at_rest:
             return self.of(model, s.r, run, t)
@@ -81,8 +82,8 @@ class Plan:
         return None
 
     def evaluate(
-        self, model: Model, near: State, values: jax.Array, steps: Steps | None = None, checkpoint: bool = False
-    ) -> jax.Array:
+        self, model: Model, near: State, values: Array, steps: Steps | None = None, checkpoint: bool = False
+    ) -> Array:
         """The quantity of the model with these values (p,), by a run along these steps; None: along steps of its own,
         without derivatives."""
         model = apply(model, self.parameters, values)
@@ -94,7 +95,7 @@ class Plan:
         times = s.t + jnp.cumsum(jnp.asarray(steps.length))[jnp.asarray(steps.ends) - 1]
         return self.measure(model, s, self.march(model, s, steps, checkpoint), times)
 
-    def _own_run(self, model: Model, s: State) -> tuple[Trajectory, jax.Array]:
+    def _own_run(self, model: Model, s: State) -> tuple[Trajectory, Array]:
         """Saved states of a run from s along steps of its own, and their times."""
         rows = self.run.rows
         interval = jnp.asarray(self.run.interval, model.dtype)
@@ -182,7 +183,7 @@ class Study:
             ends = np.asarray(interval_ends(jnp.asarray(length), run.interval, run.rows))
         return make_steps(self.model, length, ends, bool(failed))
 
-    def __call__(self, values: jax.Array) -> jax.Array:
+    def __call__(self, values: Array) -> Array:
         return self.plan.evaluate(self.model, self.start, values, self.steps)
 
     def check_derivatives(self, found: np.ndarray) -> None:
@@ -215,8 +216,8 @@ class Study:
 
 
 def measure_rows(
-    of: Quantity, model: Model, s: State, rows: Trajectory, t: jax.Array, watch: QuantitySignals | None
-) -> jax.Array:
+    of: Quantity, model: Model, s: State, rows: Trajectory, t: Array, watch: QuantitySignals | None
+) -> Array:
     """A quantity of the rows of a run from s, saved at times t (k,) [s]; `watch`: what was recorded over its steps."""
     if watch is not None and rows.extremes is not None:
         return OVER_STEPS[of.statistic](watch.over_steps(rows.extremes)[of])

@@ -76,7 +76,7 @@ def scene_of(case: Case):
 def run(name: str, case: Case, folder: Path) -> dict:
     """Fit, score, compare laws."""
     trace = read_trace(folder / case.file)
-    trace = replace(trace, t=trace.t[::2], theta=trace.theta[::2], omega=None)
+    trace = replace(trace, t=trace.t[::2], theta=trace.theta[::2])
     settings = replace(DOWN, dt=0.004, window=case.window)
     until = case.until
     scene = scene_of(case)

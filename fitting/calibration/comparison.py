@@ -43,7 +43,7 @@ from fitting.calibration.law_fits import (
 )
 from fitting.calibration.preparation import Prepared
 from fitting.estimate.factors import solve_spd
-from fitting.estimate.least_squares import Objective, continue_windows, descend, fit_windows
+from fitting.estimate.least_squares import Objective, continue_fit, descend, fit_windows
 from fitting.estimate.noise import lag_one
 from fitting.estimate.residual_noise import fit_with_noise
 from fitting.estimate.residuals import Solution
@@ -163,7 +163,7 @@ class LawFits:
         self.say(0.95, f"law {fullest}: noise")
         own = self.prepared
         noisy = partial(fit_with_noise, claimed=own.claimed_windows, floor=own.floor, traces=own.traces)
-        first = refine(noisy(self.fit(fullest, []), again=continue_windows))
+        first = refine(noisy(self.fit(fullest, []), again=continue_fit))
         self.prepared = own.noisy(first.problem.noise)
         enough = FAR * first.cost
         self.firsts = {fullest: first}

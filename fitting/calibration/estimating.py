@@ -10,11 +10,11 @@ import numpy as np
 
 from dropper_jax.base.errors import Progress, SceneError, nearest, part_of, silent
 from fitting.calibration.preparation import Prepared
-from fitting.estimate.least_squares import continue_windows, fit_windows
+from fitting.estimate.least_squares import continue_fit, fit_windows
 from fitting.estimate.loss import LEAST_SQUARES, Loss, initial_loss
 from fitting.estimate.residual_noise import fit_with_noise, pose_again
 from fitting.estimate.residuals import Solution
-from fitting.estimate.shooting import continue_shooting, fit_shooting, solve_to_end
+from fitting.estimate.shooting import fit_shooting, solve_to_end
 from fitting.estimate.step_size import finer_step, refine
 
 if TYPE_CHECKING:
@@ -88,10 +88,10 @@ def estimate(
     own_noise = partial(fit_with_noise, claimed=prepared.claimed_windows, floor=prepared.floor, traces=prepared.traces)
     last = part_of(progress, 0.95, 0.95)
     refined = partial(refine, progress=last)
-    solution = own_noise(solution, again=continue_windows)
+    solution = own_noise(solution, again=continue_fit)
     if solution.problem.loss != loss:
         there = replace(solution.problem, loss=loss)
-        solution = own_noise(continue_windows(pose_again(solution, there, solution.evaluation)), again=continue_windows)
+        solution = own_noise(continue_fit(pose_again(solution, there, solution.evaluation)), again=continue_fit)
     if method.name == "windows":
         return refined(solution)
     joined = fit_shooting(
@@ -101,4 +101,4 @@ def estimate(
     )
     if joined.status != "ok":
         return joined
-    return solve_to_end(refined(own_noise(joined, again=continue_shooting)), last)
+    return solve_to_end(refined(own_noise(joined, again=continue_fit)), last)

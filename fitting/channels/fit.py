@@ -19,7 +19,7 @@ from fitting.channels.problem import MOST_HALVED, ChannelSolution, Evaluation, P
 from fitting.channels.reading import read_data
 from fitting.channels.result import Between, ChannelFit, between, errors_of
 from fitting.channels.setup import find_free
-from fitting.estimate.least_squares import continue_windows, first_solution
+from fitting.estimate.least_squares import continue_fit, first_solution
 from fitting.estimate.loss import LEAST_SQUARES, Loss, as_loss, initial_loss
 from fitting.estimate.residual_noise import ROUNDS, fit_with_noise, pose_again
 from fitting.estimate.scene_fit import common_warnings
@@ -263,7 +263,7 @@ def settle_noise(point: ChannelSolution, iterations: int, progress: Progress = s
 
     def descend(point: ChannelSolution) -> ChannelSolution:
         turn = next(turns)
-        return continue_windows(point, iterations, part_of(progress, turn / (ROUNDS + 2), (turn + 1) / (ROUNDS + 2)))
+        return continue_fit(point, iterations, part_of(progress, turn / (ROUNDS + 2), (turn + 1) / (ROUNDS + 2)))
 
     def claimed_series(point: ChannelSolution) -> Series:
         return point.problem.data.series(point.problem.claimed_noise, point.evaluation.shown)

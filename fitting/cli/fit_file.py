@@ -68,7 +68,7 @@ def given_of(args: argparse.Namespace) -> Given:
 
 def is_trace_file(file: str, partial: bool) -> bool:
     """Whether a file has the columns of a trace, `t` and `theta_1`, or of any link if `partial`, under these names."""
-    from fitting.from_file.cells import read_lines
+    from fitting.traces.lines import read_lines
 
     heads = [line for line in read_lines(Path(file))[:100] if not line.lstrip().startswith("#")]
     names = []
@@ -125,7 +125,7 @@ def fit_files(
     """Fit files without a scene: the result, and what was assumed and found as plain values and as text."""
     from dropper_jax.load.scene import Scene
     from fitting.calibration.fit import fit, free_laws
-    from fitting.from_file.output import new_folder, write_case
+    from fitting.from_file.output import unused, write_case
     from fitting.from_file.read_file import read_measured
     from fitting.from_file.scene_of import propose_scene
     from fitting.from_file.values import found_values, value_rows
@@ -153,20 +153,20 @@ def fit_files(
         )
         result = fit_plain()
     if args.report is None:
-        folder = new_folder(measured[0].trace.name)
+        folder = unused(Path(), f"{measured[0].trace.name}-fit")
     else:
         folder = Path(args.report)
-    case = write_case(folder, measured, plain, ("--same-motion",) if args.same_motion else ())
+    command = write_case(folder, measured, plain, ("--same-motion",) if args.same_motion else ())
     values = found_values(result, measured[0], args.mass)
     assumed.append(model_note(measured[0].trace.links, args.mass))
     parts = [
         "assumed\n" + "\n".join(f"  {note}" for note in assumed),
         table(value_rows(values)),
-        f"repeat with: {case.command}",
+        f"repeat with: {command}",
     ]
     rows = (asdict(one) for one in values)
     plain_values = {row.pop("name"): row for row in rows}
-    return result, {"assumed": assumed, "found": plain_values, "repeat": case.command}, "\n\n".join(parts)
+    return result, {"assumed": assumed, "found": plain_values, "repeat": command}, "\n\n".join(parts)
 
 
 def model_error_of(result: FitResult) -> float | None:

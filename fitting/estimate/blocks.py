@@ -37,13 +37,6 @@ class Pieces(NamedTuple):
     run: np.ndarray
 
 
-class Scatter(NamedTuple):
-    """Covariance (k, k) of the parameters by the scatter of this many blocks."""
-
-    covariance: np.ndarray
-    blocks: int
-
-
 def scores(evaluation: Evaluation, step: Step | Solution) -> np.ndarray:
     """Derivative of every residual by the parameters along the optimum of the starts (K, S, n, k)."""
     m2 = step.eliminated.shape[1]
@@ -73,13 +66,12 @@ def pieces(solution: Solution, free: np.ndarray) -> Pieces:
     rows = [(number(timing.t, timing.run)[known], weighted_score[known], square[known])]
     if solution.gap_weight and solution.windows.follows.any():
         windows = solution.windows
-        found = solution.problem.gaps(solution.evaluation, solution.values)
-        left = found.left
-        right = found.left + 1
+        gaps = solution.problem.gaps(solution.evaluation, solution.values)
+        right = gaps.left + 1
         along = solution.eliminated
-        slope = (found.shared + found.before @ along[left] + found.after @ along[right])[..., free]
+        slope = (gaps.shared + gaps.before @ along[gaps.left] + gaps.after @ along[right])[..., free]
         slope = slope / solution.gap_weight
-        gradient = np.einsum("gip,gi->gp", slope, found.value / solution.gap_weight)
+        gradient = np.einsum("gip,gi->gp", slope, gaps.value / solution.gap_weight)
         square = np.einsum("gip,giq->gpq", slope, slope)
         rows.append((number(windows.begin[right], windows.run[right]), gradient, square))
     numbers, gradients, squares = (np.concatenate(column) for column in zip(*rows, strict=True))
@@ -119,8 +111,8 @@ def block_of(parts: Pieces, information: np.ndarray) -> int:
     return int(max(1, min(np.ceil(longest), len(parts.run) // FEWEST)))
 
 
-def scatter(solution: Solution) -> Scatter | None:
-    """Covariance of the free parameters by the scatter of blocks; None with too few pieces of time."""
+def scatter(solution: Solution) -> tuple[np.ndarray, int] | None:
+    """Covariance (k, k) of the free parameters by the scatter of this many blocks; None with too few pieces of time."""
     free = solution.free
     parts = pieces(solution, free)
     information = solution.free_information
@@ -128,20 +120,20 @@ def scatter(solution: Solution) -> Scatter | None:
     if len(parts.gradient) < FEWEST or not len(free):
         return None
     length = block_of(parts, information)
-    # a run's last block includes the remainder
-    part = [np.minimum(np.arange(n) // length, max(n // length - 1, 0)) for n in np.bincount(parts.run)]
-    names, block = np.unique(np.stack([parts.run, np.concatenate(part)]), axis=1, return_inverse=True)
-    blocks = names.shape[1]
-    if blocks < 2:
+    blocks = []
+    for run in np.unique(parts.run):
+        mine = np.flatnonzero(parts.run == run)
+        blocks += np.split(mine, length * np.arange(1, len(mine) // length))  # the last one includes the remainder
+    if len(blocks) < 2:
         return None
     inner = invert_spd(information)
-    covariance = jackknife(parts, [np.flatnonzero(block.ravel() == b) for b in range(blocks)], information)
+    covariance = jackknife(parts, blocks, information)
     covariance = covariance + inner @ prior @ inner
     own = np.diag(covariance)
     drift = _half_difference(parts, information) ** 2
     # independent blocks explain four times the variance
     more = np.maximum(0.25 * drift, drift - 4 * own)
-    return Scatter(raised_to(covariance, own + more), blocks)
+    return raised_to(covariance, own + more), len(blocks)
 
 
 def jackknife(parts: Pieces, blocks: Sequence[np.ndarray], information: np.ndarray) -> np.ndarray:
@@ -189,12 +181,11 @@ def resample(
 def _half_difference(parts: Pieces, information: np.ndarray) -> np.ndarray:
     """Difference between the estimates (k,) of the first and the second half of the time, to first order."""
     middle = len(parts.run) // 2
-
-    def estimate(half: slice) -> np.ndarray:
+    estimates = []
+    for half in (slice(middle), slice(middle, None)):
         rest = _positive(parts.information[half].sum(0), information)
-        return solve_spd(rest, parts.gradient[half].sum(0))
-
-    return estimate(slice(middle)) - estimate(slice(middle, None))
+        estimates.append(solve_spd(rest, parts.gradient[half].sum(0)))
+    return estimates[0] - estimates[1]
 
 
 def _positive(rest: np.ndarray, full: np.ndarray) -> np.ndarray:

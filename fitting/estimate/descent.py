@@ -219,10 +219,7 @@ class GradientSteps:
 
     def report(self, point: Point, progress: Progress) -> None:
         record = self.objective.record(point.cost, point.values)
-        if record.gap_weight is None:
-            stage = "separate windows"
-        else:
-            stage = f"gap weight {record.gap_weight:g}"
+        stage = "separate windows" if record.gap_weight is None else f"gap weight {record.gap_weight:g}"
         text = f"{stage}, {self.descent.name} step {self.taken}, loss per sample {record.loss:.5g}"
         progress(min(self.taken / self.descent.steps, 0.99), text)
 
@@ -264,14 +261,8 @@ class GradientSteps:
     def _divergence(self, cost: float) -> str:
         """A loss that grew, in words."""
         descent = self.descent
-        if np.isfinite(cost):
-            size = f"grew from {self.first:.3g} to {cost:.3g}"
-        else:
-            size = "is not finite"
-        if descent.rate > descent.usual_rate:
-            advice = f"Use {descent.usual_rate:g}"
-        else:
-            advice = "Use a smaller one"
+        size = f"grew from {self.first:.3g} to {cost:.3g}" if np.isfinite(cost) else "is not finite"
+        advice = f"Use {descent.usual_rate:g}" if descent.rate > descent.usual_rate else "Use a smaller one"
         steps = f"{self.taken} steps of {descent.name}"
         return f"the loss {size} after {steps} with learning rate {descent.rate:g}. {advice}"
 

@@ -207,9 +207,7 @@ def fit_starts(problem: Problem, values: np.ndarray, starts: Starts, iterations:
     cost = window_costs(problem, evaluation.residual)
     for _ in range(iterations - 1):
         normal = normal_blocks(evaluation, problem.weights(evaluation), problem.freedoms)
-        diagonal = np.einsum("kii->ki", normal.A)
-        floor = 1e-12 * diagonal.max(axis=1, keepdims=True) + 1e-300
-        A = normal.A + (damping[:, None] * diagonal + floor)[:, :, None] * np.eye(diagonal.shape[1])
+        A = normal.damped(damping[:, None])
         usable = np.all(np.isfinite(A), axis=(1, 2)) & np.isfinite(cost)
         A = np.where(usable[:, None, None], A, np.eye(A.shape[1]))
         slope = np.where(usable[:, None], normal.gz, 0.0)
@@ -225,13 +223,15 @@ def fit_starts(problem: Problem, values: np.ndarray, starts: Starts, iterations:
     return starts, evaluation
 
 
-#: Maximum evaluations when a solution continues with other noise.
+#: Maximum evaluations when a solution continues with other noise or finer steps.
 CONTINUED = 12
 
 
-def continue_windows(point: Solution, iterations: int = CONTINUED, progress: Progress = silent) -> Solution:
-    """Continue from a solution of separate windows with its own problem, whose noise may have changed."""
-    return descend(Objective(point.problem), point, iterations, progress=progress)
+def continue_fit(point: Solution, iterations: int = CONTINUED, progress: Progress = silent) -> Solution:
+    """Continue from a solution, whose windows are separate or joined, with its own problem, whose noise or steps may
+    have changed."""
+    found = descend(level_of(point.problem, point.gap_weight), point, iterations, progress=progress)
+    return replace(found, evidence=point.evidence)
 
 
 class Point(NamedTuple):
@@ -300,14 +300,18 @@ class DampedSteps:
             failure = problem.failure(evaluation) or failure
             if cost < point.cost:
                 gain = (point.cost - cost) / max(step.predicted, 1e-300)
-                self.damping = max(self.damping * (0.1 if gain > 0.5 else 1.0 if gain > 0.1 else 3.0), 1e-9)
+                if gain <= 0.1:
+                    self.damping *= 3.0
+                elif gain > 0.5:
+                    self.damping = max(0.1 * self.damping, 1e-9)
                 return Point(values, evaluation, cost, objective.system(evaluation, values))
             if near:  # a smooth cost would have decreased
                 break
             self.damping = max(10 * self.damping, 1e-3)
         if near or self.damping >= LARGEST_DAMPING:
             self.why = ""
-        self.why = self.why if near else failure or self.why
+        if not near:
+            self.why = failure or self.why
         return None
 
 

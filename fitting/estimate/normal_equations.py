@@ -91,8 +91,8 @@ class Normal(NamedTuple):
     gp: np.ndarray
     below: np.ndarray | None = None
 
-    def damped(self, damping: float) -> np.ndarray:
-        """The starts' blocks A with their diagonals scaled by 1 + damping, and invertible."""
+    def damped(self, damping: np.ndarray | float) -> np.ndarray:
+        """The starts' blocks A with their diagonals scaled by 1 + damping, of all or (K, 1), and invertible."""
         diagonal = np.einsum("kii->ki", self.A)
         if self.below is None:
             floor = 1e-12 * diagonal.max(initial=0.0) + 1e-300

@@ -12,21 +12,22 @@ h = dt (1 - (tau - t0)/T): every angle then depends smoothly on tau.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import product
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax import statics
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model, State
+from fitting.estimate.static_poses import StaticPoses
 from fitting.estimate.windows import Starts, Windows, pick
-from fitting.parameters.parameter import Parameter, apply
+from fitting.parameters.parameter import Parameter
 from fitting.parameters.targets import ReleasePlace
 from fitting.traces import planar
 from fitting.traces.trace import Trace
@@ -44,10 +45,10 @@ AXES = ("x", "y", "z")
 class ReleaseState(NamedTuple):
     """Start of a window: its time [s] and run, and the derivative of theta_s with respect to p (n, k)."""
 
-    released: jax.Array
-    begin: jax.Array
-    run: jax.Array
-    slope: jax.Array
+    released: Array
+    begin: Array
+    run: Array
+    slope: Array
 
 
 @dataclass(frozen=True)
@@ -65,16 +66,13 @@ class Release:
     nodes: tuple[int, ...]
     force: np.ndarray
     given: State | None = None
-    _near: dict[int, State] = field(default_factory=dict, init=False, repr=False)
-    _programs: dict[str, Callable[..., tuple[jax.Array, jax.Array, State]]] = field(
-        default_factory=dict, init=False, repr=False
-    )
 
     def parameters(self, name: str, option: str) -> list[Parameter]:
         """Parameters of `release.time[.RUN]` or `release.force[.RUN[.NODE.AXIS]]`; without AXIS those not zero."""
         known = {p.name: p for p in self._all()}
-        found = [p for key, p in known.items() if key == name]
-        found = found or [p for key, p in known.items() if key.startswith(name + ".") and (p.value or TIME in key)]
+        if name in known:
+            return [known[name]]
+        found = [p for key, p in known.items() if key.startswith(name + ".") and (p.value or TIME in key)]
         if found:
             return found
         if name.startswith(FORCE) and not self.nodes:
@@ -89,74 +87,43 @@ class Release:
             forces.append(Parameter(f"{FORCE}.{i}.{node}.{AXES[c]}", where, float(self.force[j, c]), unit="N"))
         return times + forces
 
-    def times(self, parameters: Sequence[Parameter], values: jax.Array) -> jax.Array:
+    def times(self, parameters: Sequence[Parameter], values: Array) -> Array:
         """Instants of release (runs,) [s] on the traces' clocks; 0 if they are not free."""
         free = _free_times(parameters)
         none = jnp.zeros((), values.dtype)
         # not by `.at[].set`, which cannot be part of one kernel
         return jnp.stack([values[free[run]] if run in free else none for run in range(self.runs)])
 
-    def late(self, parameters: Sequence[Parameter], p: jax.Array, release_state: ReleaseState) -> jax.Array:
+    def late(self, parameters: Sequence[Parameter], p: Array, release_state: ReleaseState) -> Array:
         """Time from the start of a window to its release [s]; 0 for windows that are not released."""
-        return jnp.where(
-            release_state.released, self.times(parameters, p)[release_state.run] - release_state.begin, 0.0
-        )
+        late = self.times(parameters, p)[release_state.run] - release_state.begin
+        return jnp.where(release_state.released, late, 0.0)
+
+    def static_poses(self, model: Model, parameters: Sequence[Parameter]) -> StaticPoses:
+        """The poses in which runs of a model with these parameters start."""
+        return StaticPoses(model, parameters, "static start: {}", partial(self._loads, parameters))
 
     def release_inputs(
-        self,
-        model: Model,
-        parameters: Sequence[Parameter],
-        values: np.ndarray,
-        inputs: tuple[np.ndarray, ...],
-        windows: Windows,
+        self, poses: StaticPoses, values: np.ndarray, inputs: tuple[np.ndarray, ...], windows: Windows
     ) -> tuple[np.ndarray, ...]:
-        """The windows' inputs with the released ones at the model's own pose, and `ReleaseState` of each."""
-        theta, omega, basis = (a.copy() for a in inputs[:3])
-        slope = np.zeros((windows.count, theta.shape[1], len(values)))
-        for k in np.flatnonzero(windows.released):
-            theta[k], omega[k], slope[k] = self.pose(model, parameters, values, int(windows.run[k]))
-            basis[k] = 0.0
-        return theta, omega, basis, *inputs[3:], windows.released, windows.begin, windows.run, slope
-
-    def pose(
-        self, model: Model, parameters: Sequence[Parameter], values: np.ndarray, run: int
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Angles (n,), rates (n,) and the angles' derivative (n, k) at the start of a run.
+        """The windows' inputs with the released ones at the model's own pose, and `ReleaseState` of each.
 
         Raises:
             SceneError: no static pose at the start values.
         """
-        if self.given is not None:
-            theta, omega = planar.from_nodes(model, self.given.r, self.given.v)
-            return np.asarray(theta), np.asarray(omega), np.zeros((len(theta), len(values)))
-        loads = self._loads(model, parameters, jnp.asarray(values), run)
-        if run not in self._near:
-            found = statics.equilibrium(apply(model, parameters, jnp.asarray(values)), loads)
-            if found.status != "ok" or found.state is None:
-                raise SceneError(f"static start: {found.message}")
-            self._near[run] = found.state
-        if "pose" not in self._programs:
-            self._programs["pose"] = jax.jit(partial(self._static_angles, model, parameters), static_argnums=2)
-        theta, slope, state = self._programs["pose"](jnp.asarray(values), self._near[run], run)
-        if np.isfinite(theta).all():
-            self._near[run] = state
-        return np.asarray(theta), np.zeros(len(theta)), np.asarray(slope)
+        theta, omega, basis = (a.copy() for a in inputs[:3])
+        slope = np.zeros((windows.count, theta.shape[1], len(values)))
+        for k in np.flatnonzero(windows.released):
+            basis[k] = 0.0
+            if self.given is None:
+                theta[k], slope[k] = poses.pose(values, int(windows.run[k]))
+                omega[k] = 0.0
+            else:
+                theta[k], omega[k] = planar.from_nodes(poses.model, self.given.r, self.given.v)
+        return theta, omega, basis, *inputs[3:], windows.released, windows.begin, windows.run, slope
 
-    def _static_angles(
-        self, model: Model, parameters: Sequence[Parameter], values: jax.Array, near: State, run: int
-    ) -> tuple[jax.Array, jax.Array, State]:
-        """Angles (n,), their derivative (n, k) and the static pose, solved from a nearby one."""
-
-        def angles(values: jax.Array) -> tuple[jax.Array, tuple[jax.Array, State]]:
-            changed = apply(model, parameters, values)
-            s = statics.settle(changed, near, self._loads(changed, parameters, values, run))
-            theta, _ = planar.from_nodes(changed, s.r, jnp.zeros_like(s.r))
-            return theta, (theta, s)
-
-        slope, (theta, s) = jax.jacfwd(angles, has_aux=True)(values)
-        return theta, slope, s
-
-    def _loads(self, model: Model, parameters: Sequence[Parameter], values: jax.Array, run: int) -> jax.Array:
+    def _loads(self, parameters: Sequence[Parameter], model: Model, values: Array, run: int) -> Array:
+        """Forces (nodes, 3) [N] that hold a run."""
         force = jnp.asarray(self.force, model.dtype).reshape(-1)
         for i, p in enumerate(parameters):
             if isinstance(p.where, ReleasePlace) and (p.where.run, p.where.field) == (run, "force"):
@@ -183,15 +150,14 @@ class Release:
         Raises:
             SceneError: a release outside this range.
         """
-        begin = {int(windows.run[k]): float(windows.begin[k]) for k in np.flatnonzero(windows.released)}
         # maximum distance of the release from the start of its window, as a fraction of the window
         reach = 0.5 * windows.length
         found = list(parameters)
         free = _free_times(parameters)
-        for run, t0 in begin.items():
-            value = 0.0
-            if run in free:
-                value = found[free[run]].value
+        for k in np.flatnonzero(windows.released):
+            run = int(windows.run[k])
+            t0 = float(windows.begin[k])
+            value = found[free[run]].value if run in free else 0.0
             if abs(value - t0) > reach:
                 raise SceneError(
                     f"static start: released at {value:g} s, but run {run} starts at {t0:g} s; "
@@ -219,15 +185,15 @@ class Release:
         first = pick(starts, which)
         tries = np.tile(values, (TRIED, 1))
         times = [*index.values()]
-        low = np.array([parameters[i].low for i in times])
-        high = np.array([parameters[i].high for i in times])
+        low, high = np.array([(parameters[i].low, parameters[i].high) for i in times]).T
         tries[:, times] = np.linspace(low, high, TRIED)
         costs = np.array([np.sum(residuals(tried, first, few) ** 2, axis=(1, 2)) for tried in tries])
-        best = np.argmin(np.where(np.isnan(costs), np.inf, costs), axis=0)
+        costs = np.where(np.isnan(costs), np.inf, costs)
         found = values.copy()
-        for k, run in enumerate(few.run):
-            if run in index and np.isfinite(costs[best[k], k]):
-                found[index[run]] = tries[best[k], index[run]]
+        for run, cost in zip(few.run, costs.T, strict=True):
+            best = np.argmin(cost)
+            if run in index and np.isfinite(cost[best]):
+                found[index[run]] = tries[best, index[run]]
         return found
 
 

@@ -77,14 +77,14 @@ class ResidualNoiseModel:
         problem = self.solution.problem.with_noise(noise, windows, self.solution.values)
         return pose_again(self.solution, problem, whiten(windows, e))
 
-    def fixed_point(self, noise: Noise, rounds: int = 3) -> tuple[Noise, Solution]:
-        """The noise with its sizes at their fixed point, or near it."""
+    def fixed_point(self, noise: Noise, rounds: int = 3) -> Solution:
+        """The solution in units of a noise with its sizes at their fixed point, or near it."""
         for _ in range(rounds):
             before = noise.factor
             noise = replace(noise, factor=np.maximum(before * self._grow(self.at(noise)), self.floor))
             if np.max(np.abs(np.log(noise.factor / before))) < 0.01:
                 break
-        return noise, self.at(noise)
+        return self.at(noise)
 
     def _grow(self, point: Solution) -> np.ndarray:
         """Standard deviation of the residuals relative to the assumed one (R, n), with degrees of freedom counted."""
@@ -100,25 +100,35 @@ class ResidualNoiseModel:
             found[r] = np.where(left > 10, np.sqrt(square / np.maximum(left, 1.0)), every)
         return np.where(found > 0, found, 1.0)
 
-    def estimate(self, noise: Noise) -> tuple[Noise, Solution]:
-        """The noise estimated from these residuals, starting from another one."""
-        white = replace(noise, decay=np.full_like(noise.decay, np.inf), delay=np.zeros_like(noise.delay))
-        found = white = self.fixed_point(white)
+    def estimate(self, noise: Noise) -> Solution:
+        """The solution in units of the noise estimated from these residuals, starting from another one."""
+        nothing = replace(noise, decay=np.full_like(noise.decay, np.inf), delay=np.zeros_like(noise.delay))
+        found = white = self.fixed_point(nothing)
         sensors = np.arange(len(self.floor))[:, None]
         for mine in [np.ones_like(self.floor, bool)] if self.traces else [sensors == c for c in sensors[:, 0]]:
-            found = self._likelier(found, self._with_memory(*found, mine))
+            found = self._likelier(found, self._with_memory(found, mine))
         if self.traces:
-            return self._likelier(found, self._with_delay(*white))
+            return self._likelier(found, self._with_delay(white))
         return found
 
-    def _likelier(self, found: tuple[Noise, Solution], tried: tuple[Noise, Solution] | None) -> tuple[Noise, Solution]:
+    def _likelier(self, found: Solution, tried: Solution | None) -> Solution:
         """A more complex noise model, if there is one and its log likelihood is higher by 6 at least."""
-        if tried is None or not minus_two_log(tried[1]) < minus_two_log(found[1]) - 2 * 6.0:
+        if tried is None or not minus_two_log(tried) < minus_two_log(found) - 2 * 6.0:
             return found
         return tried
 
-    def _with_memory(self, noise: Noise, point: Solution, mine: np.ndarray) -> tuple[Noise, Solution] | None:
+    def _likeliest(self, of: Callable[[float], Noise], low: float, high: float, tolerance: float) -> float:
+        """The number between two ends whose noise has the highest likelihood."""
+        from scipy.optimize import minimize_scalar  # noqa: PLC0415 - slow to import, and white noise needs none
+
+        def cost(x: float) -> float:
+            return minus_two_log(self.fixed_point(of(x), 2))
+
+        return float(minimize_scalar(cost, bounds=(low, high), method="bounded", options={"xatol": tolerance}).x)
+
+    def _with_memory(self, point: Solution, mine: np.ndarray) -> Solution | None:
         """AR(1) noise of some channels (R, n), at first with a common memory; None if residuals do not support it."""
+        noise = point.problem.noise
         kept, sure = lag_one_by_source(point.windows, point.evaluation.residual, len(self.floor))
         if not correlates(kept[mine], sure[mine]):
             return None
@@ -130,14 +140,11 @@ class ResidualNoiseModel:
         # fitted starts remove some of the memory and never add to it
         if not -WHITE < self._innovations(remembers(kept), mine) < 2 * WHITE:
             return None
-        from scipy.optimize import minimize_scalar  # noqa: PLC0415 - slow to import, and white noise needs none
-
-        cost = lambda rho: minus_two_log(self.fixed_point(remembers(rho), 2)[1])  # noqa: E731
-        rho = float(minimize_scalar(cost, bounds=(0.02, MAX_CORRELATION), method="bounded", options={"xatol": 4e-3}).x)
+        rho = self._likeliest(remembers, 0.02, MAX_CORRELATION, 4e-3)
         off = kept - kept[mine].mean()
         each = np.clip(rho + np.where(np.abs(off) > 3 * sure, off, 0.0), 0.02, MAX_CORRELATION)
         found = self.fixed_point(remembers(each))
-        if abs(self._innovations(found[0], mine)) < WHITE:
+        if abs(self._innovations(found.problem.noise, mine)) < WHITE:
             return found
         return None
 
@@ -148,8 +155,9 @@ class ResidualNoiseModel:
         left = whiten(windows, in_units(self.raw._replace(jacobian=nothing), self.claimed, windows)).residual
         return lag_one(left, (windows.weight > 0) & mine[windows.source][:, None])[0]
 
-    def _with_delay(self, white: Noise, point: Solution) -> tuple[Noise, Solution] | None:
+    def _with_delay(self, point: Solution) -> Solution | None:
         """A delay of every frame; None if the residuals do not support it, or the delays are not random."""
+        white = point.problem.noise
         speed = motion(point.windows, self.traces)[0] * point.windows.weight
         square = np.sum(speed**2, axis=2)
         along = np.sum(speed * point.evaluation.residual, axis=2)
@@ -163,11 +171,11 @@ class ResidualNoiseModel:
         late = along / np.maximum(np.sqrt(square), 1e-300)
         if not delay.any() or abs(lag_one(late[..., None], (square > 0)[..., None])[0]) > WHITE:
             return None
-        from scipy.optimize import minimize_scalar  # noqa: PLC0415 - as above
 
-        cost = lambda x: minus_two_log(self.fixed_point(replace(white, delay=delay * np.exp(x)), 2)[1])  # noqa: E731
-        size = minimize_scalar(cost, bounds=(-1.5, 1.5), method="bounded", options={"xatol": 0.02}).x
-        return self.fixed_point(replace(white, delay=delay * np.exp(size)))
+        def delayed(x: float) -> Noise:
+            return replace(white, delay=delay * np.exp(x))
+
+        return self.fixed_point(delayed(self._likeliest(delayed, -1.5, 1.5, 0.02)))
 
 
 def pose_again(solution: Solution, problem: Residuals, evaluation: Evaluation) -> Solution:
@@ -231,10 +239,10 @@ def fit_with_noise(
     """
     for _ in range(ROUNDS):
         before = solution.problem.noise or Noise.as_claimed(*floor.shape)
-        noise, solution = ResidualNoiseModel(solution, claimed(solution), traces, floor).estimate(before)
+        solution = ResidualNoiseModel(solution, claimed(solution), traces, floor).estimate(before)
         if traces:  # sensors of different kinds have no common memory
             solution.problem = replace(solution.problem, memory=memory_of(solution))
-        if noise.max_relative_difference(before) < same or solution.status != "ok":
+        if solution.problem.noise.max_relative_difference(before) < same or solution.status != "ok":
             break
         further = again(solution)
         if further.status != "ok":

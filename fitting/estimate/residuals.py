@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field, replace
+from operator import add
 from typing import Any, ClassVar, Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
@@ -174,8 +175,7 @@ class Residuals(ABC):
 
     def data_cost(self, evaluation: Evaluation) -> float:
         """The loss of the residuals; infinite if the motion is not finite."""
-        finite = np.isfinite(evaluation.residual).all()
-        if finite:
+        if np.isfinite(evaluation.residual).all():
             return self.loss.cost(evaluation.residual)
         return np.inf
 
@@ -294,8 +294,7 @@ class Problem(Residuals):
         found = super().prior(values)
         if self.rest is None:
             return found
-        more = self.rest.prior(self.simulator, values)
-        return Prior(found.cost + more.cost, found.gradient + more.gradient, found.curvature + more.curvature)
+        return Prior(*map(add, found, self.rest.prior(self.simulator, values)))
 
     def finer(self) -> Problem:
         """The problem with half the time step."""

@@ -16,10 +16,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax import statics
 from dropper_jax.base.errors import SceneError
@@ -28,8 +30,8 @@ from dropper_jax.model import Model
 from fitting.estimate.noise import Noise
 from fitting.estimate.normal_equations import Prior
 from fitting.estimate.simulator import Simulator
+from fitting.estimate.static_poses import StaticPoses
 from fitting.parameters.observation import camera_angles
-from fitting.parameters.parameter import apply
 from fitting.traces import planar
 from fitting.traces.trace import Trace
 
@@ -49,23 +51,21 @@ class Rest:
 
     Attributes:
         theta: means (R, n) [rad].
-        deviation: standard deviation of one frame, claimed by the traces (R, n) [rad].
-        frames: number of frames (R, n).
+        error: standard deviation of the means by the noise that the traces claim (R, n) [rad].
         interval: between frames (R,) [s].
         run: of each (R,).
         precision: W (R, n, n).
     """
 
     theta: np.ndarray
-    deviation: np.ndarray
-    frames: np.ndarray
+    error: np.ndarray
     interval: np.ndarray
     run: np.ndarray
     precision: np.ndarray
 
     def with_noise(self, noise: Noise | None, simulator: Simulator, values: np.ndarray) -> Rest:
         """The rest with the noise estimated by a fit, and the band of friction at these parameter values."""
-        size = self.deviation / np.sqrt(self.frames)
+        size = self.error
         if noise is not None:
             phi = np.exp(-noise.decay[self.run] * self.interval[:, None])
             size = size * noise.factor[self.run] * np.sqrt((1 + phi) / (1 - phi))
@@ -83,25 +83,18 @@ class Rest:
 
 def static_pose(simulator: Simulator, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Angles (n,) of the line at rest as seen by the camera, and their derivatives (n, k)."""
-    model = simulator.model
-    parameters = simulator.compiled
     store = simulator.others
-    if "near" not in store:
-        found = statics.equilibrium(model)
-        if found.status != "ok":
-            raise SceneError(f"rest: the scene has no pose at rest: {found.message}. Use a line that hangs")
-        store["near"] = found.state
+    if "rest" not in store:
+        refusal = "rest: the scene has no pose at rest: {}. Use a line that hangs"
+        parameters = simulator.compiled
 
-        def angles(p: jax.Array) -> jax.Array:
-            changed = apply(model, parameters, p)
-            s = statics.settle(changed, store["near"])
-            theta, _ = planar.from_nodes(changed, s.r, jnp.zeros_like(s.r))
-            return camera_angles(changed, parameters, p, theta)
+        def seen(model: Model, p: Array, theta: Array) -> Array:
+            return camera_angles(model, parameters, p, theta)
 
-        store["pose"] = jax.jit(lambda p: (angles(p), jax.jacfwd(angles)(p)))
+        store["rest"] = StaticPoses(simulator.model, parameters, refusal, seen=seen)
     whole, where = simulator.all_values(values)
-    pose, slope = store["pose"](whole)
-    return np.asarray(pose), np.asarray(slope)[:, where]
+    pose, slope = store["rest"].pose(whole)
+    return pose, slope[:, where]
 
 
 def _band(model: Model) -> np.ndarray | float:
@@ -114,7 +107,7 @@ def _band(model: Model) -> np.ndarray | float:
     basis = planar.chart(model, theta[None])[0]
     still = jnp.zeros(len(theta))
 
-    def energy(z: jax.Array) -> jax.Array:
+    def energy(z: Array) -> Array:
         return planar.energy(model, planar.close_chain(model, theta + basis @ z, still)[0], still)
 
     stiffness = np.asarray(jax.hessian(energy)(jnp.zeros(basis.shape[1])))
@@ -132,29 +125,27 @@ def rests(traces: Sequence[Trace], sigma: Sequence[np.ndarray], spans: Sequence[
         SceneError: a span in which the line moves, or with too few frames.
     """
     rows = []
-    for low, high in spans:
-        for run, trace in enumerate(traces):
-            part = trace.between(low, high)
-            if not len(part.t):
-                continue
-            text = f"rest: {low:g}:{high:g} of {trace.name}"
-            known = np.isfinite(part.theta).sum(axis=0)
-            if known.min() < FEWEST:
-                raise SceneError(f"{text} has {known.min()} frames; allowed: at least {FEWEST} of every link")
-            means = np.array([_location(c[np.isfinite(c)], s) for c, s in zip(part.theta.T, sigma[run], strict=True)])
-            parts = np.array([np.nanmedian(x, axis=0) for x in np.array_split(part.theta, PARTS)])
-            apart = np.nan_to_num(np.ptp(parts, axis=0))
-            if np.any(apart > np.maximum(MOVES * sigma[run], LEAST)):
-                raise SceneError(f"{text} moves by {apart.max():.2g} rad. Use a span in which the line is at rest")
-            rows.append((means, sigma[run], known, trace.interval, run))
-    theta, deviation, frames, interval, run = (np.array(column) for column in zip(*rows, strict=True))
-    precision = np.eye(theta.shape[1]) * (frames / deviation**2)[:, None]
-    return Rest(theta, deviation, frames, interval, run, precision)
+    for (low, high), (run, trace) in product(spans, enumerate(traces)):
+        part = trace.between(low, high)
+        if not len(part.t):
+            continue
+        text = f"rest: {low:g}:{high:g} of {trace.name}"
+        known = np.isfinite(part.theta).sum(axis=0)
+        if known.min() < FEWEST:
+            raise SceneError(f"{text} has {known.min()} frames; allowed: at least {FEWEST} of every link")
+        means = [_location(column, size) for column, size in zip(part.theta.T, sigma[run], strict=True)]
+        parts = [np.nanmedian(x, axis=0) for x in np.array_split(part.theta, PARTS)]
+        apart = np.nan_to_num(np.ptp(parts, axis=0))
+        if np.any(apart > np.maximum(MOVES * sigma[run], LEAST)):
+            raise SceneError(f"{text} moves by {apart.max():.2g} rad. Use a span in which the line is at rest")
+        rows.append((means, sigma[run] / np.sqrt(known), trace.interval, run))
+    theta, error, interval, run = map(np.array, zip(*rows, strict=True))
+    return Rest(theta, error, interval, run, np.eye(theta.shape[1]) / error[:, None] ** 2)
 
 
 def _location(x: np.ndarray, sigma: float) -> float:
     """Huber's estimate of the mean of samples [rad]: the influence of an outlier is limited."""
-    at = float(np.median(x))
+    at = np.nanmedian(x)
     for _ in range(20):
-        at += float(np.mean(np.clip(x - at, -HUBER * sigma, HUBER * sigma)))
-    return at
+        at += np.nanmean(np.clip(x - at, -HUBER * sigma, HUBER * sigma))
+    return float(at)

@@ -84,8 +84,7 @@ def profile(
             point = descend(level_there, begin, PROFILE_ITERATIONS)
             converged &= point.status == "ok"
             found[value] = (point.cost - cost) / unit
-    at = np.array(sorted(found))
-    growth = np.array([found[x] for x in at])
+    at, growth = np.array(sorted(found.items())).T
     limit = 0.5 * float(chdtri(1, 1 - level))
     ends = (_crossing(at, growth, best, limit, side) for side in (-1, 1))
     return Profile(name, at, growth, *ends, converged)
@@ -117,12 +116,11 @@ def common_warnings(solution: Solution, u: Uncertainty) -> list[str]:
             f"standard errors come from the scatter of {u.blocks} blocks of time, fewer than {FEW}. Use longer "
             "traces for more reliable errors"
         )
-    biases = zip(values, () if solution.step_bias is None else solution.step_bias, strict=False)
-    return found + [
-        f"the time step shifts {name} by {bias:+.2g} standard errors. Use a smaller dt"
-        for name, bias in biases
-        if abs(bias) > LARGEST_BIAS
-    ]
+    if solution.step_bias is not None:
+        for name, bias in zip(values, solution.step_bias, strict=True):
+            if abs(bias) > LARGEST_BIAS:
+                found.append(f"the time step shifts {name} by {bias:+.2g} standard errors. Use a smaller dt")
+    return found
 
 
 @dataclass(kw_only=True)
@@ -202,15 +200,19 @@ class SceneFit(Generic[P, E]):
     def estimates(self) -> dict[str, dict[str, Any]]:
         """Value, error, 90 % interval and unit of every parameter, by its path; no error (NaN) of a failed fit."""
         u = self.uncertainty
-        known = self.has_errors
+        errors = np.array([u.std_error, u.low, u.high])
+        if not self.has_errors:
+            errors[:] = np.nan
         found = {}
-        for i, p in enumerate(self.parameters):
+        for p, value, (std_error, low, high), at_bound in zip(
+            self.parameters, self.values, errors.T, u.at_bound, strict=True
+        ):
             found[p.name] = {
-                "value": self.values[i],
-                "std_error": u.std_error[i] if known else np.nan,
-                "low": u.low[i] if known else np.nan,
-                "high": u.high[i] if known else np.nan,
-                "at_bound": bool(u.at_bound[i]),
+                "value": value,
+                "std_error": std_error,
+                "low": low,
+                "high": high,
+                "at_bound": bool(at_bound),
                 "unit": p.unit,
             }
         return found
@@ -286,13 +288,12 @@ class Bootstrap(NamedTuple):
     @property
     def warning(self) -> str:
         """One line if blocks are few, otherwise empty."""
-        text = (
+        if self.blocks >= FEW:
+            return ""
+        return (
             f"the bootstrap draws from the equivalent of {self.blocks:.1f} blocks of time, fewer than {FEW}: the width "
             f"of its intervals is uncertain by {100 / np.sqrt(2 * max(self.blocks - 1, 1)):.0f} %. Use longer traces"
         )
-        if self.blocks < FEW:
-            return text
-        return ""
 
 
 def bootstrap(result: SceneFit, draws: int = 200, block: int | None = None, seed: int = 0) -> Bootstrap:

@@ -19,7 +19,7 @@ from dataclasses import replace
 import numpy as np
 
 from dropper_jax.base.errors import Progress, part_of, silent
-from fitting.estimate.least_squares import Objective, descend, level_of
+from fitting.estimate.least_squares import CONTINUED, Objective, descend
 from fitting.estimate.normal_equations import Evaluation
 from fitting.estimate.residuals import GAP_SCALE, Solution
 from fitting.estimate.simulator import Simulator
@@ -35,8 +35,6 @@ SAME_EVIDENCE = 0.2
 #: Difference from the maximum log evidence at which the maximum counts as passed; and from the evidence that the linear
 #: model predicts, at which the motion does not follow that model.
 EVIDENCE_DROP = 5.0
-#: Maximum evaluations at each gap weight, and when a joined solution continues with finer steps.
-CONTINUED = 12
 
 
 def transitions(simulator: Simulator, windows: Windows, evaluation: Evaluation, values: np.ndarray) -> np.ndarray:
@@ -47,9 +45,8 @@ def transitions(simulator: Simulator, windows: Windows, evaluation: Evaluation, 
     ran = np.all(np.isfinite(end), axis=1)  # a start from few samples, next to missing ones, may be infeasible
     turn = np.swapaxes(chart(simulator.model_at(values), np.where(ran[:, None], end, 0.0)), 1, 2)
     scale = np.repeat(GAP_SCALE, m2 // 2)
-    move = np.concatenate(
-        [turn @ evaluation.end_jacobian[:, :n, :m2], turn @ evaluation.end_jacobian[:, n:, :m2]], axis=1
-    )
+    angles, rates = np.split(evaluation.end_jacobian[..., :m2], 2, axis=1)
+    move = np.concatenate([turn @ angles, turn @ rates], axis=1)
     return np.where(ran[:, None, None], move * scale[None, None, :] / scale[None, :, None], np.nan)
 
 
@@ -214,12 +211,6 @@ def solve_to_end(point: Solution, progress: Progress = silent) -> Solution:
     if found.status == "ok":
         found.evidence = level.evidence(found)
     return replace(found, step_bias=point.step_bias)
-
-
-def continue_shooting(point: Solution) -> Solution:
-    """Continue from a joined solution at its gap weight, evaluated on other windows, such as of finer steps."""
-    found = descend(level_of(point.problem, point.gap_weight), point, CONTINUED)
-    return replace(found, evidence=point.evidence)
 
 
 def loosest(found: Sequence[Solution]) -> Solution:

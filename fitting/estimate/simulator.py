@@ -7,7 +7,6 @@ import os
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 from functools import partial
 from itertools import product
 from typing import Any, NamedTuple
@@ -15,6 +14,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.backend.programs import compile_program
 from dropper_jax.base.errors import SceneError
@@ -92,8 +92,9 @@ class Simulator:
     ) -> None:
         self.model = model
         self.parameters = tuple(parameters)
-        self.release = release and replace(release)  # its poses belong to one model and one list of parameters
+        self.release = release
         self.compiled = (*self.parameters, *more)
+        self._released = None if release is None else release.static_poses(model, self.compiled)
         self.stepper = stepper or choose_stepper(model)
         self.freedoms = 2 * planar.freedoms(model)
         self.tangents = tangents or max(self.freedoms + len(self.parameters), 1)
@@ -166,8 +167,8 @@ class Simulator:
         inputs = (*inputs, self.jumps(windows), windows.step_counts.astype(np.int32))
         asked = values.copy()
         values, _ = self.all_values(values)
-        if self.release:
-            inputs = self.release.release_inputs(self.model, self.compiled, values, inputs, windows)
+        if self.release and self._released:
+            inputs = self.release.release_inputs(self._released, values, inputs, windows)
         found = self._run(values, inputs, windows, self._plain)
         if self._plain and found.failed.any():
             again = np.flatnonzero(found.failed)
@@ -183,41 +184,42 @@ class Simulator:
     def _run(self, values: np.ndarray, inputs: Sequence[np.ndarray], windows: Windows, plain: bool) -> Evaluation:
         """Inputs of all or some of the windows, each run by itself."""
         slots = windows.theta.shape[1]
-        key, program = self._program(self._key(windows, plain), values, inputs)
-        padded = list(inputs)
+        key = self._key(windows, plain)
+        inputs = list(inputs)
         for i in range(len(inputs))[SAMPLES]:
             others = [(0, 0)] * (inputs[i].ndim - 2)
-            padded[i] = np.pad(inputs[i], [(0, 0), (0, key.slots - slots), *others])
+            inputs[i] = np.pad(inputs[i], [(0, 0), (0, key.slots - slots), *others])
+        if key not in self._programs:
+            self._programs[key] = self._compile(key, values, inputs)
+        program = self._programs[key]
         substeps = np.int32(windows.substeps)
         seeds = self._seeds()
-        jobs = list(product(seeds, range(len(inputs[0]))))
+        jobs = list(product(seeds, zip(*inputs, strict=True)))
 
-        def run(job: tuple[np.ndarray, int]) -> list[np.ndarray]:
-            directions, k = job
-            own = [a[k] for a in padded]
+        def run(job: tuple[np.ndarray, tuple[np.ndarray, ...]]) -> list[np.ndarray]:
+            directions, own = job
             return [np.asarray(a) for a in program(values, directions, substeps, own[COUNT], *own)]
 
         # the compiled program releases the interpreter lock, so that threads use all cores
         with ThreadPoolExecutor(min(len(jobs), os.cpu_count() or 1)) as pool:
             parts = list(pool.map(run, jobs))
-        count = len(inputs[0])
-        blocks = [[np.stack(a) for a in zip(*parts[i : i + count], strict=True)] for i in range(0, len(parts), count)]
         columns = self.freedoms + len(self.parameters)
         whole = []
-        for i, field in enumerate(Evaluation._fields):
-            found = blocks[0][i]
+        for field, rows in zip(Evaluation._fields, zip(*parts, strict=True), strict=True):
+            blocks = np.split(np.stack(rows), len(seeds))
+            found = blocks[0]
             if field.endswith("jacobian"):
-                found = np.concatenate([block[i] for block in blocks], axis=-1)[..., :columns]
-                found = np.pad(found, [(0, 0)] * (found.ndim - 1) + [(0, columns - found.shape[-1])])
+                known = np.concatenate(blocks, axis=-1)[..., :columns]
+                found = np.zeros((*known.shape[:-1], columns))
+                found[..., : known.shape[-1]] = known
             whole.append(found[:, :slots] if field in ("theta", "residual", "jacobian") else found)
         return Evaluation(*whole)
 
     def _seeds(self) -> list[np.ndarray]:
         """Directions (tangents, m2 + compiled) of the derivatives, in as many blocks as starts and parameters need."""
-        more = []
+        columns = np.arange(self.freedoms)
         if not self.starts_only:
-            more = self.freedoms + self._where()
-        columns = np.concatenate([np.arange(self.freedoms), more]).astype(int)
+            columns = np.append(columns, self.freedoms + self._where())
         blocks = -(-len(columns) // self.tangents)
         seeds = np.zeros((blocks * self.tangents, self.freedoms + len(self.compiled)))
         seeds[np.arange(len(columns)), columns] = 1.0
@@ -231,36 +233,26 @@ class Simulator:
         return self._model[1]
 
     def _key(self, windows: Windows, plain: bool) -> Key:
+        """Key of a program that serves such windows: of one that is compiled, otherwise of a new one."""
         on_grid = self.release is None and not losses(self.compiled) and not windows.fraction.any()
-        return Key(plain, windows.dt, on_grid, windows.steps, windows.theta.shape[1])
-
-    def _program(
-        self, requested: Key, values: np.ndarray, inputs: Sequence[np.ndarray]
-    ) -> tuple[Key, jax.stages.Compiled]:
-        """A program that serves such windows, compiled if necessary, and its key."""
-        for key, program in self._programs.items():
+        size = (windows.steps, windows.theta.shape[1])
+        requested = Key(plain, windows.dt, on_grid, *size)
+        for key in self._programs:
             if key.serves(requested):
-                return key, program
+                return key
+        if isinstance(self.stepper.integrator, Embedded):  # these need all their steps in advance
+            return requested
+        return Key(plain, windows.dt, on_grid, *map(max, size, self.capacity))
+
+    def _compile(self, key: Key, values: np.ndarray, inputs: Sequence[np.ndarray]) -> jax.stages.Compiled:
+        """The program of a key, for windows with such inputs."""
         started = time.perf_counter()
-        key = requested
-        if not isinstance(self.stepper.integrator, Embedded):  # these need all their steps in advance
-            key = requested._replace(
-                steps=max(requested.steps, self.capacity[0]), slots=max(requested.slots, self.capacity[1])
-            )
-        stepper = self.stepper
-        if key.plain:
-            stepper = self.stepper.plain
+        stepper = self.stepper.plain if key.plain else self.stepper
         one = partial(self.window, stepper=stepper, dt=key.dt, capacity=key.steps, on_grid=key.on_grid)
-        like = []
-        for i, a in enumerate(inputs):
-            shape = a.shape[1:]
-            if i in range(len(inputs))[SAMPLES]:
-                shape = (key.slots, *shape[1:])
-            like.append(jax.ShapeDtypeStruct(shape, jax.dtypes.canonicalize_dtype(a.dtype)))
+        like = [jax.ShapeDtypeStruct(a.shape[1:], jax.dtypes.canonicalize_dtype(a.dtype)) for a in inputs]
         count = jax.ShapeDtypeStruct((), jnp.int32)
-        seeds = jax.ShapeDtypeStruct(
-            (self.tangents, self.freedoms + len(self.compiled)), jax.dtypes.canonicalize_dtype(float)
-        )
+        directions = (self.tangents, self.freedoms + len(self.compiled))
+        seeds = jax.ShapeDtypeStruct(directions, jax.dtypes.canonicalize_dtype(float))
         known_by = {
             "key": tuple(key),
             "stepper": stepper,
@@ -270,23 +262,22 @@ class Simulator:
             "freedoms": self.freedoms,
             "tangents": self.tangents,
         }
-        arguments = (values, seeds, count, count, *like)
-        self._programs[key] = compile_program(Simulator.window, known_by, arguments, one, kernel=True)
+        program = compile_program(Simulator.window, known_by, (values, seeds, count, count, *like), one, kernel=True)
         self.compile_s += time.perf_counter() - started
-        return key, self._programs[key]
+        return program
 
     def window(
         self,
-        values: jax.Array,
-        seeds: jax.Array,
-        substeps: jax.Array,
-        count: jax.Array,
-        *inputs: jax.Array,
+        values: Array,
+        seeds: Array,
+        substeps: Array,
+        count: Array,
+        *inputs: Array,
         stepper: Stepper,
         dt: float,
         capacity: int,
         on_grid: bool,
-    ) -> tuple[jax.Array, ...]:
+    ) -> tuple[Array, ...]:
         """Value and derivatives of one window along `seeds`, directions of its start and of the values.
 
         Args:
@@ -297,19 +288,19 @@ class Simulator:
         m = basis.shape[1]
         recordings = measured.shape[1] // len(theta0)
 
-        def model_at(x: jax.Array) -> Model:
+        def model_at(x: Array) -> Model:
             p = x[2 * m :]
             return add_missing_forces(apply(self.model, self.compiled, p), self.compiled, p)
 
-        def begun(x: jax.Array) -> Start:
+        def begun(x: Array) -> Start:
             z = x[: 2 * m]
             p = x[2 * m :]
             model = model_at(x)
             # sums and not matrix products, which may call a library and so prevent one kernel
             theta = theta0 + jnp.sum(basis * z[:m], axis=1)
-            h: jax.Array | float = dt
+            h: Array | float = dt
             samples = (index, fraction)
-            late: jax.Array | float = 0.0
+            late: Array | float = 0.0
             if self.release:
                 release_state = ReleaseState(*more)
                 theta = theta + jnp.sum(release_state.slope * (p - values), axis=1)
@@ -321,7 +312,7 @@ class Simulator:
             theta, omega = planar.close_chain(model, theta, omega0 + jnp.sum(basis * z[m:], axis=1))
             return Start(theta, omega, planar.to_state(model, theta, omega), jnp.asarray(h, theta.dtype), samples)
 
-        def read_out(x: jax.Array, start: Start, rows: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, ...]:
+        def read_out(x: Array, start: Start, rows: tuple[Array, Array]) -> tuple[Array, ...]:
             p = x[2 * m :]
             model = model_at(x)
             angles, rates = jax.vmap(partial(planar.from_nodes, model))(*rows)
@@ -355,13 +346,13 @@ class Simulator:
 
     def _clock(
         self,
-        p: jax.Array,
-        late: jax.Array | float,
-        position: jax.Array,
-        jumps: jax.Array,
+        p: Array,
+        late: Array | float,
+        position: Array,
+        jumps: Array,
         dt: float,
-        steps: jax.Array,
-    ) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
+        steps: Array,
+    ) -> tuple[Array, tuple[Array, Array]]:
         """A window's step [s] and the position of its samples in steps, integer and fraction, by its own clock.
 
         The steps are stretched so that the last one ends with the window, however much time is missing in it.
@@ -384,11 +375,11 @@ class Start(NamedTuple):
     """Start of a window: angles [rad] and rates [rad/s] (n,), the state, its step [s], and the position of its samples
     in steps, integer and fraction (S,)."""
 
-    theta: jax.Array
-    omega: jax.Array
+    theta: Array
+    omega: Array
     state: State
-    h: jax.Array
-    samples: tuple[jax.Array, jax.Array]
+    h: Array
+    samples: tuple[Array, Array]
 
 
 def choose_stepper(model: Model, integrator: str | None = None, solver: str = "auto") -> Stepper:
@@ -420,15 +411,15 @@ ACCURACY_PER_LENGTH = 0.1
 
 def march(
     stepper: Stepper,
-    model_at: Callable[[jax.Array], Model],
-    x: jax.Array,
-    directions: jax.Array,
+    model_at: Callable[[Array], Model],
+    x: Array,
+    directions: Array,
     start: Varied,
     capacity: int,
-    substeps: jax.Array | int,
-    steps: jax.Array | int,
-    counted: jax.Array | int,
-) -> tuple[Varied, jax.Array]:
+    substeps: Array | int,
+    steps: Array | int,
+    counted: Array | int,
+) -> tuple[Varied, Array]:
     """Positions and velocities (capacity, nodes, 3) after every step from a start, a `Start` as a function of x, with
     derivatives along the directions (k, len(x)), and the number of failed (sub)steps among the first `counted`;
     undefined beyond `steps`.
@@ -438,7 +429,7 @@ def march(
     """
     if isinstance(stepper.integrator, Embedded):
 
-        def adapt(x: jax.Array, start: Start) -> tuple[tuple[jax.Array, jax.Array], jax.Array]:
+        def adapt(x: Array, start: Start) -> tuple[tuple[Array, Array], Array]:
             model = model_at(x)
             finer = jnp.asarray(substeps, model.dtype) ** -stepper.integrator.order
             accuracy = jax.lax.stop_gradient(ACCURACY_PER_LENGTH * jnp.min(model.line.length) * finer)
@@ -449,11 +440,11 @@ def march(
         found = vary(adapt, x, directions, start)
         return Varied(found.tree[0], found.slopes), found.tree[1]
 
-    def save(now: Varied, i: jax.Array) -> tuple[Varied, Varied]:
-        def interval(x: jax.Array, now: tuple[State, jax.Array], start: Start) -> tuple[Any, Any]:
+    def save(now: Varied, i: Array) -> tuple[Varied, Varied]:
+        def interval(x: Array, now: tuple[State, Array], start: Start) -> tuple[Any, Any]:
             model = model_at(x)
 
-            def part(_: jax.Array, now: tuple[State, jax.Array]) -> tuple[State, jax.Array]:
+            def part(_: Array, now: tuple[State, Array]) -> tuple[State, Array]:
                 s, failed = now
                 taken = advance_over(stepper, model, s, start.h / substeps, failed == 0)
                 return taken.state, failed + jnp.where(i < counted, taken.failed, 0)
@@ -463,7 +454,7 @@ def march(
 
         return split(vary(interval, x, directions, now, start))
 
-    def first(x: jax.Array, start: Start) -> tuple[Any, Any]:
+    def first(x: Array, start: Start) -> tuple[Any, Any]:
         s = begin(stepper, model_at(x), start.state).state
         # steps that are not reached keep the first pose: a link of zero length would have no angle
         shelf = tuple(jnp.broadcast_to(a, (capacity, *a.shape)) for a in (s.r, s.v))
@@ -476,14 +467,14 @@ def march(
 
 
 def at_samples(
-    start: tuple[jax.Array, jax.Array],
-    angles: jax.Array,
-    rates: jax.Array,
-    index: jax.Array,
-    fraction: jax.Array,
-    dt: jax.Array | float,
+    start: tuple[Array, Array],
+    angles: Array,
+    rates: Array,
+    index: Array,
+    fraction: Array,
+    dt: Array | float,
     on_grid: bool,
-) -> jax.Array:
+) -> Array:
     """Angles (S, n) at the sample times: cubic Hermite between steps, whose error is below the scheme's own."""
     angles = jnp.concatenate([start[0][None], angles])
     if on_grid:

@@ -17,9 +17,8 @@ from dataclasses import replace
 import numpy as np
 
 from dropper_jax.base.errors import Progress, silent
-from fitting.estimate.least_squares import fit_windows, level_of
+from fitting.estimate.least_squares import continue_fit, fit_windows, level_of
 from fitting.estimate.residuals import Solution
-from fitting.estimate.shooting import continue_shooting
 from fitting.estimate.uncertainty import uncertainty
 
 #: Bias of the step that is accepted, in standard errors: it is nearly all of the error of a fit without noise, which
@@ -32,7 +31,7 @@ SURELY = 0.1
 def fit_again(ahead: Solution) -> Solution:
     """Continue from a solution whose windows, separate or joined, have finer steps."""
     if ahead.gap_weight:
-        return continue_shooting(ahead)
+        return continue_fit(ahead)
     return fit_windows(ahead.problem, ahead.values, ahead.starts)
 
 

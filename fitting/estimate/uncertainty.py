@@ -131,20 +131,20 @@ def uncertainty(solution: Solution) -> Uncertainty:
             prior = problem.prior(solution.values).curvature[np.ix_(free, free)]
             data = solution.free_information - prior
             least = noise2 * np.diag(invert_spd(data / problem.memory + prior))
-            blocks = found.blocks
-            covariance = raised_to(found.covariance, least)
+            covariance, blocks = found
+            covariance = raised_to(covariance, least)
             more = np.diag(covariance) / np.maximum(np.diag(white), 1e-300)
             inflation = float(np.sqrt(more.max(initial=1.0)))
     full = np.zeros((k, k))
     full[np.ix_(free, free)] = covariance
     full = full + problem.known.carried_covariance(np.where(problem.held_mask, 0.0, solution.values))
-    se = np.sqrt(np.maximum(np.diag(full), 0.0))
+    std_error = np.sqrt(np.maximum(np.diag(full), 0.0))
     least, most = problem.bounds(solution.values)
     at_bound = ~problem.held_mask & ((solution.values <= least) | (solution.values >= most))
     return Uncertainty(
         full,
-        se,
-        *intervals(solution, full, blocks),
+        std_error,
+        *intervals(solution, std_error, blocks),
         at_bound,
         float(np.sqrt(noise2)),
         correlation,
@@ -154,14 +154,14 @@ def uncertainty(solution: Solution) -> Uncertainty:
     )
 
 
-def intervals(solution: Solution, covariance: np.ndarray, blocks: float) -> tuple[np.ndarray, np.ndarray]:
-    """Ends (k,) of the intervals, cut at the bounds; by Student's law if the errors come from few blocks of time.
+def intervals(solution: Solution, se: np.ndarray, blocks: float) -> tuple[np.ndarray, np.ndarray]:
+    """Ends (k,) of the intervals of these standard errors, cut at the bounds; by Student's law if they come from few
+    blocks of time.
 
     On a bound the interval starts there and ends at the quantile of that law around the unbounded optimum,
     given that the parameter is inside its bounds.
     """
     values = solution.values
-    se = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     reach = quantile(0.5 + LEVEL / 2, blocks) * se
     low = values - reach
     high = values + reach
@@ -171,12 +171,10 @@ def intervals(solution: Solution, covariance: np.ndarray, blocks: float) -> tupl
         p = solution.problem.parameters[i]
         if values[i] <= p.low and se[i] > 0:
             below = chance_below((p.low - centre[i]) / se[i], blocks)
-            low[i] = p.low
             high[i] = centre[i] + se[i] * quantile(below + LEVEL * (1 - below), blocks)
         elif values[i] >= p.high and se[i] > 0:
             below = chance_below((p.high - centre[i]) / se[i], blocks)
             low[i] = centre[i] + se[i] * quantile(below * (1 - LEVEL), blocks)
-            high[i] = p.high
         low[i] = max(low[i], p.low)
         high[i] = min(high[i], p.high)
     return low, np.where(np.isfinite(high), high, values + reach)
@@ -202,9 +200,9 @@ def open_directions(solution: Solution, covariance: np.ndarray) -> tuple[dict[st
     spread, direction = np.linalg.eigh(covariance[np.ix_(free, free)] / np.outer(size, size))
     found = []
     for variance, column in zip(spread[::-1], direction.T[::-1], strict=True):
-        several = np.abs(column) > 0.2
+        several = np.flatnonzero(np.abs(column) > 0.2)
         # relative standard error above which a direction counts as undetermined
-        if np.sqrt(max(variance, 0.0)) > 1.0 and several.sum() > 1:
+        if variance > 1.0 and len(several) > 1:
             column = column / np.abs(column).max()
-            found.append({parameters[i].name: float(c) for i, c, s in zip(free, column, several, strict=True) if s})
+            found.append({parameters[free[j]].name: float(column[j]) for j in several})
     return tuple(found)

@@ -20,6 +20,7 @@ from typing import Generic, NamedTuple, TypeVar
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 from jax.typing import ArrayLike
 
 from dropper_jax.backend.programs import cached_jit
@@ -216,8 +217,12 @@ def fill(traces: Sequence[Trace], pieces: Sequence[Piece], dt: float, sigma: Seq
     """Windows of these pieces with the samples that lie in them."""
     parts = [_all_samples(traces[p.run], p.begin, p.steps, dt, sigma[p.run]) for p in pieces]
     slots = max(len(part[0]) for part in parts)
-    pad = lambda a: np.concatenate([a, np.zeros((slots - len(a), *a.shape[1:]), a.dtype)])  # noqa: E731
-    theta, weight, index, fraction = (np.stack([pad(a) for a in column]) for column in zip(*parts, strict=True))
+    samples = []
+    for column in zip(*parts, strict=True):
+        samples.append(np.zeros((len(parts), slots, *column[0].shape[1:]), column[0].dtype))
+        for row, a in zip(samples[-1], column, strict=True):
+            row[: len(a)] = a
+    theta, weight, index, fraction = samples
     run, begin, steps, follows = (np.array(column) for column in zip(*pieces, strict=True))
     released = np.zeros(len(begin), bool)
     most = int(steps.max())
@@ -254,9 +259,8 @@ def _samples(trace: Trace, begin: float, steps: int, dt: float, sigma: np.ndarra
     index = np.floor(step_position + ON_GRID).astype(np.int32)
     fraction = np.where(np.abs(step_position - index) < 10 * ON_GRID, 0.0, step_position - index)
     known = np.isfinite(theta)
-    if trace.se is None:
-        error = sigma
-    else:
+    error = sigma
+    if trace.se is not None:
         error = np.where(np.isfinite(trace.se[keep]), trace.se[keep], sigma)
     return np.where(known, theta, 0.0), np.where(known, 1.0 / error, 0.0), index, fraction
 
@@ -273,8 +277,10 @@ LONGEST_PART = 0.125
 
 def longest_window(freedoms: int, length: float, span: float, shortest: float) -> float:
     """Longest window [s]: one second per 0.1 m link of a chain; long where chaos is impossible."""
-    chaotic = float(np.sqrt(length / 0.1)) if freedoms > 1 else np.inf  # one angle cannot be chaotic
-    return max(shortest, min(LONGEST, LONGEST_PART * span, chaotic))
+    longest = min(LONGEST, LONGEST_PART * span)
+    if freedoms > 1:  # one angle cannot be chaotic
+        longest = min(longest, float(np.sqrt(length / 0.1)))
+    return max(shortest, longest)
 
 
 def follow_motion(windows: Windows, move: np.ndarray, steps: int) -> list[Piece]:
@@ -292,13 +298,10 @@ def follow_motion(windows: Windows, move: np.ndarray, steps: int) -> list[Piece]
     for k, matrix in enumerate(move):
         piece = windows.piece(k)
         further = matrix @ product
-        total = piece.steps + sum(last.steps for last in found[-1:])
-        if np.isfinite(further).all():
-            grown = np.linalg.norm(further, 2)
-        else:
-            grown = np.inf
-        if found and piece.follows and total <= steps and grown <= np.exp(FIT_GROWTH):
-            found[-1], product = found[-1]._replace(steps=total), further
+        grows = not np.isfinite(further).all() or np.linalg.norm(further, 2) > np.exp(FIT_GROWTH)
+        if found and piece.follows and not grows and found[-1].steps + piece.steps <= steps:
+            found[-1] = found[-1]._replace(steps=found[-1].steps + piece.steps)
+            product = further
         else:
             found.append(piece)
             product = matrix
@@ -306,7 +309,7 @@ def follow_motion(windows: Windows, move: np.ndarray, steps: int) -> list[Piece]
 
 
 #: Arrays of NumPy or of JAX.
-A = TypeVar("A", np.ndarray, jax.Array)
+A = TypeVar("A", np.ndarray, Array)
 
 
 class Starts(NamedTuple, Generic[A]):
@@ -352,7 +355,7 @@ def first_starts(model: Model, traces: Sequence[Trace], windows: Windows, sigma:
 
 
 @cached_jit()
-def _close(model: Model, theta: ArrayLike, omega: ArrayLike) -> tuple[jax.Array, jax.Array]:
+def _close(model: Model, theta: ArrayLike, omega: ArrayLike) -> tuple[Array, Array]:
     """`close_chain` of many angles and rates (k, n)."""
     return jax.vmap(partial(planar.close_chain, model))(jnp.asarray(theta), jnp.asarray(omega))
 
@@ -384,7 +387,8 @@ def local_motion(t: np.ndarray, theta: np.ndarray, at: float, sigma: np.ndarray,
             freedom = near.sum() - degree - 1
             # standard deviations of chi-square by which a polynomial may miss its samples and still count as noise
             fits = (left <= freedom + 2.0 * np.sqrt(2 * freedom)) | (reach <= shortest)
-            found[columns[fits], 0], found[columns[fits], 1] = c[0, fits], c[1, fits] / reach if degree else 0.0
+            found[columns[fits], 0] = c[0, fits]
+            found[columns[fits], 1] = c[1, fits] / reach if degree else 0.0
             columns = columns[~fits]
             reach = max(reach / 1.3, shortest)
     return found

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from fitting.from_file.swing import main_period, unit_of_angle
+from fitting.from_file.motion import Motion
+from fitting.from_file.swing import half_range, main_period, unit_of_angle
 from fitting.traces.trace import unwrap
 
 #: Radians per unit.
@@ -18,20 +17,7 @@ LARGEST_DEGREES = 400.0
 EVERY_STEP = 0.97
 
 
-@dataclass(frozen=True)
-class Angles:
-    """Angles (k, n) [rad] without jumps, at times (k,) in the file's unit.
-
-    Attributes:
-        notes: how they were read.
-    """
-
-    t: np.ndarray
-    theta: np.ndarray
-    notes: tuple[str, ...]
-
-
-def read_angles(file: str, t: np.ndarray, raw: np.ndarray, unit: str | None, counts: float | None) -> Angles:
+def read_angles(file: str, t: np.ndarray, raw: np.ndarray, unit: str | None, counts: float | None) -> Motion:
     """Angles of columns (k, n) in the file's unit.
 
     Args:
@@ -45,17 +31,16 @@ def read_angles(file: str, t: np.ndarray, raw: np.ndarray, unit: str | None, cou
     turn = wrap_of(raw)
     step = max(step_of(column) for column in raw.T)
     known = raw[np.isfinite(raw)]
-    is_integer = bool(np.all(known == np.round(known))) and step >= 1.0
-    reach = float(np.max(np.nanmax(raw, axis=0) - np.nanmin(raw, axis=0)))
-    if unit is None and (counts is not None or (is_integer and reach > LARGEST_DEGREES)):
+    is_integer = np.all(known == np.round(known)) and step >= 1.0
+    reach = np.nanmax(raw, axis=0) - np.nanmin(raw, axis=0)
+    if unit is None and (counts is not None or (is_integer and reach.max() > LARGEST_DEGREES)):
         unit = "counts"
     if unit == "counts":
-        counts = counts or turn
-        if counts is None:
+        turn = counts or turn
+        if turn is None:
             raise SceneError(f"{file}: the angle is in counts of an encoder. Give the counts per turn: --counts 4096")
-        notes.append(f"angle in counts, {counts:g} per turn")
-        turn = counts
-        size = 2 * np.pi / counts
+        notes.append(f"angle in counts, {turn:g} per turn")
+        size = 2 * np.pi / turn
     elif unit is None and turn is not None:
         unit = "deg" if turn > 300 else "rad"
         notes.append(f"angle in {unit}, as its wraps of {turn:.4g} show")
@@ -78,7 +63,7 @@ def read_angles(file: str, t: np.ndarray, raw: np.ndarray, unit: str | None, cou
         notes.append(f"angle in {unit}")
     if step:
         notes.append(f"readings in steps of {step * size:.3g} rad")
-    return Angles(t, size * theta, tuple(notes))
+    return Motion(t, size * theta, tuple(notes))
 
 
 def decide_unit(file: str, t: np.ndarray, theta: np.ndarray) -> tuple[str, str]:
@@ -87,7 +72,7 @@ def decide_unit(file: str, t: np.ndarray, theta: np.ndarray) -> tuple[str, str]:
     Raises:
         SceneError: undecided.
     """
-    reach = 0.5 * float(np.max(np.nanquantile(theta, 0.995, axis=0) - np.nanquantile(theta, 0.005, axis=0)))
+    reach = float(np.max(half_range(theta)))
     if theta.shape[1] > 1:
         unit = "deg" if reach > 2 * np.pi else "rad"
         return unit, f"angles reach {reach:.3g}"
@@ -110,7 +95,7 @@ def wrap_of(raw: np.ndarray) -> float | None:
     if not len(large) or len(large) > 0.1 * len(jumps) or np.median(large) < 10 * usual:
         return None
     for turn in (360.0, 2 * np.pi, *(2.0**n for n in range(8, 25)), 1000.0, 2000.0, 4000.0, 10000.0):
-        if np.all(np.abs(large - turn) < max(0.1 * turn, 3 * usual)) and reach <= 1.001 * turn and reach > 0.9 * turn:
+        if np.all(np.abs(large - turn) < max(0.1 * turn, 3 * usual)) and 0.9 * turn < reach <= 1.001 * turn:
             return turn
     return None
 
@@ -120,12 +105,12 @@ def step_of(column: np.ndarray) -> float:
     known = column[np.isfinite(column)]
     values = np.unique(known)
     steps = np.diff(values)
-    steps = steps[steps > 1e-9 * max(1.0, float(np.max(np.abs(values), initial=0.0)))]
+    steps = steps[steps > 1e-9 * np.max(np.abs(values), initial=1.0)]
     if len(steps) < 3 or len(values) > 0.5 * len(known):
         return step_of_log(known)
     step = float(np.min(steps))
-    off = np.abs(steps / step - np.round(steps / step))
-    if np.mean(off < 0.1) > 0.9:
+    number = steps / step
+    if np.mean(np.abs(number - np.round(number)) < 0.1) > 0.9:
         return step
     return 0.0
 

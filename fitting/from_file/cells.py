@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-import codecs
 import csv
 import math
 import re
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import compress
 from pathlib import Path
 
 import numpy as np
 
-from dropper_jax.base.errors import SceneError, unreadable
+from dropper_jax.base.errors import SceneError
+from fitting.traces.lines import read_lines
 
-#: Largest file that is read [bytes]: an hour at 1 kHz with ten columns is 300 MB.
-LARGEST = 500_000_000
-#: Bytes in which a zero byte shows that a file is not text.
-HEAD = 65536
 #: Rows that decide between separators, and the fraction of their cells that must be numbers.
 TRIED = 200
 NUMBERS = 0.5
@@ -55,52 +53,24 @@ def read_cells(path: Path) -> Cells:
     lines = read_lines(path)
     separator, comma = separator_of(path.name, lines)
     rows = [split(line, separator) for line in lines]
-    widths = [len(row) for row in rows if is_sample(row, comma)]
-    if len(widths) < 2:
+    good = [is_sample(row, comma) for row in rows]
+    widths = Counter(map(len, compress(rows, good)))
+    if widths.total() < 2:
         raise SceneError(f"{path.name}: has no rows of numbers. Give a text file with a row per sample: time and angle")
-    width = max(set(widths), key=widths.count)
+    width = widths.most_common(1)[0][0]
     samples = []
     before: list[list[str]] = []
     comments = []
-    for line, row in zip(lines, rows, strict=True):
-        if is_sample(row, comma) and len(row) == width:
+    for line, row, usable in zip(lines, rows, good, strict=True):
+        if usable and len(row) == width:
             samples.append(row)
             continue
         comments.append(line.strip())
         if not samples and not line.lstrip().startswith("#"):
             before.append(row)
-    columns = list(zip(*samples, strict=True))
-    values = np.array([[number(cell, comma) for cell in column] for column in columns]).T
-    clock = tuple(any(CLOCK.fullmatch(cell.strip()) for cell in column[:10]) for column in columns)
+    values = np.array([number(cell, comma) for row in samples for cell in row]).reshape(-1, width)
+    clock = tuple(any(CLOCK.fullmatch(cell.strip()) for cell in column) for column in zip(*samples[:10], strict=True))
     return Cells(path.name, tuple(comments), names_of(before, width), values, clock)
-
-
-def read_lines(path: Path) -> list[str]:
-    """Lines of a text file that are not empty.
-
-    Raises:
-        SceneError: a file that cannot be read, is not text or is too large.
-    """
-    try:
-        size = path.stat().st_size
-        if size > LARGEST:
-            raise SceneError(
-                f"{path.name}: has {size / 1e9:.3g} GB; allowed: {LARGEST / 1e9:g} GB. Keep the columns of time and "
-                "angle, or every tenth row"
-            )
-        data = path.read_bytes()
-    except OSError as error:
-        raise unreadable(path.name, error) from None
-    if not data.strip():
-        raise SceneError(f"{path.name}: is empty. Give a text file with a row per sample: time and angle")
-    wide = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
-    if b"\0" in data[:HEAD] and not wide:
-        raise SceneError(f"{path.name}: is not text. Export it as CSV: a row per sample, time and angle")
-    try:
-        text = data.decode("utf-16" if wide else "utf-8-sig")
-    except UnicodeDecodeError:
-        text = data.decode("latin-1")  # headers with umlauts or degree signs of older programs
-    return [line for line in text.splitlines() if line.strip() and not re.fullmatch(r"sep=.", line.strip())]
 
 
 def separator_of(file: str, lines: Sequence[str]) -> tuple[str | None, bool]:
@@ -129,14 +99,12 @@ def separator_of(file: str, lines: Sequence[str]) -> tuple[str | None, bool]:
 
 def check_commas(file: str, rows: Sequence[Sequence[str]]) -> None:
     """Reject decimal commas between columns separated by commas: `0,016,12,5`."""
-    pairs = [row for row in rows if len(row) >= 4 and len(row) % 2 == 0]
-    integers = []
-    for row in pairs:
-        integers.append(all(re.fullmatch(r"\s*[+-]?\d+\s*", cell) for cell in row))
-    padded = []
-    for row in pairs:
-        padded.append(any(cell.strip().startswith("0") and len(cell.strip()) > 1 for cell in row[1::2]))
-    if len(pairs) == len(rows) and all(integers) and np.mean(padded) > 0.1:
+    padded = 0
+    for row in rows:
+        if len(row) < 4 or len(row) % 2 or not all(re.fullmatch(r"\s*[+-]?\d+\s*", cell) for cell in row):
+            return
+        padded += any(re.match(r"\s*0\d", cell) for cell in row[1::2])
+    if padded > 0.1 * len(rows):
         raise SceneError(
             f"{file}: decimal commas in a file with comma-separated columns. Use semicolons between columns"
         )
@@ -186,9 +154,8 @@ def names_of(before: Sequence[Sequence[str]], width: int) -> tuple[str, ...]:
     """
     heads = []
     for row in before:
-        if len(row) in (width, width - 1, width + 1):
-            heads.append([cell.strip().strip('"') for cell in row])
-    heads = [[*row, *[""] * width][:width] for row in heads]
+        if abs(len(row) - width) <= 1:
+            heads.append([cell.strip().strip('"') for cell in [*row, ""][:width]])
     if not heads:
         return tuple(f"column_{i + 1}" for i in range(width))
     last = heads[-1]
@@ -204,9 +171,7 @@ def names_of(before: Sequence[Sequence[str]], width: int) -> tuple[str, ...]:
     found = []
     for i, (above, name) in enumerate(zip(groups, last, strict=True)):
         group = above or group
-        text = name
-        if group and group != name:
-            text = f"{group} {name}".strip()
+        text = name if name == group else f"{group} {name}".strip()
         found.append(text or f"column_{i + 1}")
     return tuple(found)
 

@@ -63,20 +63,26 @@ def ordered_rows(file: str, t: np.ndarray, values: np.ndarray) -> Rows:
         order = np.argsort(t, kind="stable")
         t = t[order]
         values = values[order]
-    # repeated times: means of their rows
-    different, group = np.unique(t, return_inverse=True)
-    repeated = len(t) - len(different)
-    if repeated:
-        notes.append(f"{repeated} rows repeat a time: averaged")
-        known = np.isfinite(values)
-        total, number = np.zeros((2, len(different), values.shape[1]))
-        np.add.at(total, group, np.where(known, values, 0.0))
-        np.add.at(number, group, known)
+    different, first = np.unique(t, return_index=True)
+    if len(different) < len(t):
+        notes.append(f"{len(t) - len(different)} rows repeat a time: averaged")
         t = different
-        values = np.where(number > 0, total / np.maximum(number, 1), np.nan)
+        values, _ = mean_rows(values, first)
     if len(t) < 10:
         raise SceneError(f"{file}: has {len(t)} rows with different times; allowed: at least 10")
     return Rows(t - t[0], values, float(t[0]), tuple(notes))
+
+
+def mean_rows(values: np.ndarray, first: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Means of the known values of each row `first` (g,) and those up to the next, NaN without any; and their number.
+
+    Args:
+        values: (k,) or (k, n).
+    """
+    known = np.isfinite(values)
+    number = np.add.reduceat(known.astype(int), first)
+    total = np.add.reduceat(np.where(known, values, 0.0), first)
+    return np.where(number > 0, total / np.maximum(number, 1), np.nan), number
 
 
 def unit_of_time(
@@ -96,18 +102,14 @@ def unit_of_time(
     """
     if named in SECONDS:
         return SECONDS[named], f"times in {named}"
-    counted = named is None and bool(np.all(np.diff(t) == 1.0))
-    if column is None or named == "frames" or counted:
-        if rate is None:
-            if column is None:
-                what = "has no column of times"
-            else:
-                what = f"counts frames ({column!r})"
-            raise SceneError(f"{file}: {what}. Give the frames per second: --rate 60")
-        return 1.0 / rate, f"{rate:g} frames per second"
-    fits = [unit for unit, size in SECONDS.items() if SHORTEST < size * period < LONGEST]
-    if fits:
-        return SECONDS[fits[0]], f"times in {fits[0]}, as a period of {SECONDS[fits[0]] * period:.3g} s shows"
+    counted = column is None or named == "frames" or (named is None and np.all(np.diff(t) == 1.0))
+    if rate is None and counted:
+        what = "has no column of times" if column is None else f"counts frames ({column!r})"
+        raise SceneError(f"{file}: {what}. Give the frames per second: --rate 60")
+    if not counted:
+        for unit, size in SECONDS.items():
+            if SHORTEST < size * period < LONGEST:
+                return size, f"times in {unit}, as a period of {size * period:.3g} s shows"
     if rate is not None:
         return 1.0 / rate, f"{rate:g} frames per second"
     raise SceneError(

@@ -66,52 +66,73 @@ FPS = re.compile(
 INCREASES = 0.95
 
 
+@dataclass(frozen=True, eq=False)
+class Column:
+    """A column of a file.
+
+    Attributes:
+        name: as written.
+        words: of the name, without accents and units.
+        unit: by the name, or None.
+        values: (k,).
+        is_clock: whether it contained times of day.
+    """
+
+    name: str
+    words: tuple[str, ...]
+    unit: str | None
+    values: np.ndarray
+    is_clock: bool
+
+    def has(self, words: frozenset[str]) -> bool:
+        """Whether one of these words is in the name."""
+        return not words.isdisjoint(self.words)
+
+    @property
+    def ordinal(self) -> int | None:
+        """The number in the name."""
+        return next((int(word) for word in self.words if word.isdecimal()), None)
+
+
 @dataclass(frozen=True)
 class Columns:
     """The columns that are used.
 
     Attributes:
-        time: number of the column of times; None: the rows are counted.
+        time: None: the rows are counted.
         time_unit: `s`, `ms`, `us`, `frames`, or None if the name does not give it.
         rate: frames per second from a comment [1/s], or None.
-        angles: numbers of the columns of angles, from the first link on.
+        angles: from the first link on.
         angle_unit: `deg`, `rad`, `mrad`, `counts`, or None.
-        points: (x, y) columns of points, in the order of the file.
+        points: x and y of points, in the order of the file.
         length_unit: `m`, `cm`, `mm`, `px`, or None.
         notes: how they were found.
     """
 
-    time: int | None
+    time: Column | None
     time_unit: str | None
     rate: float | None
-    angles: tuple[int, ...]
+    angles: Sequence[Column]
     angle_unit: str | None
-    points: tuple[tuple[int, int], ...]
+    points: Sequence[tuple[Column, Column]]
     length_unit: str | None
     notes: tuple[str, ...]
 
 
-@dataclass(frozen=True)
-class Name:
-    """A column's name as words and numbers, and its unit."""
-
-    words: tuple[str, ...]
-    unit: str | None
-
-
-def parse_name(name: str) -> Name:
-    """Words of a name without accents and units: `Winkel 1 [°]` is ("winkel", "1") in degrees."""
+def parse_name(name: str) -> tuple[tuple[str, ...], str | None]:
+    """Words of a name without accents and units, and the unit: `Winkel 1 [°]` is ("winkel", "1") in degrees."""
     text = "".join(c for c in unicodedata.normalize("NFKD", name.lower()) if not unicodedata.combining(c))
     inside = re.findall(r"[\[(/]\s*([^\])]*?)\s*[\])]?\s*$", text)
     unit = next((UNITS[part] for part in inside if part in UNITS), None)
     if unit is not None:
         text = re.sub(r"[\[(/][^\])]*[\])]?\s*$", "", text)
     words = re.findall(r"[^\W\d_]+|\d+|°", text)
-    if unit is None and len(words) > 1 and words[-1] in UNITS:
-        unit = UNITS[words.pop()]
-    if unit is None and len(words) == 1 and words[0] in UNITS and words[0] not in ("m", "s"):
-        unit = UNITS[words[0]]
-    return Name(tuple(words), unit)
+    if unit is None and words and words[-1] in UNITS:
+        if len(words) > 1:
+            unit = UNITS[words.pop()]
+        elif words[0] not in ("m", "s"):
+            unit = UNITS[words[0]]
+    return tuple(words), unit
 
 
 def find_columns(cells: Cells, given: Mapping[str, str] | None = None) -> Columns:
@@ -123,84 +144,80 @@ def find_columns(cells: Cells, given: Mapping[str, str] | None = None) -> Column
     Raises:
         SceneError: no time, nothing that moves, or several columns that may be the angle.
     """
-    names = [parse_name(name) for name in cells.names]
-    if cells.values.shape[1] == 1:
+    file = cells.file
+    columns = []
+    for name, values, is_clock in zip(cells.names, cells.values.T, cells.clock, strict=True):
+        columns.append(Column(name, *parse_name(name), values, is_clock))
+    if len(columns) == 1:
         if given is None and not fps_of(cells):
             advice = "Give time and angle, or --rate with the rows per second of a film"
-            raise SceneError(f"{cells.file}: has one column. {advice}")
-        raise SceneError(f"{cells.file}: has one column of numbers")
+            raise SceneError(f"{file}: has one column. {advice}")
+        raise SceneError(f"{file}: has one column of numbers")
     if given:
-        return given_columns(cells, names, given)
-    time = time_column(cells, names)
-    used = set() if time is None else {time}
-    used |= {i for i, name in enumerate(names) if set(name.words) & FRAME}
-    free = [i for i in range(len(names)) if i not in used]
-    points = [pair for pair in point_pairs(names, free) if np.isfinite(cells.values[:, pair]).mean() > 0.1]
+        return given_columns(cells, columns, given)
+    time = time_column(file, columns)
+    free = [column for column in columns if column is not time and not column.has(FRAME)]
+    points = [(x, y) for x, y in point_pairs(free) if np.isfinite([x.values, y.values]).mean() > 0.1]
     angles = []
     if not points:
-        angles = angle_columns(cells, names, [i for i in free if moves(cells.values[:, i])])
+        angles = angle_columns(file, [column for column in free if moves(column.values)])
     if not points and not angles:
-        still = [cells.names[i] for i in free]
-        raise SceneError(
-            f"{cells.file}: nothing moves in {first_names(still, NAMED) or 'its columns'}. Give a file with motion"
-        )
-    return describe(cells, names, time, angles, points)
+        still = first_names([column.name for column in free], NAMED) or "its columns"
+        raise SceneError(f"{file}: nothing moves in {still}. Give a file with motion")
+    return describe(cells, time, angles, points)
 
 
-def given_columns(cells: Cells, names: Sequence[Name], given: Mapping[str, str]) -> Columns:
+def given_columns(cells: Cells, columns: Sequence[Column], given: Mapping[str, str]) -> Columns:
     """The columns that the user names."""
-    where: dict[str, int] = {}
-    for role, column in given.items():
+    where: dict[str, Column] = {}
+    for role, name in given.items():
         if not re.fullmatch(r"time|t|theta_\d+|[xy]_\d+", role):
             raise SceneError(f"columns: {role!r} is unknown; allowed: time, theta_1..n, x_1, y_1, x_2, ...")
-        if column not in cells.names:
-            raise SceneError(f"columns: {column!r} is not in {cells.file}; found: {first_names(cells.names, NAMED)}")
-        where["time" if role == "t" else role] = cells.names.index(column)
-    time = where.get("time", time_column(cells, names))
+        if name not in cells.names:
+            raise SceneError(f"columns: {name!r} is not in {cells.file}; found: {first_names(cells.names, NAMED)}")
+        where["time" if role == "t" else role] = columns[cells.names.index(name)]
+    time = where.get("time", time_column(cells.file, columns))
     angles = [where[role] for role in sorted(where) if role.startswith("theta")]
-    numbers = sorted({role[2:] for role in where if role[:2] in ("x_", "y_")}, key=int)
-    if lacks := next((k for k in numbers if not (f"x_{k}" in where and f"y_{k}" in where)), None):
-        raise SceneError(f"columns: point {lacks} needs both x_{lacks} and y_{lacks}")
-    points = [(where[f"x_{k}"], where[f"y_{k}"]) for k in numbers]
-    return describe(cells, names, time, angles, points)
+    points = []
+    for k in sorted({role[2:] for role in where if role[:2] in ("x_", "y_")}, key=int):
+        if f"x_{k}" not in where or f"y_{k}" not in where:
+            raise SceneError(f"columns: point {k} needs both x_{k} and y_{k}")
+        points.append((where[f"x_{k}"], where[f"y_{k}"]))
+    return describe(cells, time, angles, points)
 
 
 def describe(
-    cells: Cells,
-    names: Sequence[Name],
-    time: int | None,
-    angles: Sequence[int],
-    points: Sequence[tuple[int, int]],
+    cells: Cells, time: Column | None, angles: Sequence[Column], points: Sequence[tuple[Column, Column]]
 ) -> Columns:
     """The columns with their units, as the names and comments give them."""
     time_unit = None
+    note = "rows counted as time, "
     if time is not None:
-        if cells.clock[time]:
+        note = f"time from {time.name!r}, "
+        if time.is_clock:
             time_unit = "s"
-        elif set(names[time].words) & FRAME:
+        elif time.has(FRAME):
             time_unit = "frames"
-        else:
-            time_unit = names[time].unit
-        if time_unit not in ("s", "ms", "us", "frames"):
-            time_unit = None
-    units = {names[i].unit for i in angles} & set(ANGLE_UNITS.values())
-    lengths = {names[i].unit for pair in points for i in pair} & set(LENGTH_UNITS.values())
-    what = [cells.names[i] for i in angles] or [f"({cells.names[x]}, {cells.names[y]})" for x, y in points]
+        elif time.unit in TIME_UNITS.values():
+            time_unit = time.unit
+    what = [column.name for column in angles] or [f"({x.name}, {y.name})" for x, y in points]
     kind = "angles" if angles else "points"
-    if time is not None:
-        note = f"time from {cells.names[time]!r}, "
-    else:
-        note = "rows counted as time, "
     return Columns(
         time,
         time_unit,
         fps_of(cells),
-        tuple(angles),
-        units.pop() if len(units) == 1 else None,
-        tuple(points),
-        lengths.pop() if len(lengths) == 1 else None,
+        angles,
+        common_unit(angles, ANGLE_UNITS),
+        points,
+        common_unit([column for pair in points for column in pair], LENGTH_UNITS),
         (f"{note}{kind} from {', '.join(what)}",),
     )
+
+
+def common_unit(columns: Sequence[Column], units: Mapping[str, str]) -> str | None:
+    """The one unit of these that the columns' names give."""
+    found = {column.unit for column in columns} & set(units.values())
+    return found.pop() if len(found) == 1 else None
 
 
 def fps_of(cells: Cells) -> float | None:
@@ -221,98 +238,80 @@ def increases(values: np.ndarray) -> bool:
 def moves(values: np.ndarray) -> bool:
     """Whether a column takes several values."""
     known = values[np.isfinite(values)]
-    return len(known) > 5 and float(np.ptp(known)) > 1e-9 * max(1.0, float(np.max(np.abs(known))))
+    return len(known) > 5 and np.ptp(known) > 1e-9 * np.max(np.abs(known), initial=1.0)
 
 
-def time_column(cells: Cells, names: Sequence[Name]) -> int | None:
+def time_column(file: str, columns: Sequence[Column]) -> Column | None:
     """The column of times: by name, by times of day, by a unit of time, by content; frames are the last choice.
 
     Raises:
         SceneError: a column of times that does not increase.
     """
-    count = len(names)
-    clocks = [i for i in range(count) if cells.clock[i]]
-    named = [i for i in range(count) if set(names[i].words) & TIME and not set(names[i].words) & RATE]
-    named += [i for i in range(count) if names[i].unit in TIME_UNITS.values() and i not in named]
-    good = [i for i in [*clocks, *named] if increases(cells.values[:, i])]
-    if good:
-        return good[0]
-    frames = [i for i in range(count) if set(names[i].words) & FRAME and increases(cells.values[:, i])]
-    if frames:
-        return frames[0]
+    clocks = [column for column in columns if column.is_clock]
+    named = [column for column in columns if column.has(TIME) and not column.has(RATE)]
+    named += [column for column in columns if column.unit in TIME_UNITS.values()]
+    frames = [column for column in columns if column.has(FRAME)]
+    for column in (*clocks, *named, *frames):
+        if increases(column.values):
+            return column
     if named:
-        column = cells.values[:, named[0]]
-        if increases(-column):
-            raise SceneError(f"{cells.file}: {cells.names[named[0]]} decreases from row to row. Reverse the rows")
+        if increases(-named[0].values):
+            raise SceneError(f"{file}: {named[0].name} decreases from row to row. Reverse the rows")
         return named[0]
-    content = [i for i in range(count) if increases(cells.values[:, i]) and moves(cells.values[:, i])]
-    return next(iter(content), None)
+    return next((column for column in columns if increases(column.values) and moves(column.values)), None)
 
 
-def point_pairs(names: Sequence[Name], free: Sequence[int]) -> list[tuple[int, int]]:
-    """(x, y) columns of points, of names that differ only in the axis."""
-    axes: dict[tuple[str, ...], dict[str, int]] = {}
-    for i in free:
-        words = names[i].words
-        own = [word for word in words if word in AXES]
-        if len(own) != 1 or (set(words) - set(AXES) - {"a"}) & (RATE | ANGLE | TIME):
-            continue
-        rest = tuple(word for word in words if word not in AXES)
-        axis = AXES[own[0]]
-        # `u, v` and `x, z` are pairs too, but of x, y, z the plane is that of x and y
-        if axis not in axes.setdefault(rest, {}):
-            axes[rest][axis] = i
-    pairs = {rest: pair for rest, pair in axes.items() if len(pair) == 2}
-    return [(pairs[rest]["x"], pairs[rest]["y"]) for rest in sorted(pairs, key=lambda rest: sorting_key(rest, pairs))]
+def point_pairs(columns: Sequence[Column]) -> list[tuple[Column, Column]]:
+    """(x, y) columns of points, of names that differ only in the axis; by their numbers, otherwise by their columns."""
+    axes: dict[tuple[str, ...], dict[str, Column]] = {}
+    for column in columns:
+        own = [word for word in column.words if word in AXES]
+        rest = tuple(word for word in column.words if word not in AXES)
+        if len(own) == 1 and (set(rest) - {"a"}).isdisjoint(RATE | ANGLE | TIME):
+            # `u, v` and `x, z` are pairs too, but of x, y, z the plane is that of x and y
+            axes.setdefault(rest, {}).setdefault(AXES[own[0]], column)
+    pairs = [(pair["x"], pair["y"]) for pair in axes.values() if len(pair) == 2]
+    if all(x.ordinal is not None for x, _ in pairs):
+        pairs.sort(key=lambda pair: pair[0].ordinal)
+    return pairs
 
 
-def sorting_key(rest: tuple[str, ...], pairs: Mapping[tuple[str, ...], Mapping[str, int]]) -> tuple[float, int]:
-    """Order of a point: by its number, otherwise by its column."""
-    number = next((int(word) for word in rest if word.isdecimal()), None)
-    numbered = all(any(word.isdecimal() for word in one) for one in pairs)
-    return (float(number) if numbered and number is not None else 0.0, min(pairs[rest].values()))
-
-
-def angle_columns(cells: Cells, names: Sequence[Name], moving: Sequence[int]) -> list[int]:
+def angle_columns(file: str, moving: Sequence[Column]) -> list[Column]:
     """The columns of angles: by name, otherwise the only one that swings.
 
     Raises:
         SceneError: several columns may be the angle.
     """
-    usable = [i for i in moving if not is_rate(names[i])]
-    named = [i for i in usable if set(names[i].words) & ANGLE or names[i].unit in ANGLE_UNITS.values()]
-    named = without_copies(cells, named)
+    usable = [column for column in moving if not is_rate(column)]
+    named = [column for column in usable if column.has(ANGLE) or column.unit in ANGLE_UNITS.values()]
     if named:
-        return sorted(named, key=lambda i: (next((int(w) for w in names[i].words if w.isdecimal()), 0), i))
-    swinging = [i for i in usable if not increases(cells.values[:, i]) and not increases(-cells.values[:, i])]
-    swinging = without_copies(cells, swinging)
+        return sorted(without_copies(named), key=lambda column: column.ordinal or 0)
+    swinging = [column for column in usable if not increases(column.values) and not increases(-column.values)]
+    swinging = without_copies(swinging)
     if len(swinging) > 1:
-        found = first_names([cells.names[i] for i in swinging], NAMED)
+        names = [column.name for column in swinging]
         raise SceneError(
-            f"{cells.file}: several columns may be the angle: {found}. Name it: --columns "
-            f"theta_1={cells.names[swinging[0]]}"
+            f"{file}: several columns may be the angle: {first_names(names, NAMED)}. Name it: --columns "
+            f"theta_1={names[0]}"
         )
     return swinging
 
 
-def is_rate(name: Name) -> bool:
+def is_rate(column: Column) -> bool:
     """Whether a name is that of a rate or an error; single letters count alone only."""
-    words = set(name.words) & RATE
-    return any(len(word) > 1 or len(name.words) == 1 for word in words)
+    return any(len(word) > 1 or len(column.words) == 1 for word in RATE.intersection(column.words))
 
 
-def without_copies(cells: Cells, columns: Sequence[int]) -> list[int]:
+def without_copies(columns: Sequence[Column]) -> list[Column]:
     """The columns without those that are another one in another unit."""
-    found: list[int] = []
-    for i in columns:
-        if not any(alike(cells.values[:, i], cells.values[:, j]) for j in found):
-            found.append(i)
+    found: list[Column] = []
+    for column in columns:
+        if not any(alike(column.values, other.values) for other in found):
+            found.append(column)
     return found
 
 
 def alike(one: np.ndarray, other: np.ndarray) -> bool:
     """Whether two columns are the same motion in two units."""
     known = np.isfinite(one) & np.isfinite(other)
-    if known.sum() < 10:
-        return False
-    return abs(float(np.corrcoef(one[known], other[known])[0, 1])) > 0.99999
+    return known.sum() >= 10 and abs(np.corrcoef(one[known], other[known])[0, 1]) > 0.99999

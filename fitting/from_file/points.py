@@ -11,12 +11,15 @@ which are linear in w and c.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from itertools import permutations
+from functools import cached_property
+from itertools import pairwise, permutations
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares
 
 from dropper_jax.base.errors import SceneError
+from fitting.from_file.motion import Motion
 from fitting.traces.trace import unwrap
 
 #: Movement of a fixed point as a fraction of the fastest point's.
@@ -32,48 +35,43 @@ MOST_POINTS = 5
 
 
 @dataclass(frozen=True)
-class Links:
-    """Angles of links from straight down, and what the points show of their lengths.
-
-    Attributes:
-        theta: (k, n) [rad], in the sense of rotation from the file's x to its y axis.
-        joint: (k,) start of the last link from the pivot in the file's unit of length; its real part points down.
-        lengths: distances of joints (n,) in the file's unit of length; NaN for a last link of unknown length.
-        notes: how they were found.
-    """
-
-    theta: np.ndarray
-    joint: np.ndarray
-    lengths: np.ndarray
-    notes: tuple[str, ...]
-
-
-@dataclass(frozen=True)
 class Body:
     """A rigid link.
 
     Attributes:
         origin: a point that moves with it (k,).
-        direction: (k,), of size 1.
-        arm: from the two points that give it (k,).
+        arm: from the two points that give its direction (k,).
         end: its last point (k,).
         pair: whether its direction is that of two points on it.
     """
 
     origin: np.ndarray
-    direction: np.ndarray
     arm: np.ndarray
     end: np.ndarray
-    pair: bool
+    pair: bool = False
+
+    @cached_property
+    def direction(self) -> np.ndarray:
+        """(k,), of size 1."""
+        return unit(self.arm)
 
 
-def read_points(file: str, points: np.ndarray) -> Links:
-    """Angles of the links that points (m, k) belong to, as complex numbers.
+class Chain(NamedTuple):
+    """Bodies from the pivot on, the start (k,) of each, and the largest change of a distance in its noise."""
+
+    bodies: list[Body]
+    pivot: complex
+    joints: list[np.ndarray]
+    worst: float
+
+
+def read_points(file: str, t: np.ndarray, points: np.ndarray) -> Motion:
+    """The motion of the links that points (m, k) belong to, as complex numbers.
 
     Raises:
         SceneError: points that belong to no chain.
     """
-    spread = np.array([float(np.nanstd(p)) for p in points])
+    spread = np.array([np.nanstd(p) for p in points])
     if not spread.max() > 0:
         raise SceneError(f"{file}: the points do not move. Give a file with motion")
     notes = []
@@ -82,48 +80,46 @@ def read_points(file: str, points: np.ndarray) -> Links:
     if fixed.sum() == 1:
         pivot = complex(np.nanmean(points[fixed][0]))
         notes.append("the point that does not move is the pivot")
-    moving = list(points[~fixed])
-    orders = [tuple(range(len(moving)))]
+    moving = points[~fixed]
+    in_order = tuple(range(len(moving)))
+    orders = [in_order]
     if len(moving) <= MOST_POINTS:
-        orders = list(permutations(range(len(moving))))
-    chains = []
+        orders = permutations(in_order)
     sigma = float(np.median([noise_of(point) for point in moving]))
+    best = None
     for order in orders:
         found = chain_of([moving[i] for i in order], pivot, sigma)
-        if found is not None:
-            chains.append((found[2], order, found))
-        if chains and order == orders[0] and chains[0][0] < GOOD:
+        if found is not None and (best is None or found.worst < best.worst):
+            best = found
+            best_order = order
+        if best is not None and order == in_order and best.worst < GOOD:
             break  # the order of the file fits
-    if not chains:
+    if best is None:
         raise SceneError(
             f"{file}: the points keep no distance to a pivot or to one another. Give the points of a chain from its "
             "pivot on, or name the columns: --columns time=t,x_1=...,y_1=..."
         )
-    _, order, (bodies, pivot, _, joints) = min(chains, key=lambda chain: chain[0])
-    if order != orders[0]:
-        notes.append(f"order of the points from the pivot on: {', '.join(str(i + 1) for i in order)}")
-    directions = []
-    lengths = []
-    for j, body in enumerate(bodies):
-        last = j + 1 == len(bodies)
-        reach = body.end - joints[j] if last else joints[j + 1] - joints[j]
-        ends_at_point = not last or not body.pair
-        lengths.append(float(np.nanmedian(np.abs(reach))) if ends_at_point else np.nan)
-        directions.append(unit(reach) if ends_at_point else body.direction)
-    found = unwrap(np.angle(np.stack(directions, axis=1)))
-    down = resting_direction(found)
-    for j in range(found.shape[1]):  # each link hangs at rest
-        found[:, j] -= down + 2 * np.pi * np.round(float(np.nanmedian(found[:, j]) - down) / (2 * np.pi))
-    notes.append(f"pivot at ({pivot.real:.4g}, {pivot.imag:.4g})")
-    joint = (joints[-1] - pivot) * np.exp(-1j * down)
-    return Links(found, joint, np.array(lengths), tuple(notes))
+    if best_order != in_order:
+        notes.append(f"order of the points from the pivot on: {', '.join(str(i + 1) for i in best_order)}")
+    reaches = [after - before for before, after in pairwise(best.joints)]
+    lengths = [np.nanmedian(np.abs(reach)) for reach in reaches]
+    last = best.bodies[-1]
+    if last.pair:
+        reaches.append(last.arm)
+        lengths.append(np.nan)
+    else:
+        reaches.append(last.end - best.joints[-1])
+        lengths.append(np.nanmedian(np.abs(reaches[-1])))
+    theta = unwrap(np.angle(unit(np.transpose(reaches))))
+    down = resting_direction(theta)
+    theta -= down + 2 * np.pi * np.round((np.nanmedian(theta, axis=0) - down) / (2 * np.pi))  # each link hangs at rest
+    notes.append(f"pivot at ({best.pivot.real:.4g}, {best.pivot.imag:.4g})")
+    joint = (best.joints[-1] - best.pivot) * np.exp(-1j * down)
+    return Motion(t, theta, tuple(notes), joint, np.array(lengths))
 
 
-def chain_of(
-    points: list[np.ndarray], pivot: complex | None, sigma: float
-) -> tuple[list[Body], complex, float, list[np.ndarray]] | None:
-    """Bodies, pivot, largest change of a distance in its noise, and the start (k,) of every link, of points in this
-    order; None if they do not fit.
+def chain_of(points: list[np.ndarray], pivot: complex | None, sigma: float) -> Chain | None:
+    """The chain of points in this order; None if they do not fit.
 
     Args:
         sigma: noise of a coordinate.
@@ -134,57 +130,53 @@ def chain_of(
     if pivot is None:
         pivot = centre_of(first)
         mates = [q for q in rest if rigid(first, q, sigma) < KEPT]
-        better = None
         if mates:
-            better = pivot_of_pair(first, mates[0], pivot, sigma)
-        pivot = pivot if better is None else better
-    worst = rigid(first, np.full(len(first), pivot), sigma)
+            pivot = pivot_of_pair(first, mates[0], pivot, sigma)
+    start = np.full(len(first), pivot)
+    worst = rigid(first, start, sigma)
     if worst > KEPT:
         return None
-    joints = [np.full(len(first), pivot)]
-    bodies = [Body(first, unit(first - pivot), first - pivot, first, False)]
+    joints = [start]
+    bodies = [Body(first, first - pivot, first)]
     own = [first]  # points of the last body
     while rest:
-        point = rest[0]
-        rest = rest[1:]
+        point = rest.pop(0)
         body = bodies[-1]
+        start = joints[-1]
         if rigid(point, body.origin, sigma) < KEPT and turns_with(point - body.origin, body, sigma):
             own.append(point)
-            farther = np.nanmedian(np.abs(point - joints[-1])) > np.nanmedian(np.abs(body.end - joints[-1]))
+            farther = np.nanmedian(np.abs(point - start)) > np.nanmedian(np.abs(body.end - start))
             if farther and body.pair:
                 bodies[-1] = replace(body, end=point)
             elif farther:  # a longer arm gives a better direction
-                bodies[-1] = Body(point, unit(point - joints[-1]), point - joints[-1], point, False)
+                bodies[-1] = Body(point, point - start, point)
             continue
-        hook = min(own, key=lambda p: rigid(point, p, sigma))
-        by_hook = rigid(point, hook, sigma)
+        joint = min(own, key=lambda p: rigid(point, p, sigma))
+        by_hook = rigid(point, joint, sigma)
         by_pair = np.inf
-        joint = hook
-        new = body
+        new = Body(point, point - joint, point)
         if rest and rigid(point, rest[0], sigma) < KEPT:
-            new = Body(point, unit(rest[0] - point), rest[0] - point, rest[0], True)
-            joint, by_pair = joint_of(body, new, sigma)
-        if min(by_hook, by_pair) > KEPT:
+            pair = Body(point, rest[0] - point, rest[0], pair=True)
+            pair_joint, by_pair = joint_of(body, pair, sigma)
+        nearest = min(by_hook, by_pair)
+        if nearest > KEPT:
             return None
-        worst = max(worst, min(by_hook, by_pair))
+        worst = max(worst, nearest)
+        own = [point]
         # of points in pairs, the joint of two is their own point only by chance
-        paired = pivot_found and len(points) % 2 == 0 and by_pair < GOOD
-        if by_pair < by_hook or paired:
-            joints.append(joint)
-            bodies.append(new)
-            own = [point, rest[0]]
-            rest = rest[1:]
-        else:
-            joints.append(hook)
-            bodies.append(Body(point, unit(point - hook), point - hook, point, False))
-            own = [point]
-    return bodies, pivot, worst, joints
+        if by_pair < by_hook or (pivot_found and len(points) % 2 == 0 and by_pair < GOOD):
+            joint = pair_joint
+            new = pair
+            own.append(rest.pop(0))
+        joints.append(joint)
+        bodies.append(new)
+    return Chain(bodies, pivot, joints, worst)
 
 
 def unit(reach: np.ndarray) -> np.ndarray:
     """Directions (k,) of size 1; NaN stays."""
     size = np.abs(reach)
-    return np.where(size > 0, reach / np.where(size > 0, size, 1.0), np.nan)
+    return reach / np.where(size > 0, size, np.nan)
 
 
 def noise_of(p: np.ndarray) -> float:
@@ -205,8 +197,12 @@ def rigid(one: np.ndarray, other: np.ndarray, sigma: float) -> float:
     typical = float(np.nanmedian(size))
     if not typical > 0:
         return np.inf
-    spread = float(np.nanquantile(np.abs(size - typical), MOST_ROWS)) / QUANTILE
-    return spread / (np.sqrt(2) * sigma + LENS * typical)
+    return spread_of(size - typical) / (np.sqrt(2) * sigma + LENS * typical)
+
+
+def spread_of(deviations: np.ndarray) -> float:
+    """Standard deviation of deviations (k,) from zero, by most of them."""
+    return float(np.nanquantile(np.abs(deviations), MOST_ROWS)) / QUANTILE
 
 
 def turns_with(link: np.ndarray, body: Body, sigma: float) -> bool:
@@ -215,7 +211,7 @@ def turns_with(link: np.ndarray, body: Body, sigma: float) -> bool:
     apart = np.angle(np.exp(1j * (apart - np.angle(np.nanmean(np.exp(1j * apart))))))
     own = np.angle(body.direction / np.nanmean(body.direction))
     noise = np.sqrt(2) * sigma * np.hypot(1 / np.nanmedian(np.abs(link)), 1 / np.nanmedian(np.abs(body.arm)))
-    return float(np.nanquantile(np.abs(apart), 0.95)) / 1.96 < 1.5 * noise + SAME_LINK * float(np.nanstd(own))
+    return spread_of(apart) < 1.5 * noise + SAME_LINK * float(np.nanstd(own))
 
 
 def centre_of(p: np.ndarray) -> complex:
@@ -223,37 +219,37 @@ def centre_of(p: np.ndarray) -> complex:
     p = p[np.isfinite(p)]
     p = p[:: max(1, len(p) // 4000)]
     middle = p.mean()
-    size = float(np.std(p))
-    x = ((p - middle) / size).real
-    y = ((p - middle) / size).imag
-    a, b, c = np.linalg.lstsq(np.stack([2 * x, 2 * y, np.ones(len(x))], axis=1), x**2 + y**2, rcond=None)[0]
+    size = np.std(p)
+    p = (p - middle) / size
+    basis = np.stack([2 * p.real, 2 * p.imag, np.ones(len(p))], axis=1)
+    a, b, c = np.linalg.lstsq(basis, np.abs(p) ** 2, rcond=None)[0]
     start = [a, b, np.sqrt(max(c + a**2 + b**2, 1e-12))]
-    found = least_squares(lambda v: np.hypot(x - v[0], y - v[1]) - v[2], start, loss="soft_l1", f_scale=0.05).x
-    return complex(middle + size * complex(found[0], found[1]))
+    found = least_squares(lambda v: np.abs(p - complex(*v[:2])) - v[2], start, loss="soft_l1", f_scale=0.05).x
+    return complex(middle + size * complex(*found[:2]))
 
 
-def pivot_of_pair(one: np.ndarray, other: np.ndarray, near: complex, sigma: float) -> complex | None:
-    """Pivot c of a link with two points: `one + w e = c`; None where they do not turn about the centre near them."""
+def pivot_of_pair(one: np.ndarray, other: np.ndarray, near: complex, sigma: float) -> complex:
+    """Pivot c of a link with two points: `one + w e = c`; the centre near them where they do not turn about it."""
     direction = unit(other - one)
-    if not turns_with(other - one, Body(one, unit(one - near), one - near, one, False), sigma):
-        return None
+    if not turns_with(other - one, Body(one, one - near, one), sigma):
+        return near
     known = np.isfinite(direction) & np.isfinite(one)
     basis = np.stack([np.ones(known.sum()), -direction[known]], axis=1)
-    centre, _ = np.linalg.lstsq(basis, one[known], rcond=None)[0]
-    return complex(centre)
+    return complex(np.linalg.lstsq(basis, one[known], rcond=None)[0][0])
 
 
 def joint_of(one: Body, other: Body, sigma: float) -> tuple[np.ndarray, float]:
     """Joint (k,) of two links, and its error in units of the noise."""
-    known = np.isfinite(one.origin) & np.isfinite(other.origin)
-    known &= np.isfinite(one.direction) & np.isfinite(other.direction)
-    basis = np.stack([other.direction[known], -one.direction[known]], axis=1)
-    apart = (one.origin - other.origin)[known]
+    basis = np.stack([other.direction, -one.direction], axis=1)
+    apart = one.origin - other.origin
+    known = np.isfinite(apart) & np.isfinite(basis).all(axis=1)
+    basis = basis[known]
+    apart = apart[known]
     shift, own = np.linalg.lstsq(basis, apart, rcond=None)[0]
-    left = float(np.quantile(np.abs(basis @ np.array([shift, own]) - apart), 0.95))
+    left = float(np.quantile(np.abs(basis @ [shift, own] - apart), MOST_ROWS))
     # the noise of the points extrapolated along both links
-    levers = [abs(own) / float(np.nanmedian(np.abs(one.arm))), abs(shift) / float(np.nanmedian(np.abs(other.arm)))]
-    grown = np.sqrt(sum((1.0 + lever) ** 2 + lever**2 for lever in levers))
+    levers = np.abs([own, shift]) / np.nanmedian(np.abs([one.arm, other.arm]), axis=1)
+    grown = np.sqrt(np.sum((1.0 + levers) ** 2 + levers**2))
     expected = 2.45 * sigma * grown + LENS * float(np.median(np.abs(apart)))
     joint = 0.5 * (one.origin + own * one.direction + other.origin + shift * other.direction)
     return joint, left / expected

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +14,7 @@ from fitting.from_file.angles import read_angles
 from fitting.from_file.cells import Cells, read_cells
 from fitting.from_file.clock import ordered_rows, unit_of_time
 from fitting.from_file.columns import Columns, find_columns
+from fitting.from_file.motion import Motion
 from fitting.from_file.points import read_points
 from fitting.from_file.swing import Swing, find_swing, gravity_of_last_link, main_period
 from fitting.from_file.thinning import thin
@@ -67,34 +68,18 @@ class Measured:
     Attributes:
         trace: angles from straight down [rad], thinned.
         zero: reading at rest that was subtracted [rad].
-        period: of the main motion [s].
         swing: the free swing of one link; None for several.
         lengths: of the links [m] as points or the user give them; None: unknown.
-        scaled: whether gravity alone gives the lengths their scale.
         open_end: whether the length of the last link follows from the motion alone.
         notes: how everything was found.
     """
 
     trace: Trace
     zero: float
-    period: float
     swing: Swing | None
     lengths: np.ndarray | None
-    scaled: bool
     open_end: bool
     notes: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class Motion:
-    """Angles (k, n) [rad] at times (k,) in the file's unit; of points the start of the last link (k,) and the lengths
-    of the links (n,) in the file's unit of length."""
-
-    t: np.ndarray
-    theta: np.ndarray
-    joint: np.ndarray | None = None
-    lengths: np.ndarray | None = None
-    notes: tuple[str, ...] = field(default=())
 
 
 def read_measured(path: str | Path, given: Given = NOTHING, links: int | None = None) -> Measured:
@@ -112,10 +97,10 @@ def read_measured(path: str | Path, given: Given = NOTHING, links: int | None = 
     name = None
     t = np.arange(len(cells.values), dtype=float)
     if columns.time is not None:
-        name = cells.names[columns.time]
-        t = cells.values[:, columns.time]
-    used = columns.angles or tuple(i for pair in columns.points for i in pair)
-    rows = ordered_rows(cells.file, t, cells.values[:, used])
+        name = columns.time.name
+        t = columns.time.values
+    used = columns.angles or [column for pair in columns.points for column in pair]
+    rows = ordered_rows(cells.file, t, np.stack([column.values for column in used], axis=1))
     motion = motion_of(cells, columns, rows.t, rows.values, given)
     period = main_period(motion.t, motion.theta)
     named = columns.time_unit
@@ -123,9 +108,9 @@ def read_measured(path: str | Path, given: Given = NOTHING, links: int | None = 
         named = "frames"
     second, how = unit_of_time(cells.file, motion.t, period, named, given.rate or columns.rate, name)
     # dates in seconds since 1970 lose digits
-    start = 0.0
-    if abs(second * rows.start) < LATE:
-        start = second * rows.start
+    start = second * rows.start
+    if abs(start) >= LATE:
+        start = 0.0
     times = start + second * motion.t
     period = second * period
     count = motion.theta.shape[1]
@@ -145,7 +130,7 @@ def read_measured(path: str | Path, given: Given = NOTHING, links: int | None = 
     if count == 1:
         trace, swing, zero = free_part(cells.file, trace, period)
         notes += [*swing.notes, f"the reading at rest, {zero:.4g} rad, is subtracted"]
-    lengths, scaled, note = lengths_in_metres(cells.file, columns.length_unit, motion, times, period, given, links)
+    lengths, note = lengths_in_metres(cells.file, columns.length_unit, motion, times, period, given, links)
     notes += note
     fastest = period
     if count > 1:
@@ -153,29 +138,23 @@ def read_measured(path: str | Path, given: Given = NOTHING, links: int | None = 
     trace, note = thinned(trace, fastest)
     notes += note
     open_end = motion.lengths is not None and bool(np.isnan(motion.lengths[-1])) and count > 1
-    return Measured(trace, zero, period, swing, lengths, scaled, open_end, tuple(notes))
+    return Measured(trace, zero, swing, lengths, open_end, tuple(notes))
 
 
 def thinned(trace: Trace, fastest: float) -> tuple[Trace, list[str]]:
     """The trace with as many rows as a motion of this shortest period [s] needs, and a note if rows were left out."""
     t, theta, many = thin(trace.t, trace.theta, fastest)
-    found = replace(trace, t=t, theta=theta)
     if len(t) == len(trace.t):
-        return found, []
-    what = "one for each stretch of time"
-    if many > 1:
-        what = f"each the mean of about {many}"
-    return found, [f"{len(trace.t)} rows thinned to {len(t)}, {what}"]
+        return trace, []
+    what = f"each the mean of about {many}" if many > 1 else "one for each stretch of time"
+    return replace(trace, t=t, theta=theta), [f"{len(trace.t)} rows thinned to {len(t)}, {what}"]
 
 
 def motion_of(cells: Cells, columns: Columns, t: np.ndarray, values: np.ndarray, given: Given) -> Motion:
-    """Angles of the columns' values (k, columns)."""
+    """The motion by the columns' values (k, columns)."""
     if columns.points:
-        points = np.stack([values[:, 2 * i] + 1j * values[:, 2 * i + 1] for i in range(len(columns.points))])
-        links = read_points(cells.file, points)
-        return Motion(t, links.theta, links.joint, links.lengths, links.notes)
-    angles = read_angles(cells.file, t, values, given.unit or columns.angle_unit, given.counts)
-    return Motion(angles.t, angles.theta, notes=angles.notes)
+        return read_points(cells.file, t, values[:, ::2].T + 1j * values[:, 1::2].T)
+    return read_angles(cells.file, t, values, given.unit or columns.angle_unit, given.counts)
 
 
 def cut_span(trace: Trace, given: Given) -> Trace:
@@ -197,18 +176,16 @@ def cut_span(trace: Trace, given: Given) -> Trace:
 def free_part(file: str, trace: Trace, period: float) -> tuple[Trace, Swing, float]:
     """The free swing of one link, about its zero, and that zero [rad]."""
     trace = without_spikes(trace)
-    theta = trace.theta
-    known = np.flatnonzero(np.isfinite(theta[:, 0]))
+    known = np.isfinite(trace.theta[:, 0])
+    trace = replace(trace, t=trace.t[known], theta=trace.theta[known])
     # rows in the middle, where it swings; the noise of a long file would take longer than its fit
-    known = known[max(0, (len(known) - FOR_NOISE) // 2) :][:FOR_NOISE]
-    sigma = float(noise(replace(trace, t=trace.t[known], theta=theta[known]))[0])
-    swing = find_swing(file, trace.t, theta[:, 0], period, sigma)
+    middle = slice(max(0, (len(trace.t) - FOR_NOISE) // 2), (len(trace.t) + FOR_NOISE) // 2)
+    sigma = float(noise(replace(trace, t=trace.t[middle], theta=trace.theta[middle]))[0])
+    swing = find_swing(file, trace.t, trace.theta[:, 0], period, sigma)
     part = trace.between(swing.begin, swing.end)
-    seen = np.isfinite(part.theta[:, 0])
-    part = replace(part, t=part.t[seen], theta=part.theta[seen])
     # the reading at rest nearest to the middle of the swing
-    turns = 2 * np.pi * np.round((float(np.nanmedian(part.theta[:, 0])) - swing.zero) / (2 * np.pi))
-    zero = swing.zero + turns
+    turns = np.round((np.median(part.theta) - swing.zero) / (2 * np.pi))
+    zero = float(swing.zero + 2 * np.pi * turns)
     return replace(part, theta=part.theta - zero), swing, zero
 
 
@@ -220,8 +197,8 @@ def lengths_in_metres(
     period: float,
     given: Given,
     links: int | None,
-) -> tuple[np.ndarray | None, bool, list[str]]:
-    """Lengths of the links (n,) [m], whether they have an unknown factor, and notes.
+) -> tuple[np.ndarray | None, list[str]]:
+    """Lengths of the links (n,) [m], and notes.
 
     Args:
         unit: of the points, if their names give it.
@@ -235,9 +212,9 @@ def lengths_in_metres(
     if given.lengths is not None:
         if len(given.lengths) != count:
             raise SceneError(f"--lengths: {len(given.lengths)} values; {file} shows {count} links")
-        return np.array(given.lengths), False, ["lengths as given"]
+        return np.array(given.lengths), ["lengths as given"]
     if count == 1 or links is not None:
-        return None, False, []
+        return None, []
     if motion.lengths is None or motion.joint is None:
         raise SceneError(
             f"{file}: the angles of {count} links do not show their lengths. Give them [m]: --lengths {missing}"
@@ -248,14 +225,13 @@ def lengths_in_metres(
         lengths[-1] = np.nanmean(lengths) if shown is None else shown[1]
     if shown is None and unit not in METRES:
         raise SceneError(f"{file}: the points show no scale. Give the lengths of the links [m]: --lengths {missing}")
-    if shown is None:
-        scale = METRES[unit]
-    else:
+    scale = 1.0
+    if shown is not None:
         scale = GRAVITY / shown[0]
     if unit is None:
-        near = [name for name, size in METRES.items() if abs(np.log(scale / size)) < np.log(FITS_UNIT)]
-        unit = near[0] if near else "px"
+        near = (name for name, size in METRES.items() if abs(np.log(scale / size)) < np.log(FITS_UNIT))
+        unit = next(near, "px")
     text = ", ".join(f"{x / np.sum(lengths):.3g}" for x in lengths)
     if unit in METRES:
-        return lengths * METRES[unit], False, [f"lengths from the points in {unit}, in parts of the whole: {text}"]
-    return lengths * scale, True, [f"lengths from the points, scaled by gravity, in parts of the whole: {text}"]
+        return lengths * METRES[unit], [f"lengths from the points in {unit}, in parts of the whole: {text}"]
+    return lengths * scale, [f"lengths from the points, scaled by gravity, in parts of the whole: {text}"]

@@ -78,10 +78,9 @@ def main_period(t: np.ndarray, values: np.ndarray) -> float:
     spectrum[:2] = 0.0
     peak = int(np.argmax(spectrum))
     near = spectrum[max(peak - 1, 1) : peak + 2]
+    at = peak
     if len(near) == 3 and near.sum() > 0:
         at = peak + (near[2] - near[0]) / (2 * near.sum())
-    else:
-        at = peak
     return float((t[-1] - t[0]) / max(at, 1.0))
 
 
@@ -99,18 +98,16 @@ def derivatives(t: np.ndarray, phi: np.ndarray, period: float) -> tuple[np.ndarr
     index = np.clip(np.round((t - t[0]) / step).astype(int), 0, len(grid) - 1)
     number = np.bincount(index, minlength=len(grid))
     full = number > 0
-    mean_t = np.bincount(index, t, len(grid))[full] / number[full]
-    mean = np.bincount(index, phi, len(grid))[full] / number[full]
+    mean_t, mean = (np.bincount(index, x, len(grid))[full] / number[full] for x in (t, phi))
     x = np.interp(grid, mean_t, mean)
     width = 2 * HALF + 1
     if len(x) < 4 * width:
         return grid, np.zeros((0, 3)), 0.0
     powers = np.vander(np.arange(-HALF, HALF + 1) * step, DEGREE + 1, increasing=True)
-    weights = np.linalg.pinv(powers)[:3]
+    weights = np.linalg.pinv(powers)[:3] * [[1.0], [1.0], [2.0]]
     around = np.lib.stride_tricks.sliding_window_view(x, width)
-    found = around @ (weights * np.array([1.0, 1.0, 2.0])[:, None]).T
-    gain = float(np.linalg.norm(2.0 * weights[2])) / np.sqrt(max(1.0, float(np.median(number[full]))))
-    return grid[HALF:-HALF], found, gain
+    gain = np.linalg.norm(weights[2]) / np.sqrt(max(1.0, np.median(number[full])))
+    return grid[HALF:-HALF], around @ weights.T, float(gain)
 
 
 def gravity_of_last_link(
@@ -132,16 +129,12 @@ def gravity_of_last_link(
     _, angle, _ = derivatives(t[known], phi[known], period)
     if len(angle) < PER_PERIOD:
         return None
-    across = 1j * np.exp(1j * angle[:, 0])
-    acceleration = np.real((x[:, 2] + 1j * y[:, 2]) * across.conj())
-    speed = np.real((x[:, 1] + 1j * y[:, 1]) * across.conj())
-    columns = [np.sin(angle[:, 0]), np.cos(angle[:, 0]), angle[:, 2], speed, angle[:, 1]]
-    basis = np.stack(columns, axis=1)
+    phi, w, a = angle.T
+    _, speed, acceleration = np.real((x + 1j * y).T * (1j * np.exp(1j * phi)).conj())
+    basis = np.stack([np.sin(phi), np.cos(phi), a, speed, w], axis=1)
     found = -np.linalg.lstsq(basis, acceleration, rcond=None)[0]
-    gravity = float(np.hypot(found[0], found[1]))
-    length = float(found[2])
-    if length > 0 and found[0] > 0:
-        return (gravity, length)
+    if found[2] > 0 and found[0] > 0:
+        return float(np.hypot(found[0], found[1])), float(found[2])
     return None
 
 
@@ -156,40 +149,46 @@ def regression(motion: np.ndarray, quadratic: bool = False) -> tuple[np.ndarray,
     return found, float(np.sum((basis @ found - a) ** 2))
 
 
+def squares_by_unit(motion: np.ndarray) -> list[float]:
+    """Sums of squares of a motion (k, 3) read in radians and in degrees, in the unit of its angle."""
+    return [regression(motion * unit, True)[1] / unit**2 for unit in (1.0, np.pi / 180)]
+
+
+def half_range(values: np.ndarray) -> np.ndarray:
+    """Half the range (n,) of values (k, n) without 0.5 % of them at both ends."""
+    return 0.5 * np.subtract(*np.nanquantile(values, [0.995, 0.005], axis=0))
+
+
 def unit_of_angle(t: np.ndarray, raw: np.ndarray, period: float) -> tuple[str | None, float]:
     """`rad` or `deg`, by the period's change with the amplitude, and the gain in log likelihood; None if undecided.
 
     Args:
         raw: (k,) in the unknown unit, without wraps.
     """
-    reach = 0.5 * float(np.nanquantile(raw, 0.995) - np.nanquantile(raw, 0.005))
+    reach = half_range(raw)
     if reach < 0.3:
         return "rad", np.inf  # as degrees it would hardly move
     _, motion, _ = derivatives(t, raw, period)
     length = min(BLOCK * PER_PERIOD, len(motion))
-    blocks = [motion[low : low + length] for low in range(0, len(motion) - length + 1, max(length, 1))]
-    size = np.array([float(np.std(block[:, 0])) for block in blocks])
-    loud = [block for block, one in zip(blocks, size, strict=True) if one > LOUD * size.max()]
-    as_radians, as_degrees = (
-        np.array([regression(block * unit, True)[1] / unit**2 for block in loud]) for unit in (1.0, np.pi / 180)
-    )
-    smaller = np.minimum(as_radians, as_degrees)
+    if not length:
+        return None, 0.0
+    blocks = motion[: len(motion) // length * length].reshape(-1, length, 3)
+    size = blocks[..., 0].std(axis=1)
+    loud = blocks[size > LOUD * size.max()]
+    squares = np.array([squares_by_unit(block) for block in loud])
+    smaller = squares.min(axis=1)
     calm = smaller < RELEASED * np.median(smaller)  # without a hand that releases it
     # one k for all amplitudes: in the wrong unit it changes with them
-    free = np.concatenate([block for block, one in zip(loud, calm, strict=True) if one])
-    in_radians, in_degrees = (regression(free * unit, True)[1] / unit**2 for unit in (1.0, np.pi / 180))
+    free = loud[calm].reshape(-1, 3)
+    in_radians, in_degrees = np.maximum(squares_by_unit(free), 1e-300)
     # difference of the log likelihoods; accelerations a few samples apart are independent
-    gain = 0.5 * len(free) / HALF * float(np.log(max(in_degrees, 1e-300) / max(in_radians, 1e-300)))
-    if abs(gain) < DECIDES:
-        # a swing of a few degrees is rarer than one of as many radians
-        if reach > 2 * np.pi:
-            likely = "deg"
-        elif gain > -1.0:
-            likely = "rad"
-        else:
-            likely = None
-        return likely, 0.0
-    return ("rad" if gain > 0 else "deg"), abs(gain)
+    gain = 0.5 * len(free) / HALF * float(np.log(in_degrees / in_radians))
+    if abs(gain) >= DECIDES:
+        return ("rad" if gain > 0 else "deg"), abs(gain)
+    # a swing of a few degrees is rarer than one of as many radians
+    if reach > 2 * np.pi:
+        return "deg", 0.0
+    return ("rad" if gain > -1.0 else None), 0.0
 
 
 def find_swing(file: str, t: np.ndarray, phi: np.ndarray, period: float, sigma: float) -> Swing:
@@ -204,66 +203,63 @@ def find_swing(file: str, t: np.ndarray, phi: np.ndarray, period: float, sigma: 
         SceneError: driven throughout, too short, or no decay.
     """
     times, motion, gain = derivatives(t, phi, period)
-    short = f"{file}: has fewer than {FEWEST:g} swings of {period:.3g} s"
     if len(motion) < (FEWEST + 1) * PER_PERIOD:
-        raise SceneError(f"{short}. Give a longer file")
+        raise SceneError(f"{file}: has fewer than {FEWEST:g} swings of {period:.3g} s. Give a longer file")
     noise = gain * sigma
     starts = np.arange(0, len(motion) - PER_PERIOD, PER_PERIOD // 4)
-    fits = np.zeros((len(starts), 5))  # k, z, c, residual, size of the acceleration
-    for i, low in enumerate(starts):
+    begins = times[starts]
+    ends = times[np.minimum(starts + PER_PERIOD, len(times) - 1)]
+    rows = []
+    for low in starts:
         part = motion[low : low + PER_PERIOD]
         (p, q, c), left = regression(part)
-        size = float(np.sqrt(np.mean((part[:, 2]) ** 2)))
-        residual = float(np.sqrt(left / len(part)))
-        fits[i] = np.hypot(p, q), np.arctan2(q, p), c, residual, size
-    k, z, c, residual, size = fits.T
-    allowed = np.maximum(RESIDUAL * size, 3.0 * noise)
-    smooth = residual < allowed
+        rows.append((np.hypot(p, q), np.arctan2(q, p), c, left, np.mean(part[:, 2] ** 2)))
+    k, z, c, left, square = np.transpose(rows)
+    size = np.sqrt(square)  # of the acceleration
+    smooth = np.sqrt(left / PER_PERIOD) < np.maximum(RESIDUAL * size, 3.0 * noise)
     loud = smooth & (size > 5.0 * noise)
     if loud.sum() < 4:
         raise SceneError(
             f"{file}: no stretch swings freely: it is driven throughout, or its noise hides the swing. Give a file "
             "with a free swing"
         )
-    stiffness = float(np.median(k[loud]))
+    stiffness = np.median(k[loud])
     zero = float(np.angle(np.mean(np.exp(1j * z[loud]))))
-    moved = np.cos(motion[:, 0] - zero)
-    energy = 0.5 * motion[:, 1] ** 2 + stiffness * (1.0 - moved)
-    level = np.array([float(np.mean(energy[low : low + PER_PERIOD])) for low in starts])
+    energy = 0.5 * motion[:, 1] ** 2 + stiffness * (1.0 - np.cos(motion[:, 0] - zero))
+    level = np.array([energy[low : low + PER_PERIOD].mean() for low in starts])
     error = 3.0 * noise / np.maximum(size, 1e-300)
-    free = smooth & (np.abs(k / stiffness - 1.0) < SAME + error) & (size > 1.0 * noise)
-    floor = 2.0 * (noise / np.sqrt(stiffness)) ** 2
-    rising = np.concatenate([[False], level[4:] > (1 + RISES) * level[:-4] + floor, [False] * 3])[: len(level)]
+    free = smooth & (np.abs(k / stiffness - 1.0) < SAME + error) & (size > noise)
+    rising = np.zeros_like(free)
+    # over a period, to the window before its end
+    rising[1 : len(level) - 3] = level[4:] > (1 + RISES) * level[:-4] + 2.0 * noise**2 / stiffness
     first, last = longest_run(free & ~rising)
-    begin = float(times[starts[first]])
-    end = float(times[min(starts[last] + PER_PERIOD, len(times) - 1)])
-    moving = np.flatnonzero(size > 2.0 * noise)
-    moving_span = float(times[min(starts[moving[-1]] + PER_PERIOD, len(times) - 1)] - times[starts[moving[0]]])
-    if end - begin < FEWEST * period or end - begin < PART * moving_span:
+    begin = begins[first]
+    end = ends[last]
+    moving = size > 2.0 * noise
+    moving_span = ends[moving].max() - begins[moving].min()
+    if end - begin < max(FEWEST * period, PART * moving_span):
         raise SceneError(
             f"{file}: only {end - begin:.3g} of {moving_span:.3g} s swing freely ({begin:.4g} to {end:.4g} s): it is "
             "driven throughout, or pushed again. Give a file with one free swing, or cut it out: --from, --until"
         )
-    span = level[first : last + 1]
+    inside = slice(first, last + 1)
+    span = level[inside]
     middle = len(span) // 2
-    whole_falls = span[-4:].mean() < (1 - DECAYS) * span[:4].mean()
+    lowest = span[-4:].mean()
     # a drive reaches a steady swing after a transient that falls
-    half_falls = span[-4:].mean() < (1 - 0.5 * DECAYS) * span[middle : middle + 4].mean()
-    if not (whole_falls and half_falls):
+    falls_late = lowest < (1 - 0.5 * DECAYS) * span[middle : middle + 4].mean()
+    if not (falls_late and lowest < (1 - DECAYS) * span[:4].mean()):
         raise SceneError(
             f"{file}: the amplitude does not fall in {end - begin:.3g} s: it is driven throughout, or too short to "
             "show damping. Give a longer free swing"
         )
     notes = left_out(times, starts, first, begin, end, size, noise)
     # the window next to a driven stretch may contain a part of it
-    begin += MARGIN * period if first > 0 else 0.0
-    end -= MARGIN * period if last + 1 < len(starts) else 0.0
-    rate = float(np.sqrt(np.mean(motion[starts[first] : starts[last] + PER_PERIOD, 1] ** 2)))
-    inside = slice(first, last + 1)
-    weight = size[inside] ** 2
-    damping = float(np.sum(c[inside] * weight) / np.sum(weight))
-    stiffness = float(np.sum(k[inside] * weight) / np.sum(weight))
-    return Swing(begin, end, stiffness, zero, max(damping, 1e-5), rate, notes)
+    begin += MARGIN * period * (first > 0)
+    end -= MARGIN * period * (last + 1 < len(starts))
+    rate = np.sqrt(np.mean(motion[starts[first] : starts[last] + PER_PERIOD, 1] ** 2))
+    stiffness, damping = np.average([k[inside], c[inside]], axis=1, weights=square[inside])
+    return Swing(float(begin), float(end), float(stiffness), zero, max(float(damping), 1e-5), float(rate), notes)
 
 
 def longest_run(good: np.ndarray) -> tuple[int, int]:
@@ -290,10 +286,10 @@ def left_out(
     """What lies before and after the free swing, in words."""
     found = []
     if first > 0:
-        still = np.median(size[:first]) < max(3.0 * noise, 0.1 * size[first])
-        what = "held" if still else "driven or pushed"
+        held = np.median(size[:first]) < max(3.0 * noise, 0.1 * size[first])
+        what = "held" if held else "driven or pushed"
         found.append(f"{what} until {begin:.3g} s: left out")
-    if times[-1] - end > 0.5 * (times[starts[1]] - times[starts[0]]) * 8:
+    if times[-1] - end > 4.0 * (times[starts[1]] - times[starts[0]]):
         later = starts + PER_PERIOD / 2 > np.searchsorted(times, end)
         still = not later.any() or np.median(size[later]) < 3.0 * noise
         what = "at rest" if still else "not a free swing"

@@ -7,9 +7,9 @@ take it off.
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import numpy as np
+
+from fitting.from_file.clock import mean_rows
 
 #: Rows per period of the fastest link that a fit needs, and from which a file is thinned.
 PER_PERIOD = 40
@@ -33,31 +33,27 @@ def thin(t: np.ndarray, theta: np.ndarray, period: float) -> tuple[np.ndarray, n
     rows = (t[-1] - t[0]) / len(t)
     if period / rows < THINNED_FROM and period / interval < THINNED_FROM:
         return t, theta, 1
-    steady = np.ptp(np.diff(t)) < EVEN * interval
-    if steady:
+    if np.ptp(np.diff(t)) < EVEN * interval:
         many = max(1, int(period / PER_PERIOD / interval))
-        count = len(t) // many
-        edges = np.arange(count + 1) * many
+        edges = np.arange(len(t) // many + 1) * many
     else:
-        stretch = period / PER_PERIOD
-        edges = np.unique(np.searchsorted(t, np.arange(t[0], t[-1], stretch)))
+        edges = np.unique(np.searchsorted(t, np.arange(t[0], t[-1], period / PER_PERIOD)))
         many = max(1, round(len(t) / max(len(edges) - 1, 1)))
         number = np.diff(edges)
         if np.std(number) > UNEVEN * np.mean(number):
             # a log of an encoder's steps has few rows where the motion turns: no mean there lies on the motion
             middle = (edges[:-1] + edges[1:]) // 2
             return t[middle], theta[middle], 1
-    parts = list(pairwise(edges))
-    times = np.array([t[a:b].mean() for a, b in parts])
-    spread = np.array([t[a:b].var() for a, b in parts])
-    enough = np.array([np.isfinite(theta[a:b]).mean(axis=0) > MEASURED for a, b in parts])
-    sums = np.array([np.nansum(theta[a:b], axis=0) for a, b in parts])
-    number = np.array([np.isfinite(theta[a:b]).sum(axis=0) for a, b in parts])
-    means = np.where(enough, sums / np.maximum(number, 1), np.nan)
+    first = edges[:-1]
+    size = np.diff(edges)
+    t = t[: edges[-1]]
+    times, _ = mean_rows(t, first)
+    spread, _ = mean_rows((t - np.repeat(times, size)) ** 2, first)
+    means, number = mean_rows(theta[: edges[-1]], first)
+    means[number <= MEASURED * size[:, None]] = np.nan
     before = np.diff(times)[:-1, None]
     after = np.diff(times)[1:, None]
-    slope = np.diff(means, axis=0) / np.diff(times)[:, None]
-    bend = 2 * np.diff(slope, axis=0) / (before + after)
+    bend = 2 * np.diff(np.diff(means, axis=0) / np.diff(times)[:, None], axis=0) / (before + after)
     far = NEAR * period / PER_PERIOD
     near = (before < far) & (after < far) & np.isfinite(bend)
     means[1:-1] -= np.where(near, 0.5 * spread[1:-1, None] * bend, 0.0)

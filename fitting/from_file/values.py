@@ -31,59 +31,52 @@ def found_values(result: FitResult, measured: Measured, mass: float | None) -> l
         mass: of every link's end [kg] if the user gives it; otherwise damping is per mass.
     """
     estimates = result.estimates()
-    value = {name: row["value"] for name, row in estimates.items()}
-    error = {name: row["std_error"] for name, row in estimates.items()}
-    found = []
     one = measured.trace.links == 1
-    length = "line.0.length.0"
+    known = mass or 1.0
+    found = []
+
+    def add(path: str, name: str, unit: str, share: float = 1.0, remark: str = "") -> None:
+        row = estimates[path]
+        found.append(Value(name, share * row["value"], share * row["std_error"], unit, remark))
+
     if one:
-        found.append(Value("effective length", value[length], error[length], "m"))
+        add("line.0.length.0", "effective length", "m")
     else:
-        found += scaled_lengths(result, value)
-    for name in value:
-        if name.startswith("line.0.mass."):
-            j = int(name.rsplit(".", 1)[1])
-            known = mass or 1.0
-            found.append(Value(f"mass {j + 1} over mass 1", value[name] / known, error[name] / known, "-"))
-    if "camera.offset" in value:
+        found += scaled_lengths(result)
+    for path in estimates:
+        if path.startswith("line.0.mass."):
+            add(path, f"mass {int(path.rsplit('.', 1)[1]) + 1} over mass 1", "-", 1 / known)
+    if "camera.offset" in estimates:
+        row = estimates["camera.offset"]
         # the offset is added to angles that grow against those of the file
-        zero = measured.zero - value["camera.offset"]
-        found.append(Value("angle at rest", zero, error["camera.offset"], "rad"))
-    if one and DRAG[0] in value:
-        rate = np.sqrt(GRAVITY / value[length])
-        share = 0.5 / (rate * (mass or 1.0))
-        remark = result.laws.remark(DRAG[0])
-        found.append(Value("damping ratio", share * value[DRAG[0]], share * error[DRAG[0]], "-", remark))
-    for name in value:
-        if name.startswith("effects."):
-            unit = estimates[name]["unit"]
-            if "joint_friction" not in name:
-                short = name.rsplit(".", 1)[1]
-            else:
-                short = name.split(".", 2)[2]
+        found.append(Value("angle at rest", measured.zero - row["value"], row["std_error"], "rad"))
+    if one and DRAG[0] in estimates:
+        rate = np.sqrt(GRAVITY / result["line.0.length.0"])
+        add(DRAG[0], "damping ratio", "-", 0.5 / (rate * known), result.laws.remark(DRAG[0]))
+    for path, row in estimates.items():
+        if path.startswith("effects."):
+            name = path.split(".", 2)[2]
+            unit = row["unit"]
             if mass is None:
-                what = "m" if one else "mass 1"
-                short = f"{short} / {what}"
+                name += " / m" if one else " / mass 1"
                 unit = per_mass(unit)
-            found.append(Value(short, value[name], error[name], unit, result.laws.remark(name)))
+            add(path, name, unit, remark=result.laws.remark(path))
     return found
 
 
-def scaled_lengths(result: FitResult, value: dict[str, float]) -> list[Value]:
+def scaled_lengths(result: FitResult) -> list[Value]:
     """Lengths of several links [m]."""
-    scene = result.scene
-    names = list(value)
-    covariance = result.uncertainty.covariance
-    scale = value.get("rig.scale", 1.0)
+    values = result.solution.by_name
+    names = np.array(list(values))
+    scale = values.get("rig.scale", 1.0)
     found = []
-    for j, start in enumerate(np.ravel(scene.value("line.0.length"))):
+    for j, start in enumerate(np.ravel(result.scene.value("line.0.length"))):
         name = f"line.0.length.{j}"
-        own = value.get(name, float(start))
-        slope = np.array([own if one == "rig.scale" else scale if one == name else 0.0 for one in names])
+        own = values.get(name, float(start))
+        slope = np.where(names == "rig.scale", own, np.where(names == name, scale, 0.0))
+        spread = np.nan
         if result.has_errors:
-            spread = np.sqrt(max(float(slope @ covariance @ slope), 0.0))
-        else:
-            spread = np.nan
+            spread = np.sqrt(max(slope @ result.uncertainty.covariance @ slope, 0.0))
         found.append(Value(f"length {j + 1}", scale * own, float(spread), "m"))
     return found
 
@@ -104,8 +97,6 @@ def value_rows(values: list[Value]) -> list[tuple[str, ...]]:
     rows = [("found", "value", "std error", "unit", "")]
     for one in values:
         digits = significant(one.value, one.std_error)
-        shown = "-"
-        if np.isfinite(one.std_error):
-            shown = f"{one.std_error:.2g}"
-        rows.append((one.name, f"{one.value:.{digits}g}", shown, one.unit, one.remark))
+        error = f"{one.std_error:.2g}" if np.isfinite(one.std_error) else "-"
+        rows.append((one.name, f"{one.value:.{digits}g}", error, one.unit, one.remark))
     return rows

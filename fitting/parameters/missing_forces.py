@@ -12,6 +12,7 @@ from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 from jax.custom_derivatives import SymbolicZero
 
 from dropper_jax.base.fields import component, parameter
@@ -46,14 +47,13 @@ def missing_forces(model: Model) -> list[Parameter]:
 
 def tested_parameters(model: Model, parameters: Sequence[Parameter]) -> list[Parameter]:
     """Sizes of all candidates, which the programs of a fit with these parameters know too."""
-    if any(p.name == CAMERA for p in parameters):
-        camera = []
-    else:
-        camera = resolve(model, [CAMERA])
-    return [*missing_forces(model), *camera]
+    found = missing_forces(model)
+    if all(p.name != CAMERA for p in parameters):
+        found += resolve(model, [CAMERA])
+    return found
 
 
-def add_missing_forces(model: Model, parameters: Sequence[Parameter], values: jax.Array) -> Model:
+def add_missing_forces(model: Model, parameters: Sequence[Parameter], values: Array) -> Model:
     """The model with the missing forces among the parameters, if there are any."""
     sizes = {p.where.field: values[i] for i, p in enumerate(parameters) if isinstance(p.where, MissingForce)}
     if not sizes:
@@ -75,19 +75,19 @@ class MissingForces(Effect):
     """
 
     name: ClassVar[str] = "missing_forces"
-    sizes: jax.Array = parameter("size of every force", unit="-", shape="table")
+    sizes: Array = parameter("size of every force", unit="-", shape="table")
 
-    def force(self, k: Kinematics) -> jax.Array:
+    def force(self, k: Kinematics) -> Array:
         model = replace(k.model, effects=tuple(e for e in k.model.effects if e is not self))
         return _force_at_zero(self.sizes, model, k.r, k.v, k.t, k.ends)
 
 
 @jax.custom_jvp
-def _force_at_zero(sizes: jax.Array, model: Model, r: jax.Array, v: jax.Array, t: jax.Array, ends: Ends) -> jax.Array:
+def _force_at_zero(sizes: Array, model: Model, r: Array, v: Array, t: Array, ends: Ends) -> Array:
     return jnp.zeros_like(r)
 
 
-def _derivative(primals: tuple, tangents: tuple) -> tuple[jax.Array, jax.Array]:
+def _derivative(primals: tuple, tangents: tuple) -> tuple[Array, Array]:
     """At size zero only the sizes move the force."""
     nothing = jnp.zeros_like(primals[2])
     change = tangents[0]
@@ -99,7 +99,7 @@ def _derivative(primals: tuple, tangents: tuple) -> tuple[jax.Array, jax.Array]:
 _force_at_zero.defjvp(_derivative, symbolic_zeros=True)
 
 
-def unit_forces(model: Model, r: jax.Array, v: jax.Array, t: jax.Array, ends: Ends) -> jax.Array:
+def unit_forces(model: Model, r: Array, v: Array, t: Array, ends: Ends) -> Array:
     """Nodal forces (kinds, nodes, 3) of unit size at one instant."""
     k = Kinematics(model, r, v, t, ends)
     friction = JointFriction(viscous=jnp.ones(()))

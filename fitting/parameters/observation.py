@@ -19,9 +19,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.model import Model
 from fitting.parameters.parameter import Parameter
@@ -29,28 +29,23 @@ from fitting.parameters.targets import DOWN, CameraPlace, ClockPlace, LostPlace,
 from fitting.traces.planar import directions, wrap
 
 
-def camera_angles(model: Model, parameters: Sequence[Parameter], values: jax.Array, theta: jax.Array) -> jax.Array:
+def camera_angles(model: Model, parameters: Sequence[Parameter], values: Array, theta: Array) -> Array:
     """Angles (..., n) seen by the camera for links at theta (..., n) [rad]; differentiable."""
     turned = theta + node_markers(model, parameters, values, theta)
     return turned + camera_offset(parameters, values, theta.shape[-1])
 
 
-def camera_offset(parameters: Sequence[Parameter], values: jax.Array, links: int) -> jax.Array | float:
+def camera_offset(parameters: Sequence[Parameter], values: Array, links: int) -> Array | float:
     """Rotation of the camera and of the links' markers, for each link (n,) [rad]; 0 if none is free."""
-    total: jax.Array | float = 0.0
+    total: Array | float = 0.0
     for i, p in enumerate(parameters):
         if isinstance(p.where, CameraPlace):
-            if p.where.link is None:
-                share = np.ones(links)
-            else:
-                share = np.eye(links)[p.where.link]
+            share = np.ones(links) if p.where.link is None else np.eye(links)[p.where.link]
             total = total + values[i] * share
     return total
 
 
-def node_markers(
-    model: Model, parameters: Sequence[Parameter], values: jax.Array, theta: jax.Array
-) -> jax.Array | float:
+def node_markers(model: Model, parameters: Sequence[Parameter], values: Array, theta: Array) -> Array | float:
     """Rotation of each link by the markers of nodes (..., n) [rad]; 0 if none is free."""
     mine = [(i, p.where) for i, p in enumerate(parameters) if isinstance(p.where, NodeMarkerPlace)]
     if not mine:
@@ -77,17 +72,17 @@ class Recording(NamedTuple):
         delay: of the aligned stamps [s].
     """
 
-    zeros: jax.Array
-    scale: jax.Array | float
-    delay: jax.Array | float
+    zeros: Array
+    scale: Array | float
+    delay: Array | float
 
-    def read(self, theta: jax.Array, measured: jax.Array) -> jax.Array:
+    def read(self, theta: Array, measured: Array) -> Array:
         """Readings of angles (..., n) from the horizontal [rad], with the whole turns of the measured ones."""
         turned = measured + wrap(theta - measured)
         return DOWN + self.zeros + self.scale * (turned - DOWN)
 
 
-def recording(parameters: Sequence[Parameter], values: jax.Array, number: int, links: int) -> Recording:
+def recording(parameters: Sequence[Parameter], values: Array, number: int, links: int) -> Recording:
     """Recording `number` at these values; differentiable."""
     found = Recording(jnp.zeros(links), 1.0, 0.0)
     for i, p in enumerate(parameters):
@@ -102,7 +97,7 @@ def recording(parameters: Sequence[Parameter], values: jax.Array, number: int, l
     return found
 
 
-def clock_rate(parameters: Sequence[Parameter], values: jax.Array) -> jax.Array | None:
+def clock_rate(parameters: Sequence[Parameter], values: Array) -> Array | None:
     """Time of the motion per time of the traces' clock, scalar [s/s]; None if it is not free."""
     return next((values[i] for i, p in enumerate(parameters) if isinstance(p.where, ClockPlace)), None)
 

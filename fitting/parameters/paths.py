@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import Field, fields
+from itertools import product
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -25,7 +26,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.read import ScenePath
 from dropper_jax.model import Model
-from fitting.parameters.parameter import Parameter, adjust_parameters, check_once
+from fitting.parameters.parameter import Parameter
 from fitting.parameters.targets import (
     CAMERA,
     CLOCK,
@@ -62,14 +63,13 @@ def resolve(
         release: provides the `release.*` names.
 
     Raises:
-        SceneError: a path that does not exist (with the nearest one), or is given twice.
+        SceneError: a path that does not exist (with the nearest one).
     """
     found: list[Parameter] = []
     for name in names:
         released = release is not None and name.startswith("release.")
         found += release.parameters(name, option) if released else _expand(model, name, option)
-    check_once([p.name for p in found], option)
-    return adjust_parameters(found)
+    return tuple(found)
 
 
 class _Number(NamedTuple):
@@ -107,8 +107,11 @@ def _expand(model: Model, name: str, option: str) -> list[Parameter]:
     seen = [p for p in _observers(model) if p.name == name or ("." in name and p.name.startswith(name + "."))]
     if seen:
         return seen
-    if kind in (MARKER, NODE):
-        raise SceneError(f"{option}: {name!r}: {_markers_allowed(model, kind)}")
+    if kind == MARKER:
+        raise SceneError(f"{option}: {name!r}: unknown link; allowed: {kind}.0 to {kind}.{model.line.links - 1}")
+    if kind == NODE:
+        allowed = f"{kind}.0 to {kind}.{_joints(model) - 1}, each .0 or .1"
+        raise SceneError(f"{option}: {name!r}: unknown node; allowed: {allowed}")
     return _of_model(model, name, option)
 
 
@@ -122,18 +125,15 @@ def _lost_frame(name: str, option: str) -> Parameter:
 
 def _observers(model: Model) -> list[Parameter]:
     """Parameters of the camera, the clock and all markers."""
-    links = [Parameter(f"{MARKER}.{i}", CameraPlace(i), 0.0, unit="rad") for i in range(model.line.links)]
-    markers = [NodeMarkerPlace(i, axis) for i in range(_joints(model)) for axis in (0, 1)]
-    nodes = [Parameter(f"{NODE}.{at.node}.{at.axis}", at, 0.0, unit="m") for at in markers]
-    camera = Parameter(CAMERA, CameraPlace(), 0.0, unit="rad")
-    return [camera, Parameter(CLOCK, ClockPlace(), 1.0, 0.5, 2.0, unit="s/s"), *links, *nodes]
-
-
-def _markers_allowed(model: Model, kind: str) -> str:
-    """What an unknown marker is, and the allowed ones."""
-    if kind == MARKER:
-        return f"unknown link; allowed: {kind}.0 to {kind}.{model.line.links - 1}"
-    return f"unknown node; allowed: {kind}.0 to {kind}.{_joints(model) - 1}, each .0 or .1"
+    found = [
+        Parameter(CAMERA, CameraPlace(), 0.0, unit="rad"),
+        Parameter(CLOCK, ClockPlace(), 1.0, 0.5, 2.0, unit="s/s"),
+    ]
+    for i in range(model.line.links):
+        found.append(Parameter(f"{MARKER}.{i}", CameraPlace(i), 0.0, unit="rad"))
+    for i, axis in product(range(_joints(model)), (0, 1)):
+        found.append(Parameter(f"{NODE}.{i}.{axis}", NodeMarkerPlace(i, axis), 0.0, unit="m"))
+    return found
 
 
 def _of_model(model: Model, name: str, option: str) -> list[Parameter]:
@@ -147,25 +147,23 @@ def _of_model(model: Model, name: str, option: str) -> list[Parameter]:
     value = np.asarray(getattr(getattr(model, section)[index], field.name))
     if value.ndim == 0 and not entries:
         return [_parameter(name, ModelPlace(section, index, field.name), float(value), field.metadata)]
-    flat = value.reshape(-1)
-    count = min(len(flat), _acting_entries(model, section, field, len(flat)))
+    count = min(value.size, _acting_entries(model, section, field, value.size))
     if entries and entries[0] >= count:
         raise SceneError(f"{option}: {name!r}: unknown entry; allowed: 0 to {count - 1}")
     parameters = []
     for i in entries or range(count):
         where = ModelPlace(section, index, field.name, i)
-        parameters.append(_parameter(f"{stem}.{i}", where, float(flat[i]), field.metadata))
+        parameters.append(_parameter(f"{stem}.{i}", where, float(value.flat[i]), field.metadata))
     return parameters
 
 
 def _acting_entries(model: Model, section: str, field: Field, size: int) -> int:
     """Number of entries of a field that act: a free end has no joint, a fixed end no moving node."""
-    shape = field.metadata["shape"]
-    if section == "effects" and shape == "joint":
+    shape = field.metadata["shape"] if section == "effects" else None
+    if shape == "joint":
         return _joints(model)
-    if section == "effects" and shape == "node":
-        return model.free_nodes
-    if section == "lines" and field.name == "mass" and not model.line.compound and model.geometry.is_path:
+    mass_of_nodes = field.name == "mass" and section == "lines" and not model.line.compound and model.geometry.is_path
+    if shape == "node" or mass_of_nodes:
         return model.free_nodes
     return size
 
@@ -181,6 +179,7 @@ OFF_BOUND = 1e-3
 
 def _parameter(name: str, where: ModelPlace, value: float, meta: Mapping[str, Any]) -> Parameter:
     low = -np.inf if meta["low"] is None else float(meta["low"])
+    high = np.inf if meta["high"] is None else float(meta["high"])
     if meta["open_low"]:
         low += OFF_BOUND * abs(value)
-    return Parameter(name, where, value, low, np.inf if meta["high"] is None else float(meta["high"]), meta["unit"])
+    return Parameter(name, where, value, low, high, meta["unit"])

@@ -88,7 +88,7 @@ def share_motion(traces: Sequence[Trace], start: StartValues | None = None) -> S
         if unseen:
             notes.append(f"{trace.name}: shows nothing of {', '.join(unseen)}")
     error = max(trace.model_error for trace in traces)
-    motion = replace(motion, recordings=tuple(recordings), omega=None, se=None, model_error=error)
+    motion = replace(motion, recordings=tuple(recordings), se=None, model_error=error)
     return SharedMotion(motion, tuple(parameters), notes)
 
 
@@ -136,25 +136,22 @@ def find_delay(motion: Trace, trace: Trace, near: float | None = None) -> Delay:
     t = trace.t[rows]
     theta = trace.theta[np.ix_(rows, links)]
     reference = replace(motion, theta=motion.theta[:, links])
-    begin = float(motion.t[0])
-    end = float(motion.t[-1])
-    needed = OVERLAP * min(end - begin, float(t[-1] - t[0]))
-    low = float(t[0]) - end + needed
-    high = float(t[-1]) - begin - needed
+    needed = OVERLAP * min(np.ptp(motion.t), np.ptp(t))
+    low = t[0] - motion.t[-1] + needed
+    high = t[-1] - motion.t[0] - needed
     step = max(0.5 * min(motion.interval, trace.interval), (high - low) / MOST_DELAYS)
     delays = np.arange(low, high + step, step)
     if near is not None:
         delays = near + step * np.arange(-NEAR, NEAR + 1)
     misfit = np.array([_misfit(reference, t - delay, theta) for delay in delays])
-    if not np.isfinite(misfit).any():
+    if np.isinf(misfit).all():
         raise SceneError(f"{trace.name}: does not overlap with the first recording; needed: recordings of one motion")
-    misfit = np.where(np.isfinite(misfit), misfit, np.inf)
     inner = np.r_[True, misfit[1:] <= misfit[:-1]] & np.r_[misfit[:-1] < misfit[1:], True]
     minima = np.flatnonzero(inner & np.isfinite(misfit))
     minima = minima[np.argsort(misfit[minima])][:MOST_MINIMA]
     tried = [_refine(reference, t, theta, delays[i], step) for i in minima]
-    least = min(one.misfit for one in tried)
-    alike = [one for one in tried if one.misfit < max(ALIKE * least, UNSEEN * float(np.nanstd(theta)))]
+    most = max(ALIKE * min(one.misfit for one in tried), UNSEEN * float(np.nanstd(theta)))
+    alike = [one for one in tried if one.misfit < most]
     alike.sort(key=lambda one: abs(one.value - (near or 0.0)))
     others = [one.value for one in alike[1:] if abs(one.value - alike[0].value) > 10 * step]
     return alike[0]._replace(alike=tuple(others[:3]))
@@ -183,7 +180,7 @@ def _refine(motion: Trace, t: np.ndarray, theta: np.ndarray, delay: float, step:
     """The best delay within a step [s] of another one."""
     fine = delay + np.linspace(-step, step, 41)
     misfit = np.array([_misfit(motion, t - one, theta) for one in fine])
-    best = int(np.nanargmin(misfit))
+    best = int(np.argmin(misfit))
     return Delay(float(fine[best]), float(misfit[best]))
 
 
@@ -192,12 +189,13 @@ FEWEST_ROWS = 0.4
 
 
 def _misfit(motion: Trace, t: np.ndarray, theta: np.ndarray) -> float:
-    """RMS [rad] of a recording's angles (k, n) at times (k,) about the motion, each link's mean taken off."""
+    """RMS [rad] of a recording's angles (k, n) at times (k,) about the motion, each link's mean taken off; infinite
+    with too few rows."""
     inside = (t >= motion.t[0]) & (t <= motion.t[-1])
     off = wrap(theta[inside] - motion.at(t[inside]))
     known = np.isfinite(off)
     if known.sum(axis=0).min() < max(FEWEST, FEWEST_ROWS * OVERLAP * len(theta)):
-        return np.nan
+        return np.inf
     return float(np.sqrt(np.mean(np.nanvar(off, axis=0))))
 
 

@@ -9,6 +9,7 @@ from typing import ClassVar
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.model import Model
 
@@ -39,7 +40,7 @@ class ModelPlace:
     field: str
     entry: int | None = None
 
-    def set_in(self, model: Model, value: jax.Array) -> Model:
+    def set_in(self, model: Model, value: Array) -> Model:
         """The model with the value set; differentiable."""
         items = list(getattr(model, self.section))
         old = getattr(items[self.index], self.field)
@@ -66,7 +67,7 @@ class Direction:
     linear: bool
     field: ClassVar[str] = ""
 
-    def set_in(self, model: Model, value: jax.Array) -> Model:
+    def set_in(self, model: Model, value: Array) -> Model:
         """The model moved to the value; differentiable."""
         leaves, tree = jax.tree.flatten(model)
         for leaf, slope in self.slopes.items():
@@ -77,7 +78,7 @@ class Direction:
 def scale_direction(model: Model) -> Direction:
     """Scale all lengths, positions of points and centres of mass by one factor, moments of inertia by its square."""
 
-    def grown(share: jax.Array) -> Model:
+    def grown(share: Array) -> Model:
         line = model.line
         lengths = {"length": line.length * share}
         if line.centre_of_mass is not None and line.inertia is not None:
@@ -88,7 +89,7 @@ def scale_direction(model: Model) -> Direction:
     return _direction(grown, 1.0, linear=False)
 
 
-def _direction(grown: Callable[[jax.Array], Model], origin: float, linear: bool) -> Direction:
+def _direction(grown: Callable[[Array], Model], origin: float, linear: bool) -> Direction:
     slopes = map(np.asarray, jax.tree.leaves(jax.jacfwd(grown)(jnp.full((), origin))))
     return Direction({i: slope for i, slope in enumerate(slopes) if np.any(slope)}, origin, linear)
 
@@ -96,7 +97,7 @@ def _direction(grown: Callable[[jax.Array], Model], origin: float, linear: bool)
 def all_joints(model: Model, field: str) -> Direction:
     """A common change of a friction coefficient of all joints, `viscous` or `dry`."""
 
-    def grown(more: jax.Array) -> Model:
+    def grown(more: Array) -> Model:
         effects = []
         for e in model.effects:
             effects.append(replace(e, **{field: getattr(e, field) + more}) if e.name == "joint_friction" else e)

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 
 class Varied(NamedTuple):
@@ -19,21 +20,21 @@ class Varied(NamedTuple):
     directions."""
 
     tree: Any
-    slopes: Sequence[jax.Array | np.ndarray]
+    slopes: Sequence[Array | np.ndarray]
 
 
-def floats_of(tree: Any) -> list[jax.Array]:
+def floats_of(tree: Any) -> list[Array]:
     """The leaves that have derivatives."""
     return [x for x in jax.tree.leaves(tree) if jnp.issubdtype(jnp.result_type(x), jnp.inexact)]
 
 
-def _with_floats(tree: Any, values: list[jax.Array]) -> Any:
+def _with_floats(tree: Any, values: list[Array]) -> Any:
     leaves, form = jax.tree.flatten(tree)
     new = iter(values)
     return form.unflatten([next(new) if jnp.issubdtype(jnp.result_type(x), jnp.inexact) else x for x in leaves])
 
 
-def vary(function: Callable[..., Any], values: jax.Array, directions: jax.Array, *given: Varied) -> Varied:
+def vary(function: Callable[..., Any], values: Array, directions: Array, *given: Varied) -> Varied:
     """`function(values, *trees)` with its derivatives along directions (k, p) of the values (p,), of which the trees
     are functions too."""
 
@@ -41,7 +42,7 @@ def vary(function: Callable[..., Any], values: jax.Array, directions: jax.Array,
         found = function(values, *(one.tree for one in given))
         return Varied(found, [jnp.zeros((0, *x.shape), x.dtype) for x in floats_of(found)])
 
-    def at(p: jax.Array, *floats: list[jax.Array]) -> tuple[list[jax.Array], Any]:
+    def at(p: Array, *floats: list[Array]) -> tuple[list[Array], Any]:
         trees = (_with_floats(one.tree, new) for one, new in zip(given, floats, strict=True))
         found = function(p, *trees)
         return floats_of(found), found

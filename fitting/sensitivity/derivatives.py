@@ -15,6 +15,7 @@ from dataclasses import replace
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import Progress, SceneError, silent
@@ -26,16 +27,16 @@ from dropper_jax.stepping.integrate import Steps, Trajectory
 from dropper_jax.study.lyapunov import lyapunov
 from fitting.parameters.parameter import apply
 from fitting.parameters.varied import Varied, floats_of
-from fitting.sensitivity.differences import central_differences, error_by_coarser, error_of_value
-from fitting.sensitivity.linear_range import linear_range
+from fitting.sensitivity.differences import central_differences, error_by_coarser, error_of_value, farthest
+from fitting.sensitivity.linear_range import with_linear_range
 from fitting.sensitivity.own_steps import part_of_steps, saved_times
 from fitting.sensitivity.problem import Plan, Study
-from fitting.sensitivity.result import TANGENT, Local, empty_result, hide_unresolved, slope_status
+from fitting.sensitivity.result import TANGENT, Local, empty_result, with_status
 from fitting.sensitivity.tangents import vary_start, vary_study
 
 
 @cached_jit(static=("plan",))
-def _reverse(plan: Plan, model: Model, near: State, values: jax.Array, steps: Steps) -> jax.Array:
+def _reverse(plan: Plan, model: Model, near: State, values: Array, steps: Steps) -> Array:
     return jax.grad(lambda p: plan.evaluate(model, near, p, steps, checkpoint=True))(values)
 
 
@@ -99,19 +100,10 @@ def _by_tangents(problem: Study, say: Progress, check: bool) -> Local:
             changed.append(changed_run)
             return quantity
 
-        linear = linear_range(problem, found.value, forward, evaluate)
-        if run is None:
-            motion = None
-        else:
-            motion = _motion_growth(problem, start, run, changed[0])
-        found = replace(
-            found,
-            linear_range=linear.size,
-            error=linear.error,
-            warnings=[*linear.warnings, *error_of_value(problem, found)],
-            along=linear.along,
-            motion_growth=motion,
-        )
+        found = with_linear_range(problem, found, evaluate)
+        found.warnings.extend(error_of_value(problem, found))
+        if run is not None:
+            found = replace(found, motion_growth=_motion_growth(problem, start, run, changed[0]))
     if check:
         found = _with_check(problem, found, say)
     if run is not None and found.finite and found.linear_range < 0.01:
@@ -122,9 +114,7 @@ def _by_tangents(problem: Study, say: Progress, check: bool) -> Local:
             rate = rate if found.exponent is None else found.exponent
             found = replace(found, horizon=limit, exponent=rate, window=length, window_mean=mean, window_error=spread)
     if found.finite and found.error is not None and found.linear_range == 0.0:
-        nowhere = [False] * len(forward)
-        status = slope_status(problem, found.value, forward, found.error, nowhere)
-        found = hide_unresolved(replace(found, slope_status=status))
+        found = with_status(problem, found, found.error, np.zeros(len(forward), bool))
     return found
 
 
@@ -142,7 +132,7 @@ def _with_check(problem: Study, found: Local, say: Progress) -> Local:
     return replace(found, exponent=float(growth.exponent))
 
 
-def _error_of_steps(problem: Study, at: jax.Array, start: Varied, value: float) -> float:
+def _error_of_steps(problem: Study, at: Array, start: Varied, value: float) -> float:
     """The error of the quantity by a run with four times the accuracy; NaN if a step fails, or steps are equal."""
     settings = problem.scene.run
     if problem.of.at_rest or settings.accuracy is None:
@@ -161,7 +151,7 @@ def _displacements(problem: Study, start: Varied, run: Varied) -> tuple[np.ndarr
     and the extent [m] of the motion."""
     scale = np.array([p.scale for p in problem.parameters])
     first, moved = (np.linalg.norm(x.slopes[0], axis=-1).max(-1).T * scale for x in (start, run))
-    return first, moved, float(np.linalg.norm(run.tree.r - run.tree.r[0], axis=-1).max())
+    return first, moved, farthest(run.tree.r, run.tree.r[0])
 
 
 def _tangent_growth(problem: Study, start: Varied, run: Varied) -> float:
@@ -214,12 +204,11 @@ def _motion_growth(problem: Study, start: Varied, run: Varied, changed: Varied |
         return None
     first, _, extent = _displacements(problem, start, run)
     before = 0.01 * max(extent, float(np.sum(first)), np.finfo(float).tiny)
-    apart = float(np.linalg.norm(changed.tree.r - run.tree.r, axis=-1).max())
-    return float(np.log(max(apart / before, 1.0)))
+    return float(np.log(max(farthest(changed.tree.r, run.tree.r) / before, 1.0)))
 
 
 def windows(
-    problem: Study, at: jax.Array, length: float, run: Trajectory | None = None
+    problem: Study, at: Array, length: float, run: Trajectory | None = None
 ) -> tuple[np.ndarray, np.ndarray, float]:
     """Mean derivative of the quantity over windows of about `length` [s] that start on the motion itself.
 

@@ -24,6 +24,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import Progress, SceneError, silent
@@ -47,8 +48,7 @@ from fitting.sensitivity.result import (
     UNCLEAR,
     Local,
     empty_result,
-    hide_unresolved,
-    slope_status,
+    with_status,
 )
 
 #: Relative changes of central differences: the slope, and a smaller one whose difference is its error. A farm's runs
@@ -85,6 +85,11 @@ class Run(NamedTuple):
     at_most: float
 
 
+def farthest(one: np.ndarray | Array, other: np.ndarray | Array) -> float:
+    """Distance [m] of the two positions (..., 3) that are farthest apart."""
+    return float(np.linalg.norm(np.asarray(one) - np.asarray(other), axis=-1).max())
+
+
 #: Error of the steps of a run, over that of its accuracy, which is warned of.
 MISSED = 3.0
 
@@ -118,7 +123,7 @@ class StudyRuns:
         self.rows: Trajectory = outcome.trajectory
         self.record = _recorded(outcome.carry, problem.of)
         self.value = self.measure(self.model, self.start, self.rows)
-        self.extent = float(np.linalg.norm(self.rows.r - self.rows.r[0], axis=-1).max())
+        self.extent = farthest(self.rows.r, self.rows.r[0])
         self.value_error = self._error_of_steps(program.companion(False))
 
     def _error_of_steps(self, companion: Companion) -> float:
@@ -157,17 +162,12 @@ class StudyRuns:
     def start_moved(self, values: np.ndarray) -> float:
         """Displacement [m] of the farthest node at the start with these values; NaN without one."""
         start = self.start_at(values)
-        if start is None:
-            return np.nan
-        return self._moved_at_start(start)
+        return np.nan if start is None else farthest(start.r, self.start.r)
 
-    def is_jump(self, moved: float, change: float, rates: Sequence[float]) -> bool:
-        """Whether a change displaces a node much farther than others do, at these rates [m per change]."""
-        usual = max(rates, default=0.0)
-        return usual > 0.0 and moved > max(JUMP * usual * change, SMALLEST_JUMP * self.extent)
-
-    def _moved_at_start(self, s: State) -> float:
-        return float(np.linalg.norm(np.asarray(s.r) - np.asarray(self.start.r), axis=-1).max())
+    def is_jump(self, moved: np.ndarray | float, change: np.ndarray | float, rate: np.ndarray | float) -> np.ndarray:
+        """Whether changes displace a node much farther than others do at this rate [m per change], if it is known."""
+        most = np.maximum(JUMP * np.asarray(rate) * change, SMALLEST_JUMP * self.extent)
+        return (np.asarray(rate) > 0.0) & (moved > most)
 
     def measure(self, model: Model, s: State, rows: Trajectory, intervals: float = 1.0) -> float:
         """The quantity of the rows of a run, NaN if a step failed."""
@@ -192,9 +192,8 @@ class StudyRuns:
 
     def compare(self, model: Model, s: State, rows: Trajectory) -> Run:
         """The quantity of the rows of a run from s, and its displacements from the study's own."""
-        apart = rows.r - self.rows.r[: len(rows.r)]
-        farthest = float(np.linalg.norm(apart, axis=-1).max())
-        return Run(self.measure(model, s, rows), self._moved_at_start(s), farthest)
+        at_most = farthest(rows.r, self.rows.r[: len(rows.r)])
+        return Run(self.measure(model, s, rows), farthest(s.r, self.start.r), at_most)
 
     def run_all(self, values: np.ndarray) -> list[Run]:
         """The runs with these values (cases, p), on all cores at once."""
@@ -207,9 +206,7 @@ class StudyRuns:
 
 def _recorded(carry: Carry, of: Quantity) -> Record | None:
     """The steps of a run, for others to repeat; None if all are equal."""
-    if isinstance(carry, RunProgress):
-        return None
-    record = carry.record
+    record = None if isinstance(carry, RunProgress) else carry.record
     if record is None:
         return None
     if int(record.number) >= len(record.length):
@@ -220,39 +217,51 @@ def _recorded(carry: Carry, of: Quantity) -> Record | None:
 measure_run = cached_jit(static=("of",))(measure_rows)
 
 
-class Pair(NamedTuple):
-    """Runs at both sides of the study's own: changes (2,) of the parameter, 0 where a bound allows none, and runs."""
+class Differences(NamedTuple):
+    """Runs next to the study's own: of each parameter two sizes, of each size two sides (p, 2, 2).
+
+    Attributes:
+        change: of the parameter, 0 where a bound allows none.
+        value: the quantity.
+        at_start, at_most: displacement of the farthest node [m].
+        sides: which of them have a run.
+    """
 
     change: np.ndarray
-    runs: Sequence[Run]
+    value: np.ndarray
+    at_start: np.ndarray
+    at_most: np.ndarray
+    sides: np.ndarray
 
-    @property
-    def sides(self) -> list[int]:
-        """The sides that have a run."""
-        return [i for i in (0, 1) if self.change[i] != 0.0 and np.isfinite(self.runs[i].value)]
+    @classmethod
+    def of_runs(cls, problem: Study, runs: Sequence[Run]) -> Differences:
+        """The runs (4 p) of `changed_values` but the first."""
+        count = len(problem.parameters)
+        changes = (changed_values(problem)[1:] - problem.values).reshape(count, 2, 2, count)
+        change = np.einsum("pijp->pij", changes)
+        value, at_start, at_most = np.reshape(runs, (count, 2, 2, 3)).transpose(3, 0, 1, 2)
+        return cls(change, value, at_start, at_most, (change != 0.0) & np.isfinite(value))
 
-    @property
-    def is_central(self) -> bool:
-        """Whether both sides have a run at the same distance."""
-        return len(self.sides) == 2 and bool(np.isclose(self.change[0], -self.change[1], rtol=1e-6))
+    def slopes(self, value: float) -> np.ndarray:
+        """Slopes (p, 2) by both sizes: central, or one-sided where one side has no run."""
+        rise = np.diff(np.where(self.sides, self.value - value, 0.0))[..., 0]
+        change = np.diff(np.where(self.sides, self.change, 0.0))[..., 0]
+        return rise / np.where(change == 0.0, np.nan, change)
 
-    def slope(self, value: float) -> float:
-        """Central, or one-sided where one side has no run."""
-        values = [self.runs[i].value - value for i in self.sides]
-        changes = [self.change[i] for i in self.sides]
-        if not values:
-            return np.nan
-        if len(values) == 1:
-            return values[0] / changes[0]
-        return (values[1] - values[0]) / (changes[1] - changes[0])
+    def rates(self) -> np.ndarray:
+        """Displacement [m] of the farthest node per change of the parameter (p, 2, 2); 0 of sides without a run."""
+        size = np.where(self.sides, np.abs(self.change), 1.0)
+        return np.where(self.sides, self.at_most, 0.0) / size
 
-    def rate(self, side: int) -> float:
-        """Displacement [m] of the farthest node per change of the parameter."""
-        return self.runs[side].at_most / abs(self.change[side])
-
-    def even(self, value: float) -> float:
-        """The even part of the quantity."""
-        return 0.5 * (self.runs[0].value + self.runs[1].value) - value
+    def noise(self, value: float) -> np.ndarray:
+        """A sample (p,) of the noise by the even parts of the quantity; 0 of parameters without central differences."""
+        same = np.isclose(self.change[..., 0], -self.change[..., 1], rtol=1e-6)
+        central = np.all(self.sides.all(axis=2) & same, axis=1)
+        ratio = (self.change[central, 1, 1] / self.change[central, 0, 1]) ** 2
+        large, small = (0.5 * self.value[central].sum(axis=2) - value).T
+        found = np.zeros(len(central))
+        found[central] = np.abs(small - ratio * large) / np.sqrt(0.5 + 0.5 * ratio**2 + (1.0 - ratio) ** 2)
+        return found
 
 
 def central_differences(problem: Study, say: Progress = silent) -> Local:
@@ -287,46 +296,39 @@ def slopes_of_runs(base: StudyRuns, runs: Sequence[Run]) -> Local:
     )
     if not runs:
         return found
-    rows = changed_values(problem)
-    shown, *runs = runs
-    pairs = []
-    for i in range(len(problem.parameters)):
-        change = (rows[1 + 4 * i : 5 + 4 * i, i] - problem.values[i]).reshape(2, 2)
-        pairs.append((Pair(change[0], runs[4 * i : 4 * i + 2]), Pair(change[1], runs[4 * i + 2 : 4 * i + 4])))
-    slopes = np.array([both[0].slope(base.value) for both in pairs])
-    spread = np.abs(slopes - [both[1].slope(base.value) for both in pairs])
-    noise, own = _noise(base.value, shown, pairs)
-    reach = np.array([np.max(np.abs(both[0].change)) for both in pairs])
-    errors = np.hypot(spread, np.maximum(noise, own) / reach)
-    still = np.array([p.is_idle for p in problem.parameters])
-    for i, (large, small) in enumerate(pairs):
-        still[i] |= all(run.value == base.value for run in (*large.runs, *small.runs))
+    shown = runs[0]
+    changed = Differences.of_runs(problem, runs[1:])
+    slopes, smaller = changed.slopes(base.value).T
+    own = changed.noise(base.value)
+    noise = _noise(base.value, shown, own)
+    reach = np.abs(changed.change[:, 0]).max(axis=1)
+    errors = np.hypot(slopes - smaller, np.maximum(noise, own) / reach)
+    still = [p.is_idle for p in problem.parameters] | np.all(changed.value == base.value, axis=(1, 2))
     slopes = np.where(still, 0.0, slopes)
     errors = np.where(still, 0.0, errors)
-    motion = max(_motion_growth(base.extent, p, both[1]) for p, both in zip(problem.parameters, pairs, strict=True))
-    if motion > MOTION_GROWTH:  # every run is on a branch of its own
-        branches = [[] for _ in pairs]
-    else:
-        branches = [_branches(base, i, both) for i, both in enumerate(pairs)]
-    status = slope_status(problem, base.value, slopes, errors, [bool(apart) for apart in branches])
+    scale = np.array([[p.scale] for p in problem.parameters])
+    small = np.abs(changed.change[:, 1]) / scale
+    grown = _growth(base.extent, small, changed.at_start[:, 1], changed.at_most[:, 1])
+    motion = float(np.max(grown, where=changed.sides[:, 1], initial=0.0))
+    branches = [[] for _ in problem.parameters]
+    if motion <= MOTION_GROWTH:  # otherwise every run is on a branch of its own
+        branches = _branches(base, changed)
+    from_start = base.run_from(base.start, changed_values(problem)[0])
     found = replace(
         found,
         forward=slopes,
-        error=errors,
         noise=noise,
-        growth=_growth(base.extent, base.run_from(base.start, rows[0]), SMALL_CHANGE),
+        growth=float(_growth(base.extent, SMALL_CHANGE, from_start.at_start, from_start.at_most)),
         motion_growth=motion,
-        slope_status=status,
-        warnings=[
-            *_branch_notes(problem, branches),
-            *statistic_notes(problem, base),
-            *_unclear(problem, slopes, errors, status),
-            *error_of_value(problem, found),
-        ],
     )
-    if len(found.unclear) == len(pairs):
+    found = with_status(problem, found, errors, np.array(list(map(bool, branches))))
+    found.warnings.extend(_branch_notes(problem, branches))
+    found.warnings.extend(statistic_notes(problem, base))
+    found.warnings.extend(_unclear(problem, slopes, errors, found.slope_status))
+    found.warnings.extend(error_of_value(problem, found))
+    if len(found.unclear) == len(slopes):
         found = replace(found, linear_range=0.0)
-    return hide_unresolved(found)
+    return found
 
 
 def _unclear(problem: Study, slopes: np.ndarray, errors: np.ndarray, status: Sequence[str]) -> list[str]:
@@ -371,54 +373,44 @@ def changed_values(problem: Study) -> np.ndarray:
     return np.array(rows)
 
 
-def _noise(value: float, shown: Run, pairs: Sequence[tuple[Pair, Pair]]) -> tuple[float, np.ndarray]:
-    """Standard deviation of the quantity by rounding, a median over all samples, and the sample of each parameter."""
-    own = np.zeros(len(pairs))
-    for i, (large, small) in enumerate(pairs):
-        if large.is_central and small.is_central:
-            ratio = (small.change[1] / large.change[1]) ** 2
-            spread = 0.5 + 0.5 * ratio**2 + (1.0 - ratio) ** 2
-            own[i] = abs(small.even(value) - ratio * large.even(value)) / np.sqrt(spread)
+def _noise(value: float, shown: Run, own: np.ndarray) -> float:
+    """Standard deviation of the quantity by rounding, a median over the samples of the parameters and one of all."""
     samples = np.append(own[own > 0.0], (shown.value - value) / np.sqrt(2.0))
     samples = samples[np.isfinite(samples)]
-    own = np.where(np.isfinite(own), own, 0.0)
-    return (float(np.sqrt(np.median(samples**2) / MEDIAN_OF_SQUARE)) if samples.size else np.inf), own
+    if not samples.size:
+        return np.inf
+    return float(np.sqrt(np.median(samples**2) / MEDIAN_OF_SQUARE))
 
 
-def _growth(extent: float, run: Run, size: float) -> float:
-    """Logarithm of the displacement by a relative change, over that at the start or the change of the whole motion."""
-    before = max(size * extent, run.at_start, np.finfo(float).tiny)
-    if np.isfinite(run.at_most):
-        return float(np.log(max(run.at_most / before, 1.0)))
-    return 0.0
+def _growth(
+    extent: float, size: np.ndarray | float, at_start: np.ndarray | float, at_most: np.ndarray | float
+) -> np.ndarray:
+    """Logarithms of displacements by relative changes, over those at the start or the change of the whole motion; 0 of
+    those without a run."""
+    before = np.fmax(np.fmax(size * extent, at_start), np.finfo(float).tiny)
+    return np.log(np.fmax(at_most / before, 1.0))
 
 
-def _motion_growth(extent: float, p: Parameter, pair: Pair) -> float:
-    return max((_growth(extent, pair.runs[i], abs(pair.change[i]) / p.scale) for i in pair.sides), default=0.0)
-
-
-def _branches(base: StudyRuns, i: int, both: tuple[Pair, Pair]) -> list[float]:
-    """Relative changes of parameter i whose run, or static start, is on another branch than the study's own."""
-    p = base.problem.parameters[i]
-    large, small = both
+def _branches(base: StudyRuns, changed: Differences) -> list[list[float]]:
+    """Relative changes of each parameter whose run, or static start, is on another branch than the study's own."""
+    problem = base.problem
+    size = np.abs(changed.change)
+    rates = changed.rates()
+    smaller = np.zeros_like(rates)
+    smaller[:, 0] = rates[:, 1].max(axis=1, keepdims=True)
+    jumps = base.is_jump(changed.at_most, size, rates[..., ::-1]) | base.is_jump(changed.at_most, size, smaller)
     found = []
-    for pair in both:
-        for side in pair.sides:
-            opposite = [pair.rate(k) for k in pair.sides if k != side]
-            smaller = [small.rate(k) for k in small.sides if pair is large]
-            size = abs(pair.change[side])
-            moved = pair.runs[side].at_most
-            if base.is_jump(moved, size, opposite) or base.is_jump(moved, size, smaller):
-                found.append(float(pair.change[side]) / p.scale)
-    reach = np.max(np.abs(large.change))
-    size = STARTS_CHECKED * p.scale
-    if reach < size:
-        rates = [large.runs[side].at_start / reach for side in large.sides]
-        for sign in (-1.0, 1.0):
-            values = np.array(base.problem.values)
-            values[i] = np.clip(values[i] + sign * size, p.low, p.high)
-            if base.is_jump(base.start_moved(values), size, rates):
-                found.append(sign * STARTS_CHECKED)
+    for i, p in enumerate(problem.parameters):
+        found.append(list(changed.change[i][jumps[i] & changed.sides[i]] / p.scale))
+        reach = size[i, 0].max()
+        checked = STARTS_CHECKED * p.scale
+        if reach < checked:
+            rate = np.max(changed.at_start[i, 0], where=changed.sides[i, 0], initial=0.0) / reach
+            for sign in (-1.0, 1.0):
+                values = np.array(problem.values)
+                values[i] = np.clip(values[i] + sign * checked, p.low, p.high)
+                if base.is_jump(base.start_moved(values), checked, rate):
+                    found[i].append(sign * STARTS_CHECKED)
     return found
 
 

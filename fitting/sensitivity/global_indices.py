@@ -13,11 +13,10 @@ from dropper_jax.cli.printing import table
 from dropper_jax.run.storage import extra
 from fitting.parameters.names import full_names
 from fitting.parameters.targets import Direction
-from fitting.sensitivity.problem import (
-    Study,
-)
+from fitting.sensitivity.problem import Study
 
-METHODS = ("sobol", "morris")
+#: Methods, and SALib's names of first and total indices with their errors.
+METHODS = {"sobol": ("S1", "S1_conf", "ST", "ST_conf"), "morris": ("mu_star", "mu_star_conf", "sigma", "sigma_conf")}
 
 
 @dataclass(frozen=True)
@@ -83,30 +82,22 @@ def global_indices(
     bad = int(np.sum(~np.isfinite(values)))
     if bad:
         raise SceneError(f"samples: {bad} of {len(values)} cases failed. Use ranges in which every case runs")
-    columns = [np.zeros(len(names))] * 4
+    indices = dict.fromkeys(METHODS[method], np.zeros(len(names)))
     if np.ptp(values) <= 1e-12 * np.max(np.abs(values)):
         values = np.full_like(values, values.mean())
     elif sobol:
-        found = analyser.analyze(problem, values, seed=seed, **more)
-        columns = [np.asarray(found[key], float) for key in ("S1", "S1_conf", "ST", "ST_conf")]
+        indices = analyser.analyze(problem, values, seed=seed, **more)
     else:
-        found = analyser.analyze(problem, points, values, seed=seed)
-        columns = [np.asarray(found[key], float) for key in ("mu_star", "mu_star_conf", "sigma")]
-        columns.append(np.full(len(names), np.nan))
+        indices = {"sigma_conf": np.full(len(names), np.nan), **analyser.analyze(problem, points, values, seed=seed)}
+    columns = [np.asarray(indices[key], float) for key in METHODS[method]]
     return Global(method, list(names), list(box), *columns, len(values), float(values.mean()), float(values.std()))
 
 
 def global_text(found: Global, of: str) -> str:
     """Indices as text, the largest first."""
     sobol = found.method == "sobol"
-    rows = [
-        [
-            "parameter",
-            "from",
-            "to",
-            *(("first", "+-", "total", "+-") if sobol else ("mean |effect|", "+-", "spread", "")),
-        ]
-    ]
+    heads = ("first", "+-", "total", "+-") if sobol else ("mean |effect|", "+-", "spread", "")
+    rows = [["parameter", "from", "to", *heads]]
     for i in np.argsort(-found.total if sobol else -found.first):
         numbers = (found.first[i], found.first_error[i], found.total[i], found.total_error[i])
         cells = ["" if np.isnan(x) else f"{x:.3g}" for x in numbers]

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-import jax
 import numpy as np
+from jax import Array
 
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.model import Model, State
@@ -17,8 +17,8 @@ from dropper_jax.study.march import spare_rows
 
 @cached_jit(static=("stepper",), kernel=True)
 def find_own_lengths(
-    stepper: Stepper, model: Model, s: State, interval: jax.Array, rows: jax.Array, accuracy: jax.Array
-) -> tuple[jax.Array, jax.Array, jax.Array]:
+    stepper: Stepper, model: Model, s: State, interval: Array, rows: Array, accuracy: Array
+) -> tuple[Array, Array, Array]:
     """`find_lengths` of any run."""
     return find_lengths(stepper, model, s, interval, rows, accuracy, MOST_STEPS)
 

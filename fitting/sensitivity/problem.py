@@ -10,6 +10,7 @@ from functools import cached_property, partial
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.backend.batches import map_members
 from dropper_jax.backend.one_kernel import one_kernel
@@ -68,7 +69,7 @@ class Plan:
             _, run = integrate(self.stepper, model, s, self.run.step, count, every, checkpoint, warn=False)
         return run
 
-    def measure(self, model: Model, s: State, run: Trajectory, t: jax.Array) -> jax.Array:
+    def measure(self, model: Model, s: State, run: Trajectory, t: Array) -> Array:
         """The quantity of states saved at times t (k,) [s], NaN if a step failed."""
         if self.of.at_rest:
             return self.of(model, s.r, run, t)
@@ -80,13 +81,22 @@ class Plan:
             return quantity_signals([self.of], s.r)
         return None
 
-    def value(self, model: Model, near: State, values: jax.Array) -> jax.Array:
-        """The quantity of the model with these values (p,), by a run with steps of its own whose derivatives are not
-        needed."""
+    def evaluate(
+        self, model: Model, near: State, values: Array, steps: Steps | None = None, checkpoint: bool = False
+    ) -> Array:
+        """The quantity of the model with these values (p,), by a run along these steps; None: along steps of its own,
+        without derivatives."""
         model = apply(model, self.parameters, values)
         s = initial_state(model, self.start, near=near)
         if self.of.at_rest:
             return self.measure(model, s, standing(s), s.t[None])
+        if steps is None:
+            return self.measure(model, s, *self._own_run(model, s))
+        times = s.t + jnp.cumsum(jnp.asarray(steps.length))[jnp.asarray(steps.ends) - 1]
+        return self.measure(model, s, self.march(model, s, steps, checkpoint), times)
+
+    def _own_run(self, model: Model, s: State) -> tuple[Trajectory, Array]:
+        """Saved states of a run from s along steps of its own, and their times."""
         rows = self.run.rows
         interval = jnp.asarray(self.run.interval, model.dtype)
         first = begin(self.stepper, model, s)
@@ -98,18 +108,7 @@ class Plan:
         else:
             march = one_kernel(partial(advance, self.stepper, saves=rows, save_every=self.run.save_every))
             _, run = march(model, first, jnp.asarray(self.run.step, model.dtype))
-        return self.measure(model, s, run, s.t + interval * (1.0 + jnp.arange(rows)))
-
-    def evaluate(
-        self, model: Model, near: State, values: jax.Array, steps: Steps, checkpoint: bool = False
-    ) -> jax.Array:
-        """The quantity of the model with these values (p,), by a run along these steps."""
-        model = apply(model, self.parameters, values)
-        s = initial_state(model, self.start, near=near)
-        if self.of.at_rest:
-            return self.measure(model, s, standing(s), s.t[None])
-        times = s.t + jnp.cumsum(jnp.asarray(steps.length))[jnp.asarray(steps.ends) - 1]
-        return self.measure(model, s, self.march(model, s, steps, checkpoint), times)
+        return run, s.t + interval * (1.0 + jnp.arange(rows))
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,7 +183,7 @@ class Study:
             ends = np.asarray(interval_ends(jnp.asarray(length), run.interval, run.rows))
         return make_steps(self.model, length, ends, bool(failed))
 
-    def __call__(self, values: jax.Array) -> jax.Array:
+    def __call__(self, values: Array) -> Array:
         return self.plan.evaluate(self.model, self.start, values, self.steps)
 
     def check_derivatives(self, found: np.ndarray) -> None:
@@ -212,13 +211,13 @@ class Study:
     def batch(self, values: np.ndarray) -> np.ndarray:
         """The quantity of many values (cases, p) -> (cases,) by one compiled program, each run in steps of its own."""
         plan = replace(self, retries=True).plan
-        run = jax.jit(map_members(partial(plan.value, self.model, self.start), together=RUNS_TOGETHER))
+        run = jax.jit(map_members(partial(plan.evaluate, self.model, self.start), together=RUNS_TOGETHER))
         return np.asarray(run(jnp.asarray(values, self.model.dtype)))
 
 
 def measure_rows(
-    of: Quantity, model: Model, s: State, rows: Trajectory, t: jax.Array, watch: QuantitySignals | None
-) -> jax.Array:
+    of: Quantity, model: Model, s: State, rows: Trajectory, t: Array, watch: QuantitySignals | None
+) -> Array:
     """A quantity of the rows of a run from s, saved at times t (k,) [s]; `watch`: what was recorded over its steps."""
     if watch is not None and rows.extremes is not None:
         return OVER_STEPS[of.statistic](watch.over_steps(rows.extremes)[of])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
@@ -171,33 +170,23 @@ def empty_result(problem: Study, duration: float) -> Local:
     )
 
 
-def slope_status(
-    problem: Study, value: float, slopes: np.ndarray, errors: np.ndarray, branched: Sequence[bool]
-) -> tuple[str, ...]:
-    """The status of slopes (p,) with errors (p,) of a quantity of this value.
+def with_status(problem: Study, found: Local, errors: np.ndarray, branched: np.ndarray) -> Local:
+    """The result with errors of its slopes and their status, without slopes that are not resolved.
 
     Args:
-        branched: whether a run or start near it is on another branch, of each parameter.
+        errors: (p,).
+        branched: whether a run or start near it is on another branch, of each parameter (p,).
     """
-    found = []
-    for i, p in enumerate(problem.parameters):
-        level = abs(value) / p.scale
-        # a third of the change, or 0.01 in p/Q dQ/dp, as of exact derivatives (`linear_range`)
-        known = errors[i] <= max(abs(slopes[i]) / 3.0, 0.01 * level)
-        if known and not branched[i]:
-            found.append(KNOWN)
-        elif not known and max(abs(slopes[i]), errors[i]) >= UNRESOLVED * level:
-            found.append(NOT_RESOLVED)
-        elif branched[i]:
-            found.append(OTHER_BRANCH)
-        else:
-            found.append(UNCLEAR)
-    return tuple(found)
-
-
-def hide_unresolved(found: Local) -> Local:
-    """The result without slopes that are not resolved."""
-    return replace(found, forward=np.where(found.resolved, found.forward, np.nan))
+    level = abs(found.value) / np.array([p.scale for p in problem.parameters])
+    slopes = np.abs(found.forward)
+    # a third of the change, or 0.01 in p/Q dQ/dp, as of exact derivatives (`linear_range`)
+    known = errors <= np.maximum(slopes / 3.0, 0.01 * level)
+    lost = ~known & (np.fmax(slopes, errors) >= UNRESOLVED * level)
+    status = np.where(known, KNOWN, UNCLEAR).astype(object)
+    status[branched] = OTHER_BRANCH
+    status[lost] = NOT_RESOLVED
+    forward = np.where(lost, np.nan, found.forward)
+    return replace(found, error=errors, slope_status=tuple(status), forward=forward)
 
 
 def local_text(found: Local) -> str:

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.model import Model, State, state
@@ -34,17 +35,17 @@ from fitting.sensitivity.problem import Plan, Study, standing
 
 
 def _vary(
-    function: Callable[..., Any], parameters: Sequence[Parameter], model: Model, values: jax.Array, *given: Varied
+    function: Callable[..., Any], parameters: Sequence[Parameter], model: Model, values: Array, *given: Varied
 ) -> Varied:
     """`function(model, *trees)` with its derivatives by the parameters, of which the trees are functions too."""
 
-    def of_values(p: jax.Array, *trees: Any) -> Any:
+    def of_values(p: Array, *trees: Any) -> Any:
         return function(apply(model, parameters, p), *trees)
 
     return vary(of_values, values, jnp.eye(len(values)), *given)
 
 
-def vary_start(plan: Plan, model: Model, s: State, values: jax.Array) -> Varied:
+def vary_start(plan: Plan, model: Model, s: State, values: Array) -> Varied:
     """The initial state s of the model with these values, and its derivatives; a small program for elastic lines."""
     still = rest(model)
     if not plan.start.is_static or still.constraints or outward(model) or not still.line.axial.elastic:
@@ -55,26 +56,26 @@ def vary_start(plan: Plan, model: Model, s: State, values: jax.Array) -> Varied:
 
 
 @cached_jit(static=("plan",))
-def _vary_start(plan: Plan, model: Model, s: State, values: jax.Array) -> Varied:
+def _vary_start(plan: Plan, model: Model, s: State, values: Array) -> Varied:
     """The same for any initial state."""
     return _vary(lambda changed: initial_state(changed, plan.start, s, there=True), plan.parameters, model, values)
 
 
 @cached_jit(static=("plan",))
 def _slopes_at_rest(
-    plan: Plan, model: Model, s: State, values: jax.Array, by_value: jax.Array, by_position: jax.Array
-) -> tuple[jax.Array, Varied]:
+    plan: Plan, model: Model, s: State, values: Array, by_value: Array, by_position: Array
+) -> tuple[Array, Varied]:
     """Derivatives of the unbalanced forces (k, free, 3) [N] at rest, and of the state, along k directions of the
     parameters (k, p) and of the positions (k, free, 3) [m]."""
 
-    def at(p: jax.Array, x: jax.Array) -> tuple[tuple[jax.Array, list[jax.Array]], State]:
+    def at(p: Array, x: Array) -> tuple[tuple[Array, list[Array]], State]:
         full = apply(model, plan.parameters, p)
         loads = release_loads(full, plan.start)
         rows, tension = unbalanced_at(rest(full), state(full, s.r), loads, x)
         found = state(full, s.r + x, tension=tension)
         return (rows, floats_of(found)), found
 
-    def along(*direction: jax.Array) -> tuple[jax.Array, Varied]:
+    def along(*direction: Array) -> tuple[Array, Varied]:
         _, (rows, slopes), found = jax.jvp(at, (values, jnp.zeros_like(s.r)), direction, has_aux=True)
         return rows, Varied(found, slopes)
 
@@ -86,11 +87,11 @@ class _Passed(NamedTuple):
     """A run between two saved times: its state, and the tensions over the time since the last one (n,) [N s]."""
 
     progress: Progress
-    impulse: jax.Array
+    impulse: Array
 
 
 def _take_step(
-    stepper: Stepper, follows: bool, h: jax.Array, before: jax.Array, since: jax.Array, model: Model, passed: _Passed
+    stepper: Stepper, follows: bool, h: Array, before: Array, since: Array, model: Model, passed: _Passed
 ) -> tuple[_Passed, Trajectory]:
     """One step of h [s] after one of `before` [s], to the time `since` the last saved one [s]; and the row to save
     after it, of steps that follow an accuracy with mean tensions."""
@@ -107,7 +108,7 @@ class _Between(NamedTuple):
 
     now: Varied
     row: Varied
-    since: jax.Array
+    since: Array
 
 
 @cached_jit(static=("stepper", "parameters", "follows"), kernel=True)
@@ -116,21 +117,21 @@ def _vary_run(
     parameters: tuple[Parameter, ...],
     follows: bool,
     model: Model,
-    values: jax.Array,
+    values: Array,
     start: Varied,
     steps: Steps,
-    count: jax.Array | int,
+    count: Array | int,
 ) -> Varied:
     """`count` saved states of a run along known steps, in the first of as many rows as these have ends, with
     derivatives: one program for any duration, quantity and start.
     """
 
-    def save(now: Varied, i: jax.Array) -> tuple[Varied, Varied]:
+    def save(now: Varied, i: Array) -> tuple[Varied, Varied]:
         first = jnp.where(i > 0, steps.ends[i - 1], 0)
         nothing = now.tree._replace(impulse=jnp.zeros_like(now.tree.impulse))
         now = Varied(nothing, [*now.slopes[:-1], jnp.zeros_like(now.slopes[-1])])
 
-        def take(k: jax.Array, so_far: _Between) -> _Between:
+        def take(k: Array, so_far: _Between) -> _Between:
             h = steps.length[k]
             since = so_far.since + h
             before = jnp.where(k > 0, steps.length[k - 1], 0.0)
@@ -162,19 +163,19 @@ def _vary_run(
 
 @cached_jit(static=("plan",))
 def _vary_quantity(
-    plan: Plan, model: Model, values: jax.Array, start: Varied, run: Varied | None, t: jax.Array | np.ndarray
+    plan: Plan, model: Model, values: Array, start: Varied, run: Varied | None, t: Array | np.ndarray
 ) -> Varied:
     """The quantity of a run from `start` with states saved at t (k,) [s], or of the start alone."""
     if run is None:
 
-        def measure_start(changed: Model, s: State) -> jax.Array:
+        def measure_start(changed: Model, s: State) -> Array:
             return plan.measure(changed, s, standing(s), s.t[None])
 
         return _vary(measure_start, plan.parameters, model, values, start)
     return _vary(partial(plan.measure, t=jnp.asarray(t)), plan.parameters, model, values, start, run)
 
 
-def vary_study(problem: Study, at: jax.Array, start: Varied, steps: Steps) -> tuple[Varied, Varied | None]:
+def vary_study(problem: Study, at: Array, start: Varied, steps: Steps) -> tuple[Varied, Varied | None]:
     """The quantity of a run from `start` along these steps, and the run, with derivatives."""
     plan = problem.plan
     model = problem.model

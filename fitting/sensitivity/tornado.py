@@ -14,36 +14,29 @@ from fitting.sensitivity.result import Local
 
 def local_picture(found: Local, path: str | Path) -> Path:
     """Scaled derivatives as bars, the largest on top, without those that are not resolved."""
-    if np.isfinite(found.scaled[found.resolved]).all():
-        values = found.scaled
-    else:
-        values = found.forward
-    if values is not found.forward:
-        label = "change of the quantity for 1 % of the parameter [%]"
-    else:
-        label = "dQ/dp"
-    if found.window is None:
-        note = f"whole run of {found.duration:g} s"
-    else:
-        note = f"NOT valid beyond {found.horizon:.2g} s"
-    errors = found.error if values is found.forward else found.scaled_error
-    title = f"{found.of} = {found.value:.4g} {found.unit}; {note}"
+    values = found.scaled
+    errors = found.scaled_error
+    label = "change of the quantity for 1 % of the parameter [%]"
     shown = np.flatnonzero(found.resolved)
+    if not np.isfinite(values[shown]).all():
+        values = found.forward
+        errors = found.error
+        label = "dQ/dp"
+    note = f"whole run of {found.duration:g} s"
+    if found.window is not None:
+        note = f"NOT valid beyond {found.horizon:.2g} s"
+    title = f"{found.of} = {found.value:.4g} {found.unit}; {note}"
     names = [found.names[i] for i in shown]
     return _bars(names, [values[shown]], [""], label, title, path, None if errors is None else [errors[shown]])
 
 
 def global_picture(found: Global, of: str, path: str | Path) -> Path:
     """Sobol's first and total indices, or Morris' mean and spread, as bars."""
-    sobol = found.method == "sobol"
-    if sobol:
+    labels = ["mean |effect|", "spread"]
+    axis = "effect over the whole range [unit of the quantity]"
+    if found.method == "sobol":
         labels = ["alone", "with interactions"]
-    else:
-        labels = ["mean |effect|", "spread"]
-    if sobol:
         axis = "fraction of the variance [-]"
-    else:
-        axis = "effect over the whole range [unit of the quantity]"
     errors = [found.first_error, found.total_error]
     return _bars(found.names, [found.first, found.total], labels, axis, f"{of}: {found.runs} runs", path, errors)
 

@@ -43,13 +43,13 @@ def changes(links: int) -> Iterator[Change]:
     # a wrong sign of all angles is a matter of the convention
     yield Change("all links are mirrored (seen from behind)", "use half a turn minus all angles", mirrors[2][2])
     if links > 1:
-        total = lambda theta: np.cumsum(theta, axis=1)  # noqa: E731
-        yield Change("angles are relative to the link before", "add up the angles from theta_1 on", total)
+        fix = "add up the angles from theta_1 on"
+        yield Change("angles are relative to the link before", fix, lambda theta: np.cumsum(theta, axis=1))
         fix = "name the columns from the first hook on"
         if links > 2:  # with two links they are swapped
             yield Change("columns are in the reverse order", fix, lambda theta: theta[:, ::-1])
-        turned = lambda theta: theta[:, ::-1] + np.pi  # noqa: E731
-        yield Change("columns are in the reverse order, and links measured from their other end", fix, turned)
+        mistake = "columns are in the reverse order, and links measured from their other end"
+        yield Change(mistake, fix, lambda theta: theta[:, ::-1] + np.pi)
     for j, k in combinations(range(links), 2):
         names = f"theta_{j + 1} and theta_{k + 1}"
         order = np.arange(links)
@@ -77,15 +77,19 @@ def shift(j: int | None, by: float) -> Change:
     else:
         name = f"theta_{j + 1}"
         more = ""
-    add = lambda theta: theta + by  # noqa: E731
     fix = f"add {by:.3g} rad to {name}{more}"
-    return Change(f"the zero of {name} is shifted by {-by:.3g} rad", fix, add if j is None else _of_column(j, add))
+    return Change(
+        f"the zero of {name} is shifted by {-by:.3g} rad",
+        fix,
+        lambda theta: np.where((j is None) | (np.arange(theta.shape[1]) == j), theta + by, theta),
+    )
 
 
 def late_columns(links: int, frames: Sequence[int]) -> Iterator[Change]:
     """One column some frames later or earlier than the others."""
-    for j, by, sign in product(range(links), frames, (1, -1)):
-        name, when, where = f"theta_{j + 1}", *(("late", "up") if sign > 0 else ("early", "down"))
+    ways = ((1, "late", "up"), (-1, "early", "down"))
+    for j, by, (sign, when, where) in product(range(links), frames, ways):
+        name = f"theta_{j + 1}"
         move = partial(_shift_frames, by=by * sign)
         yield Change(f"{name} is {by} frames {when}", f"move {name} {where} by {by} rows", _of_column(j, move))
 
@@ -99,12 +103,9 @@ def _shift_frames(theta: np.ndarray, by: int) -> np.ndarray:
 def units(named: Convention) -> Iterator[Change]:
     """The unit that is not the named one."""
     if named.unit == "deg":
-        factor = 180 / np.pi
-        unit = "rad"
+        yield Change("the unit is rad", "--unit rad", np.degrees)
     else:
-        factor = np.pi / 180
-        unit = "deg"
-    yield Change(f"the unit is {unit}", f"--unit {unit}", lambda theta: factor * theta)
+        yield Change("the unit is deg", "--unit deg", np.radians)
 
 
 #: Misfit [rad], and its ratio, by which another convention must fit better to reject one.
@@ -128,25 +129,24 @@ def settle_convention(
     named = requested.over(trace.convention)
     check_sampling(trace, model)
     check_unit(trace, model, named)
-    scored = _scores(trace, model, named.unit)
-    allowed = [key for key in scored if named.zero in (None, key[0]) and named.sign in (None, key[1])]
-    best = min(scored, key=scored.__getitem__)
-    own = min(allowed, key=scored.__getitem__)
-    alike = [key for key in allowed if not _is_worse(scored[key], scored[own])]
+    misfit = _misfits(trace, model, named.unit or "rad")
+    allowed = [one for one in misfit if named.over(one) == one]
+    best = min(misfit, key=misfit.__getitem__)
+    own = min(allowed, key=misfit.__getitem__)
+    alike = [one for one in allowed if not _is_worse(misfit[one], misfit[own])]
+    source = "the scene's pose"
     if distance is not None and len(alike) > 1:
-        own = min(alike, key=lambda key: distance(trace.in_model_convention(Convention(*key, named.unit))))
+        own = min(alike, key=lambda one: distance(trace.in_model_convention(one)))
         source = "the first recording"
-    else:
-        source = "the scene's pose"
-    if _is_worse(scored[own], scored[best]):
+    if _is_worse(misfit[own], misfit[best]):
         raise SceneError(
-            f"{trace.name}: zero={own[0]}, sign={own[1]} is {scored[own]:.2f} rad from the scene's pose, "
-            f"zero={best[0]}, sign={best[1]} only {scored[best]:.2f}. Use the convention that fits"
+            f"{trace.name}: zero={own.zero}, sign={own.sign} is {misfit[own]:.2f} rad from the scene's pose, "
+            f"zero={best.zero}, sign={best.sign} only {misfit[best]:.2f}. Use the convention that fits"
         )
-    warnings = [f"{trace.name}: {warning}" for warning in trace.warnings]
-    if named.zero is None or (named.sign is None and own[1] != 1):
-        warnings.append(f"{trace.name}: angles read as zero={own[0]}, sign={own[1]} (inferred from {source})")
-    return trace.in_model_convention(Convention(own[0], own[1], named.unit or "rad")), warnings
+    warnings = list(trace.warnings)
+    if named.zero is None or (named.sign is None and own.sign != 1):
+        warnings.append(f"angles read as zero={own.zero}, sign={own.sign} (inferred from {source})")
+    return trace.in_model_convention(own), [f"{trace.name}: {warning}" for warning in warnings]
 
 
 def _is_worse(misfit: float, other: float) -> bool:
@@ -221,13 +221,16 @@ def resting_angles(model: Model) -> np.ndarray:
     return np.arctan2(-link[:, 2], link[:, 0])
 
 
-def _scores(trace: Trace, model: Model, unit: str | None) -> dict[tuple[str, int], float]:
+def _misfits(trace: Trace, model: Model, unit: str) -> dict[Convention, float]:
     """Misfit [rad] of every convention: deviation of the mean directions from rest, plus the correction that closes."""
     rest = resting_angles(model)
     found = {}
     for zero, sign in product(ZEROS, map(int, SIGNS)):
-        theta = trace.in_model_convention(Convention(zero, sign, unit)).theta
-        found[zero, sign] = off_rest(theta, rest) + (_closure(model, theta) if model.end_held else 0.0)
+        convention = Convention(zero, sign, unit)
+        theta = trace.in_model_convention(convention).theta
+        found[convention] = off_rest(theta, rest)
+        if model.end_held:
+            found[convention] += _closure(model, theta)
     return found
 
 

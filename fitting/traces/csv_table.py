@@ -6,7 +6,6 @@ commas. Text is UTF-8, or UTF-16 with a byte order mark, as written by spreadshe
 
 from __future__ import annotations
 
-import codecs
 import csv
 import re
 from collections.abc import Callable, Mapping
@@ -15,8 +14,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dropper_jax.base.errors import SceneError, nearest, unreadable
+from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.markdown import first_names
+from fitting.traces.lines import read_lines
 
 #: Number of names in an error message.
 NAMED = 8
@@ -60,22 +60,6 @@ class CsvTable(NamedTuple):
         table[np.isinf(table)] = np.nan
         return table.T
 
-    def with_names(self, columns: Mapping[str, str]) -> CsvTable:
-        """The table with the columns of the file called otherwise; further ones of these names are not used.
-
-        Args:
-            columns: by new name, the column of the file.
-
-        Raises:
-            SceneError: the file has no such column.
-        """
-        names = ["" if name in columns else name for name in self.names]
-        for name, column in columns.items():
-            if column not in self.names:
-                raise SceneError(f"columns: {column!r} is not in {self.file}; {nearest(column, self.names)}")
-            names[self.names.index(column)] = name
-        return self._replace(names=names)
-
 
 def read_csv(
     path: Path,
@@ -87,23 +71,19 @@ def read_csv(
 
     Args:
         columns: the required header, for error messages, such as `t, theta_1..n`.
-        renamed: by name, the column of the file that has it.
+        renamed: by name, the column of the file that has it; further columns of these names are not used.
         advice: what to do if there is no column t, from the names of those that exist.
 
     Raises:
-        SceneError: a file that cannot be read, no samples, no column t.
+        SceneError: a file that cannot be read, no samples, no column t or another one that does not exist.
     """
-    try:
-        data = path.read_bytes()
-        text = data.decode("utf-16" if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)) else "utf-8-sig")
-    except UnicodeDecodeError:
-        raise SceneError(f"{path.name}: not a text file in UTF-8; allowed: a CSV with columns {columns}") from None
-    except OSError as error:
-        raise unreadable(path.name, error) from None
-    comments = tuple(line.lstrip()[1:].strip() for line in text.splitlines() if line.lstrip().startswith("#"))
-    body = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")]
-    if body and re.fullmatch(r"sep=.", body[0].strip()):  # a spreadsheet's note of its separator
-        body = body[1:]
+    comments = []
+    body = []
+    for line in read_lines(path):
+        if line.lstrip().startswith("#"):
+            comments.append(line.lstrip()[1:].strip())
+        else:
+            body.append(line)
     if len(body) < 2:
         raise SceneError(f"{path.name}: has no samples; allowed: a header {columns} and rows of numbers")
     try:
@@ -113,10 +93,15 @@ def read_csv(
     names = [name.strip() for name in rows[0]]
     if all(map(_is_number, names)):
         raise SceneError(f"{path.name}: has no header; allowed: a first row with the names of the columns, {columns}")
-    found = CsvTable(path.name, comments, names, rows[1:]).with_names(renamed or {})
-    if "t" not in found.names:
+    renamed = renamed or {}
+    used = ["" if name in renamed else name for name in names]
+    for name, column in renamed.items():
+        if column not in names:
+            raise SceneError(f"columns: {column!r} is not in {path.name}; {nearest(column, names)}")
+        used[names.index(column)] = name
+    if "t" not in used:
         raise SceneError(f"{path.name}: has no column 't'; found: {first_names(names, NAMED)}; {advice(names)}")
-    return found
+    return CsvTable(path.name, tuple(comments), used, rows[1:])
 
 
 def _split(body: list[str]) -> list[list[str]]:

@@ -14,6 +14,7 @@ from typing import TypeVar
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.constants import GRAVITY
@@ -21,7 +22,7 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.model import Model, State
 from dropper_jax.run.build import from_angles
 
-Angles = TypeVar("Angles", jax.Array, np.ndarray)
+Angles = TypeVar("Angles", Array, np.ndarray)
 
 
 #: Maximum |y| [m] or [m/s] of a scene that counts as plane.
@@ -51,7 +52,7 @@ def check_planar(model: Model, start: State) -> None:
         )
 
 
-def pendulum_period(length: float | jax.Array | np.ndarray) -> float:
+def pendulum_period(length: float | Array | np.ndarray) -> float:
     """Period [s] of small swings of the shortest of mathematical pendulums of these lengths [m]."""
     return float(2 * np.pi * np.sqrt(np.min(np.asarray(length)) / GRAVITY))
 
@@ -61,14 +62,14 @@ def freedoms(model: Model) -> int:
     return model.line.links - (2 if model.end_held else 0)
 
 
-def directions(theta: jax.Array) -> tuple[jax.Array, jax.Array]:
+def directions(theta: Array) -> tuple[Array, Array]:
     """Unit link vectors in the (x, z) plane and their derivatives by theta, each (..., n, 2)."""
     c = jnp.cos(theta)
     s = jnp.sin(theta)
     return jnp.stack([c, -s], axis=-1), jnp.stack([-s, -c], axis=-1)
 
 
-def _closing(model: Model, theta: jax.Array, rows: jax.Array) -> jax.Array:
+def _closing(model: Model, theta: Array, rows: Array) -> Array:
     """Smallest change of angles (n,) that removes rows (2,) [m] of the linearised closure."""
     x, z = (model.line.length[:, None] * directions(theta)[1]).T
     xx, xz, zz = (jnp.sum(a * b) for a, b in ((x, x), (x, z), (z, z)))
@@ -77,19 +78,19 @@ def _closing(model: Model, theta: jax.Array, rows: jax.Array) -> jax.Array:
     return (x * in_x + z * in_z) / (xx * zz - xz**2)
 
 
-def gap(model: Model, theta: jax.Array) -> jax.Array:
+def gap(model: Model, theta: Array) -> Array:
     """Distance from the end of the chain of links to its fixed end, (2,) [m] in x and z."""
     ends = model.ends(jnp.zeros((), model.dtype))
     reach = jnp.sum(model.line.length[:, None] * directions(theta)[0], axis=0)
     return reach - (ends.end - ends.start)[jnp.array([0, 2])]
 
 
-def close_chain(model: Model, theta: jax.Array, omega: jax.Array) -> tuple[jax.Array, jax.Array]:
+def close_chain(model: Model, theta: Array, omega: Array) -> tuple[Array, Array]:
     """The nearby angles (n,) [rad] and rates (n,) [rad/s] that satisfy closure; unchanged for a free end."""
     if not model.end_held:
         return theta, omega
 
-    def correct(theta: jax.Array, _: None) -> tuple[jax.Array, None]:
+    def correct(theta: Array, _: None) -> tuple[Array, None]:
         return theta - _closing(model, theta, gap(model, theta)), None
 
     # Newton iterations of the closure; from a distance of 0.1 rad four reach rounding (convergence is quadratic)
@@ -108,13 +109,13 @@ def chart(model: Model, theta: np.ndarray) -> np.ndarray:
     return np.swapaxes(np.linalg.svd(rows)[2][..., 2:, :], -1, -2)
 
 
-def to_state(model: Model, theta: jax.Array, omega: jax.Array) -> State:
+def to_state(model: Model, theta: Array, omega: Array) -> State:
     """The simulator's state for angles and rates (n,)."""
     still = jnp.zeros_like(theta)
     return from_angles(model, theta, still, omega, still, zero="horizontal")
 
 
-def from_nodes(model: Model, r: jax.Array, v: jax.Array) -> tuple[jax.Array, jax.Array]:
+def from_nodes(model: Model, r: Array, v: Array) -> tuple[Array, Array]:
     """Angles and rates (n,) of free nodes (nodes, 3); velocities along links (of midpoint schemes) are ignored."""
     ends = model.ends(jnp.zeros((), model.dtype))
     link = model.links(r, ends)
@@ -124,7 +125,7 @@ def from_nodes(model: Model, r: jax.Array, v: jax.Array) -> tuple[jax.Array, jax
     return theta, omega
 
 
-def energy(model: Model, theta: jax.Array, omega: jax.Array) -> jax.Array:
+def energy(model: Model, theta: Array, omega: Array) -> Array:
     """Kinetic and potential energy [J] of links at these angles and rates (n,)."""
     s = to_state(model, theta, omega)
     k = model.instant(s.r, s.v, s.t, model.ends(s.t))
@@ -132,7 +133,7 @@ def energy(model: Model, theta: jax.Array, omega: jax.Array) -> jax.Array:
 
 
 @cached_jit()
-def energies(model: Model, theta: jax.Array | np.ndarray, omega: jax.Array | np.ndarray) -> jax.Array:
+def energies(model: Model, theta: Array | np.ndarray, omega: Array | np.ndarray) -> Array:
     """The same of many angles and rates (k, n): (k,) [J]."""
     return jax.vmap(partial(energy, model))(jnp.asarray(theta), jnp.asarray(omega))
 

@@ -1,18 +1,19 @@
 """Angle traces: the format that tracking writes and fitting reads.
 
 A file is a CSV with columns `t, theta_1..n[, omega_1..n][, se_1..n]` and comment lines such as
-`# zero=down, sign=1, unit=rad, model_error=1e-4`; a missing sample is empty. Comments `# warning: ...` become warnings.
+`# zero=down, sign=1, unit=rad, model_error=1e-4`; a missing sample is empty. Rates omega are not used. Comments
+`# warning: ...` become warnings.
 Internally, angles are from the horizontal, positive downwards.
 """
 
 from __future__ import annotations
 
-import csv
 import io
 import re
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -55,8 +56,7 @@ class Convention:
 
     def over(self, other: Convention) -> Convention:
         """This convention, completed by another."""
-        pick = lambda a, b: b if a is None else a  # noqa: E731
-        return Convention(pick(self.zero, other.zero), pick(self.sign, other.sign), pick(self.unit, other.unit))
+        return replace(other, **{key: value for key, value in vars(self).items() if value is not None})
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,6 @@ class Trace:
         name: of the file.
         t: (k,) [s], increasing.
         theta: (k, n) as measured, or [rad] from the horizontal once `in_model_convention` was used; NaN is missing.
-        omega: rates (k, n) or None.
         se: standard errors (k, n) [rad] or None.
         convention: how the angles are counted in the file.
         warnings: remarks of the trace's author, which a fit repeats.
@@ -78,7 +77,6 @@ class Trace:
     name: str
     t: np.ndarray
     theta: np.ndarray
-    omega: np.ndarray | None = None
     se: np.ndarray | None = None
     convention: Convention = Convention()
     warnings: tuple[str, ...] = ()
@@ -104,26 +102,26 @@ class Trace:
     def between(self, low: float, high: float) -> Trace:
         """The samples with low <= t < high."""
         keep = (self.t >= low - 1e-9) & (self.t < high - 1e-9)
-        pick = lambda a: None if a is None else a[keep]  # noqa: E731
-        parts = tuple(one.between(low, high) for one in self.recordings)
-        part = replace(self, t=self.t[keep], theta=self.theta[keep], recordings=parts)
-        return replace(part, omega=pick(self.omega), se=pick(self.se))
+        part = {}
+        for name in ("t", "theta", "se"):
+            if getattr(self, name) is not None:
+                part[name] = getattr(self, name)[keep]
+        return replace(self, recordings=tuple(one.between(low, high) for one in self.recordings), **part)
 
     def at(self, times: np.ndarray) -> np.ndarray:
         """Angles (len(times), n) interpolated linearly between the known samples."""
-        known = [np.isfinite(column) for column in self.theta.T]
-        pairs = zip(known, self.theta.T, strict=True)
-        return np.stack([np.interp(times, self.t[some], column[some]) for some, column in pairs], axis=1)
+        found = np.empty((len(times), self.links))
+        for j, column in enumerate(self.theta.T):
+            known = np.isfinite(column)
+            found[:, j] = np.interp(times, self.t[known], column[known])
+        return found
 
     def in_model_convention(self, convention: Convention) -> Trace:
         """Angles [rad] from the horizontal, positive downwards, continuous in time."""
         unit = np.pi / 180 if convention.unit == "deg" else 1.0
-        turn = convention.turn * unit
-        zero = np.pi / 2 if convention.zero == "down" else 0.0
         return replace(
             self,
-            theta=unwrap(zero + turn * self.theta),
-            omega=None if self.omega is None else turn * self.omega,
+            theta=unwrap(convention.in_model(unit * self.theta)),
             se=None if self.se is None else unit * self.se,
             convention=convention,
             model_error=unit * self.model_error,
@@ -178,21 +176,22 @@ def read_trace(
     names = table.names
     if renamed:
         names[:] = [name if OF_TRACE.fullmatch(name) else "" for name in names]
-    values = list(table.numbers())
+    values = dict(zip(names, table.numbers(), strict=False))
     if partial and any(name.startswith("theta_") for name in names):
-        for name in [f"theta_{j + 1}" for j in range(links or 0)]:
-            if name not in names:
-                names.append(name)
-                values.append(np.full(len(values[0]), np.nan))
-    count = _check_columns(path.name, names, links)
+        for j in range(links or 0):
+            values.setdefault(f"theta_{j + 1}", np.full(len(table.rows), np.nan))
+    count = _check_columns(path.name, [*names, *(name for name in values if name not in names)], links)
     stated = _header_values(path.name, table.comments)
-    part = lambda stem: np.stack([values[names.index(f"{stem}_{j + 1}")] for j in range(count)], axis=1)  # noqa: E731
+
+    def part(stem: str) -> np.ndarray:
+        """The columns of a kind (k, n)."""
+        return np.stack([values[f"{stem}_{j + 1}"] for j in range(count)], axis=1)
+
     trace = Trace(
         name=path.stem,
-        t=values[names.index("t")],
+        t=values["t"],
         theta=part("theta"),
-        omega=part("omega") if "omega_1" in names else None,
-        se=part("se") if "se_1" in names else None,
+        se=part("se") if "se_1" in values else None,
         convention=convention(stated.get("zero"), stated.get("sign"), stated.get("unit"), path.name),
         warnings=tuple(c.removeprefix(WARNING) for c in table.comments if c.startswith(WARNING)),
         model_error=float(stated.get("model_error", 0.0)),
@@ -225,7 +224,7 @@ def _check_columns(file: str, names: list[str], links: int | None) -> int:
     columns = {}
     for stem in ("theta", "omega", "se"):
         columns[stem] = [f"{stem}_{j + 1}" for j in range(count)]
-    known = ["t", *columns["theta"], *columns["omega"], *columns["se"]]
+    known = ["t", *chain.from_iterable(columns.values())]
     for name in used:
         if name not in known:
             raise SceneError(f"{file}: unknown column {name!r}; {nearest(name, known)}")
@@ -273,10 +272,8 @@ def check_trace(trace: Trace, partial: bool = False) -> None:
         theta = theta[:, known > 0]
         known = known[known > 0]
     if known.min() < FEWEST:
-        count = f"{known.min()} samples; allowed: at least {FEWEST}"
-        if known.min():
-            text = count
-        else:
+        text = f"{known.min()} samples; allowed: at least {FEWEST}"
+        if not known.min():
             text = "every sample is missing; needed: numbers"
         raise SceneError(f"{trace.name}: theta_{int(np.argmin(known)) + 1}: {text}")
     for j, column in enumerate(theta.T):
@@ -293,22 +290,19 @@ def check_trace(trace: Trace, partial: bool = False) -> None:
 
 def write_trace(path: str | Path, trace: Trace, notes: Sequence[str] = ()) -> Path:
     """Write a trace in the format that `read_trace` reads; `notes` are comment lines for people, without `=`."""
-    names = ["t"]
-    columns = [trace.t[:, None]]
-    for stem, values in (("theta", trace.theta), ("omega", trace.omega), ("se", trace.se)):
-        if values is not None:
-            names += [f"{stem}_{j + 1}" for j in range(trace.links)]
-            columns.append(values)
-    text = io.StringIO()
+    names = ["t", *(f"theta_{j + 1}" for j in range(trace.links))]
+    columns = [trace.t[:, None], trace.theta]
+    if trace.se is not None:
+        names += [f"se_{j + 1}" for j in range(trace.links)]
+        columns.append(trace.se)
     c = trace.convention
+    head = f"# zero={c.zero or 'horizontal'}, sign={c.sign or 1}, unit={c.unit or 'rad'}"
     if trace.model_error:
-        error = f", model_error={trace.model_error:.9g}"
-    else:
-        error = ""
-    text.write(f"# zero={c.zero or 'horizontal'}, sign={c.sign or 1}, unit={c.unit or 'rad'}{error}\n")
+        head += f", model_error={trace.model_error:.9g}"
+    text = io.StringIO()
+    text.write(f"{head}\n")
     text.writelines(f"# {note}\n" for note in (*notes, *(WARNING + warning for warning in trace.warnings)))
-    rows = []
+    text.write(",".join(names) + "\n")
     for row in np.concatenate(columns, axis=1):
-        rows.append(["" if np.isnan(x) else f"{x:.9g}" for x in row])
-    csv.writer(text, lineterminator="\n").writerows([names, *rows])
+        text.write(",".join("" if np.isnan(x) else f"{x:.9g}" for x in row) + "\n")
     return atomic_write(path, text.getvalue())

@@ -40,7 +40,8 @@ def estimate_size(y, slopes, size=1.0, loss=LEAST_SQUARES, rounds=3):
     noise = Noise(np.full((1, 1), size / problem.claimed_noise[0]), np.full((1, 1), np.inf), np.zeros(1))
     model = ResidualNoiseModel(point, problem.windows, (), np.array([[1e-9]]))
     for _ in range(rounds):
-        noise, point = model.estimate(noise)
+        point = model.estimate(noise)
+        noise = point.problem.noise
     rho = lag_one(point.evaluation.residual, point.windows.weight > 0)[0]
     return float(point.problem.noise_size[0]), float(noise.decay[0, 0]), rho, point.evaluation.jacobian[0, :, 0]
 
@@ -111,6 +112,6 @@ def test_each_sensor_has_a_memory_of_its_own():
     shown = [[np.zeros((N, 1))] * 2] * 2
     e = problem.whiten_residuals(Evaluation(shown, [[np.zeros((N, 1, 0))] * 2] * 2, ()))
     model = ResidualNoiseModel(first_solution(problem, np.zeros(0), e), problem.windows, (), np.full((2, 1), 1e-9))
-    noise, _ = model.estimate(Noise.as_claimed(2, 1))
+    noise = model.estimate(Noise.as_claimed(2, 1)).problem.noise
     np.testing.assert_allclose(noise.factor[:, 0], [0.02, 0.5], rtol=0.08)
     np.testing.assert_allclose(np.exp(-0.1 * noise.decay[:, 0]), [0.0, 0.8], atol=0.03)

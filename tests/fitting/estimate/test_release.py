@@ -132,21 +132,16 @@ def test_the_laws_are_not_judged_on_windows_that_the_model_begins():
 
 
 @pytest.mark.parametrize(
-    ("change", "free", "words"),
+    ("change", "free", "late", "words"),
     [
-        ({"start": {"kind": "static"}}, ["b_l", "release.time"], "static start: the scene releases no node"),
-        ({"start": {"kind": "angles", "polar": [0.9, 0.5]}}, ["b_l", "release.force"], "the scene releases no node"),
-        ({}, ["b_l", "release.speed"], "did you mean 'release.time'"),
-        ({}, ["b_l", "release.time.3"], "does not exist in the scene"),
+        ({"start": {"kind": "static"}}, "release.time", 0.0, "static start: the scene releases no node"),
+        ({"start": {"kind": "angles", "polar": [0.9, 0.5]}}, "release.force", 0.0, "the scene releases no node"),
+        ({}, "release.speed", 0.0, "did you mean 'release.time'"),
+        ({}, "release.time.3", 0.0, "does not exist in the scene"),
+        pytest.param({}, "release.time", 9.0, "starts at 9 s; allowed", marks=pytest.mark.check),
     ],
 )
-def test_a_release_that_the_scene_does_not_have_is_refused(motion, change, free, words):
-    with pytest.raises(SceneError, match=words):
-        prepare(seen(motion, 0), {**SCENE, **change}, free)
-
-
-@pytest.mark.check
-def test_a_release_far_from_the_first_sample_is_refused(motion):
+def test_a_release_that_the_scene_or_the_trace_does_not_have_is_refused(motion, change, free, late, words):
     trace = seen(motion, 0)
-    with pytest.raises(SceneError, match="starts at 9 s; allowed"):
-        prepare(replace(trace, t=trace.t + 9.0), SCENE, ["b_l"], settings=FitSettings(static_start=True))
+    with pytest.raises(SceneError, match=words):
+        prepare(replace(trace, t=trace.t + late), {**SCENE, **change}, ["b_l", free])

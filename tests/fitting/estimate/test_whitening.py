@@ -16,16 +16,22 @@ from fitting.estimate.windows import Windows
 SIGMA, STEP, SLOTS = np.array([0.004, 0.01]), 0.02, 40
 
 
+def windows_of(theta, weight, **others):
+    """Windows of the same slots, one after another."""
+    count, slots, _ = theta.shape
+    row = np.arange(count)
+    return Windows(
+        begin=STEP * slots * row, run=np.zeros(count, int), follows=row > 0, theta=theta, weight=weight,
+        index=np.tile(np.arange(slots), (count, 1)), fraction=np.zeros((count, slots)), dt=STEP, steps=slots,
+        released=np.zeros(count, bool), step_counts=np.full(count, slots), **others,
+    )  # fmt: skip
+
+
 @pytest.fixture
 def windows():
     """One window of two links, some samples missing."""
-    rng = np.random.default_rng(0)
-    known = rng.random((1, SLOTS, 2)) > 0.25
-    one, none = np.zeros(1), np.zeros((1, SLOTS))
-    return Windows(
-        one, one.astype(int), one > 0, np.zeros((1, SLOTS, 2)), known / SIGMA, np.arange(SLOTS)[None], none, STEP,
-        SLOTS, one > 0, np.array([SLOTS]),
-    )  # fmt: skip
+    known = np.random.default_rng(0).random((1, SLOTS, 2)) > 0.25
+    return windows_of(np.zeros((1, SLOTS, 2)), known / SIGMA)
 
 
 def evaluated(windows, seed=1):
@@ -72,11 +78,7 @@ def test_delays_move_the_mean_of_an_angle_by_half_their_square_times_its_acceler
     t = STEP * np.arange(slots)
     late = delay * np.random.default_rng(3).standard_normal(slots)
     theta, acceleration = np.cos(speed * (t + late))[None, :, None], -(speed**2) * np.cos(speed * t)
-    one, shape = np.zeros(1), (1, slots, 1)
-    seen = Windows(
-        one, one.astype(int), one > 0, theta, np.ones(shape), np.arange(slots)[None], np.zeros((1, slots)), STEP, slots,
-        one > 0, np.array([slots]),
-    )  # fmt: skip
+    seen = windows_of(theta, np.ones((1, slots, 1)))
     noise = Noise(np.ones((1, 1)), np.full((1, 1), np.inf), np.array([delay]))
     shifts = [
         float((w.theta[0, :, 0] - np.cos(speed * t)) @ acceleration / (acceleration @ acceleration))
@@ -91,11 +93,7 @@ def test_windows_in_a_row_tell_no_more_of_a_constant_than_the_run_they_were_cut_
     count, phi = 10, 0.9
     shape = (count, SLOTS, 1)
     decay = np.full((count, 1), -np.log(phi) / STEP)
-    row = Windows(
-        STEP * SLOTS * np.arange(count), np.zeros(count, int), np.arange(count) > 0, np.zeros(shape), np.ones(shape),
-        np.tile(np.arange(SLOTS), (count, 1)), np.zeros((count, SLOTS)), STEP, SLOTS, np.zeros(count, bool),
-        np.full(count, SLOTS), decay=decay,
-    )  # fmt: skip
+    row = windows_of(np.zeros(shape), np.ones(shape), decay=decay)
     u = whiten(row, Evaluation(None, np.ones(shape), np.ones((*shape, 1)), *[None] * 5)).residual
     place = np.arange(count * SLOTS)
     exact = np.linalg.inv(phi ** np.abs(place[:, None] - place[None])).sum()

@@ -17,17 +17,16 @@ def model():
 
 
 def test_only_the_numbers_that_are_named_change(model):
-    parameters = resolve(model, ["line.0.mass.2", "camera.offset"])
-    changed = apply(model, parameters, jnp.array([0.5, 0.1]))
-    expected = np.asarray(model.line.mass).copy()
-    expected[2] = 0.5
-    np.testing.assert_array_equal(changed.line.mass, expected)
-    others = [
-        (a, b)
-        for a, b in zip(jax.tree.leaves(model), jax.tree.leaves(changed), strict=True)
-        if not np.array_equal(a, b)
-    ]
-    assert len(others) == 1
+    damping = ["effects.linear_damping.b_l", "effects.quadratic_damping.b_q"]
+    names = ["line.0.mass.2", "point.right.position.0", "effects.weight.gravity", "camera.offset", *damping]
+    parameters = resolve(model, names)
+    assert [p.low for p in parameters[-2:]] == [0.0, 0.0]
+    changed = apply(model, parameters, jnp.array([0.5, 0.3, 9.7, 0.1, 0.004, 0.005]))
+    pairs = zip(jax.tree.leaves(model), jax.tree.leaves(changed), strict=True)
+    differences = np.concatenate([np.ravel(b)[np.ravel(a) != np.ravel(b)] for a, b in pairs])
+    np.testing.assert_array_equal(np.sort(differences), [0.004, 0.005, 0.3, 0.5, 9.7])
+    assert (float(changed.line.mass[2]), float(changed.points[1].position[0])) == (0.5, 0.3)
+    assert float(changed.effect("weight").gravity) == 9.7
 
 
 def test_an_entry_of_a_table_of_vectors_is_one_number():

@@ -69,35 +69,32 @@ def test_a_run_from_the_static_pose_differentiates_through_it(storm):
 
 
 @pytest.mark.check
-def test_a_quantity_of_the_start_is_statics_alone():
-    at_rest = study(TABLE, "tension.1.start", NUMBERS[:2])
+@pytest.mark.parametrize(
+    ("start", "of", "count", "quantity"),
+    [
+        ("static", "tension.1.start", 2, lambda model, s: s.tension[0]),
+        ("points", "z.2.start", 1, lambda model, s: s.r[1, 2]),
+        ("static", "period.1.start", 1, lambda model, s: natural_modes(model, s, 1).period[0]),
+    ],
+)
+def test_a_quantity_of_the_start_is_statics_alone(start, of, count, quantity):
+    at_rest = study({**TABLE, "start": {"kind": start}}, of, NUMBERS[:count])
     found = local(at_rest)
+    reverse = jax.jit(jax.grad(lambda values: at_rest(values)))(jnp.asarray(at_rest.values))
     for i, p in enumerate(at_rest.parameters):
-        expected = differences(lambda scene, model, s: float(s.tension[0]), p.name, p.value)
+        expected = differences(lambda scene, model, s: float(quantity(model, s)), p.name, p.value, start)
         assert found.forward[i] == pytest.approx(expected, rel=1e-6), p.name
+        assert reverse[i] == pytest.approx(expected, rel=1e-6), p.name
     assert (found.duration, found.trusted) == (0.0, True)
 
 
-@pytest.mark.check
-def test_lines_settled_between_given_points_follow_their_length():
-    settled = study({**TABLE, "start": {"kind": "points"}}, "z.2.start", NUMBERS[:1])
-    slope = jax.jit(jax.grad(lambda p: settled(p)))(jnp.asarray(settled.values))
-    p = settled.parameters[0]
-    expected = differences(lambda scene, model, s: float(s.r[1, 2]), p.name, p.value, "points")
-    assert slope[0] == pytest.approx(expected, rel=1e-6)
-
-
-@pytest.mark.check
-def test_a_natural_period_is_a_quantity_of_the_start():
-    at_rest = study(TABLE, "period.1.start", NUMBERS[:1])
-    p = at_rest.parameters[0]
-    slope = jax.jit(jax.grad(lambda values: at_rest(values)))(jnp.asarray(at_rest.values))
-    expected = differences(lambda scene, model, s: float(natural_modes(model, s, 1).period[0]), p.name, p.value)
-    assert slope[0] == pytest.approx(expected, rel=1e-6)
-    with pytest.raises(SceneError, match="allowed: period.1.start"):
-        study(TABLE, "period.1.max", NUMBERS[:1])
-    with pytest.raises(SceneError, match="the scene starts at 'points'"):
-        study({**TABLE, "start": {"kind": "points"}}, "period.1.start", NUMBERS[:1])
+@pytest.mark.parametrize(
+    ("start", "of", "words"),
+    [("static", "period.1.max", "allowed: period.1.start"), ("points", "period.1.start", "starts at 'points'")],
+)
+def test_a_natural_period_is_a_quantity_of_a_static_start(start, of, words):
+    with pytest.raises(SceneError, match=words):
+        study({**TABLE, "start": {"kind": start}}, of, NUMBERS[:1])
 
 
 def test_a_slope_of_a_slack_weightless_rope_by_gravity_is_not_resolved_and_says_so():

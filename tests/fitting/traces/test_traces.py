@@ -111,28 +111,28 @@ def test_values_that_a_coarse_encoder_repeats_are_no_mark_of_missing_samples(tmp
     assert read_trace(write(tmp_path, text)).links == 1
 
 
-def test_the_noise_of_a_smooth_motion_is_found_within_a_tenth():
-    rng = np.random.default_rng(0)
-    t = np.arange(3000) / 60
-    smooth = np.sin(9 * t) + 0.3 * np.sin(17 * t)
-    trace = Trace("x", t, (smooth + 0.005 * rng.standard_normal(len(t)))[:, None])
-    np.testing.assert_allclose(noise(trace), 0.005, rtol=0.1)
+FRAMES = np.arange(3000) / 60
+#: Up to a quarter of an interval early or late, in which the angle changes by twenty times the noise.
+IRREGULAR = (np.arange(1200) + np.random.default_rng(2).uniform(-0.25, 0.25, 1200)) / 100
 
 
-def test_the_noise_of_irregular_frames_holds_no_motion():
-    """Frames up to a quarter of an interval early or late, in which the angle changes by twenty times the noise."""
-    rng = np.random.default_rng(2)
-    t = (np.arange(1200) + rng.uniform(-0.25, 0.25, 1200)) / 100
-    theta = np.sin(8 * t)[:, None] * np.array([1.0, 0.7]) + 0.003 * rng.standard_normal((1200, 2))
-    np.testing.assert_allclose(noise(Trace("irregular", t, theta)), 0.003, rtol=0.15)
-
-
-def test_the_noise_of_links_that_whip_for_a_part_of_the_time_is_found_within_a_fifth():
-    rng = np.random.default_rng(1)
-    t = np.arange(600) / 60
-    whip = np.cumsum(50 * np.exp(-0.5 * t) * np.sin(12 * t + 3 * np.sin(7 * t))) / 60
-    trace = Trace("x", t, (whip + 0.004 * rng.standard_normal(len(t)))[:, None])
-    np.testing.assert_allclose(noise(trace), 0.004, rtol=0.2)
+@pytest.mark.parametrize(
+    ("t", "motion", "size", "within"),
+    [
+        (FRAMES, lambda t: np.sin(9 * t) + 0.3 * np.sin(17 * t), 0.005, 0.1),
+        (IRREGULAR, lambda t: np.sin(8 * t), 0.003, 0.15),
+        (
+            FRAMES[:600],
+            lambda t: np.cumsum(50 * np.exp(-0.5 * t) * np.sin(12 * t + 3 * np.sin(7 * t))) / 60,
+            0.004,
+            0.2,
+        ),
+    ],
+    ids=["smooth motion", "irregular frames", "links that whip for a part of the time"],
+)
+def test_the_noise_of_a_motion_is_found(t, motion, size, within):
+    theta = motion(t)[:, None] * [1.0, 0.7] + size * np.random.default_rng(1).standard_normal((len(t), 2))
+    np.testing.assert_allclose(noise(Trace("x", t, theta)), size, rtol=within)
 
 
 def test_the_noise_is_at_least_the_rounding_of_the_sensor():
@@ -141,19 +141,14 @@ def test_the_noise_is_at_least_the_rounding_of_the_sensor():
     assert noise(Trace("x", t, rounded[:, None])) >= 0.01 / np.sqrt(12) * (1 - 1e-9)
 
 
-def test_the_local_motion_is_exact_on_cubics_with_gaps():
+def test_the_local_motion_is_exact_on_cubics_with_gaps_and_does_not_smooth_a_whip_away():
     t = np.linspace(0, 1, 60) ** 1.2
     y = 1 + 2 * t - 3 * t**2 + t**3
     y[10:20] = np.nan
-    ((value, slope),) = local_motion(t, y[:, None], 0.3, np.array([1e-9]), 0.2)
-    assert value == pytest.approx(1 + 0.6 - 0.27 + 0.027, abs=1e-10)
-    assert slope == pytest.approx(2 - 1.8 + 0.27, abs=1e-8)
-
-
-def test_the_local_motion_of_a_whip_is_not_smoothed_away():
+    (found,) = local_motion(t, y[:, None], 0.3, np.array([1e-9]), 0.2)
+    np.testing.assert_allclose(found, (1 + 0.6 - 0.27 + 0.027, 2 - 1.8 + 0.27), atol=1e-9)
     t = np.arange(200) / 200
-    theta = np.sin(60 * (t - 0.5))[:, None]
-    (found,) = local_motion(t, theta, 0.5, np.array([1e-3]), 0.1)
+    (found,) = local_motion(t, np.sin(60 * (t - 0.5))[:, None], 0.5, np.array([1e-3]), 0.1)
     np.testing.assert_allclose(found, (0.0, 60.0), rtol=0.01, atol=2e-3)
 
 
@@ -169,29 +164,20 @@ def test_the_convention_of_a_closed_loop_is_guessed_from_closure_and_gravity(dro
         np.testing.assert_allclose(np.cos(found.theta - true.theta), 1.0, atol=1e-12)
 
 
-def test_a_named_convention_that_the_scene_contradicts_is_refused(dropper):
-    model, start = dropper
-    trace = still_swinging(model, start)
-    with pytest.raises(SceneError, match="zero=horizontal, sign=-1 is .* rad from the scene's pose"):
-        settle_convention(trace, model, Convention("horizontal", -1, "rad"))
-
-
-def test_degrees_are_asked_about(dropper):
-    model, start = dropper
-    trace = still_swinging(model, start)
-    swing = np.sin(np.arange(200) * 0.2)[:, None]
-    in_degrees = Trace("x", trace.t, np.degrees(trace.theta + 0.5 * swing))
-    with pytest.raises(SceneError, match="looks like degrees. Use --unit deg"):
-        settle_convention(in_degrees, model, ANY)
-    with pytest.raises(SceneError, match="looks like degrees. The unit is rad. Use --unit deg"):
-        settle_convention(in_degrees, model, Convention(unit="rad"))
-
-
-def test_too_few_samples_per_oscillation_are_refused(dropper):
-    model, start = dropper
-    trace = still_swinging(model, start)
-    with pytest.raises(SceneError, match="too few per oscillation"):
-        settle_convention(Trace("x", trace.t * 20, trace.theta), model, ANY)
+@pytest.mark.parametrize(
+    ("spread", "size", "given", "words"),
+    [
+        (1.0, 1.0, Convention("horizontal", -1, "rad"), "zero=horizontal, sign=-1 is .* rad from the scene's pose"),
+        (1.0, np.degrees(1.0), ANY, "looks like degrees. Use --unit deg"),
+        (1.0, np.degrees(1.0), Convention(unit="rad"), "looks like degrees. The unit is rad. Use --unit deg"),
+        (20.0, 1.0, ANY, "too few per oscillation"),
+    ],
+)
+def test_angles_that_the_scene_contradicts_are_refused(dropper, spread, size, given, words):
+    trace = still_swinging(*dropper)
+    swing = 0.5 * np.sin(np.arange(200) * 0.2)[:, None] * (size > 1)
+    with pytest.raises(SceneError, match=words):
+        settle_convention(Trace("x", spread * trace.t, size * (trace.theta + swing)), dropper[0], given)
 
 
 @pytest.mark.parametrize(
@@ -206,11 +192,12 @@ NAMES = {"time": "stamp [s]", "theta_1": "alpha", "theta_2": "beta"}
 
 
 def test_columns_of_other_names_are_read_by_name_and_others_left_out(tmp_path):
-    lines = [f"{i},{i * 0.01:.3f},{np.sin(i):.6f},text,{np.cos(i):.6f}" for i in range(20)]
-    path = write(tmp_path, "t,stamp [s],alpha,note,beta\n" + "\n".join(lines) + "\n")
+    cosine = lambda i: f"{np.sin(i):.6f},text,{np.cos(i):.6f}"  # noqa: E731
+    text = rows(names="stamp [s],alpha,note,beta", value=cosine).replace("\n", "\n7,")
+    path = write(tmp_path, "t," + text.removesuffix("7,"))
     trace = read_trace(path, 2, NAMES)
     np.testing.assert_allclose(trace.t, np.arange(20) * 0.01)
-    np.testing.assert_allclose(trace.theta, np.stack([np.sin(np.arange(20)), np.cos(np.arange(20))], axis=1), atol=1e-6)
+    np.testing.assert_allclose(trace.theta.T, [np.sin(np.arange(20)), np.cos(np.arange(20))], atol=1e-6)
     with pytest.raises(SceneError, match="columns: 'alhpa' is not in run.csv; did you mean 'alpha'"):
         read_trace(path, 2, NAMES | {"theta_1": "alhpa"})
     with pytest.raises(SceneError, match="columns: 'phi_1' is unknown; allowed: time, theta_1..n"):

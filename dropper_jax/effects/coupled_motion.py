@@ -48,7 +48,8 @@ class CoupledMotion(Effect):
             moved = s * s * (3 - 2 * s) * (x1 - x0) + h * (s * (1 - s) ** 2 * v0 - s * s * (1 - s) * v1)
             return x0 + moved
         a0, a1 = self.accelerations[:, 0]
-        return quintic_of_end(s, h, x0, v0, a0) + quintic_of_end(1 - s, -h, x1, v1, a1)
+        q = 1 - s
+        return quintic_of_end(s, q, h, x0, v0, a0) + quintic_of_end(q, s, -h, x1, v1, a1)
 
     @classmethod
     def uniform(

@@ -108,21 +108,19 @@ def interpolate_quintic(t: Array, time: Array, values: Array) -> Array:
     after = i + 1
     width = time[after] - time[i]
     s = (t - time[i]) / width
-    left = quintic_of_end(s, width, values[i], slopes[i], bends[i])
-    return left + quintic_of_end(1 - s, -width, values[after], slopes[after], bends[after])
+    q = 1 - s
+    left = quintic_of_end(s, q, width, values[i], slopes[i], bends[i])
+    return left + quintic_of_end(q, s, -width, values[after], slopes[after], bends[after])
 
 
-def quintic_of_end(s: Array, width: Array, value: Array, slope: Array, bend: Array) -> Array:
-    """Part of a quintic Hermite interpolation due to one end of an interval, at the distance s of it (0 to 1).
+def quintic_of_end(s: Array, q: Array, width: Array, value: Array, slope: Array, bend: Array) -> Array:
+    """Part of a quintic Hermite interpolation due to one end of an interval, s from it and q = 1 - s from the other.
 
     The width of the interval is negative at its last end.
     """
-    fall = (1 - s) ** 3
-    return (
-        fall * (1 + 3 * s + 6 * s * s) * value
-        + width * fall * s * (1 + 3 * s) * slope
-        + (width**2 * (0.5 * fall * s * s) * bend)
-    )
+    fall = q**3
+    moved = fall * (1 + 3 * s + 6 * s * s) * value + width * (fall * s * (1 + 3 * s)) * slope
+    return moved + width**2 * (0.5 * fall * s * s) * bend
 
 
 def _derivatives(time: Array, values: Array) -> tuple[Array, Array]:

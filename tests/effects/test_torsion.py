@@ -19,10 +19,10 @@ MASS, EA, COUPLING, LINKED = 5.0, 2000.0, 20.0, 6
 OWN = {"diameter": 0.02, "axial": {"EA": EA, "law": "elastic", "damping": 200.0}}
 
 
-def twisted(points, lines, dt=0.005, duration=0.6, **torsion):
+def twisted(points, rods, dt=0.005, duration=0.6, **torsion):
     """A scene with weight and torsion."""
     effects = {"weight": {}, "torsion": {"GJ": GJ, "polar_inertia": POLAR, **torsion}}
-    return system(points, lines, dt=dt, duration=duration, effects=effects)
+    return system(points, rods, dt=dt, duration=duration, effects=effects)
 
 
 def rod(links=LINKS, loaded=False, **more):

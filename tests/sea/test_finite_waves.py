@@ -94,10 +94,10 @@ def test_raschii_has_the_same_stokes_wave():
     raschii = pytest.importorskip("raschii")
     wave = stokes5(0.2, 1.0, 9.81, length=3.0)
     other = raschii.StokesWave(height=0.2, depth=1.0, length=3.0, N=5)
-    x = np.linspace(0.0, 1.5, 6)
-    np.testing.assert_allclose(wave.elevation(2 * np.pi * x / 3.0), other.surface_elevation(x) - 1.0, atol=1e-14)
-    z = np.full(6, -0.4)
-    np.testing.assert_allclose(wave.velocity(2 * np.pi * x / 3.0, z), other.velocity(x, z + 1.0), atol=1e-13)
+    x, z = np.linspace(0.0, 1.5, 6), np.full(6, -0.4)
+    phase = 2 * np.pi * x / 3.0
+    np.testing.assert_allclose(wave.elevation(phase), other.surface_elevation(x) - 1.0, atol=1e-14)
+    np.testing.assert_allclose(wave.velocity(phase, z), other.velocity(x, z + 1.0), atol=1e-13)
 
 
 def test_beyond_and_outside_the_other_theory_is_chosen():
@@ -191,9 +191,7 @@ def test_a_current_is_added_once():
 
 def test_low_waves_are_linear_ones():
     low = make_sea(sea_of(height=0.002, period=5.0))
-    linear = make_sea(
-        SeaSpec.read({"depth": 10.0, "waves": {"kind": "regular", "amplitude": 0.001, "period": 5.0}}, "s")
-    )
+    linear = make_sea(sea_of(amplitude=0.001, period=5.0, theory="linear"))
     r, t = jnp.asarray([[3.0, 1.0, -2.0], [0.0, 0.0, -8.0]]), jnp.asarray(0.7)
     for a, b in zip(low.at(r, t), linear.at(r, t), strict=True):
         np.testing.assert_allclose(a, b, atol=2e-6)

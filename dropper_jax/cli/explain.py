@@ -70,9 +70,9 @@ LENGTHS = {
 TENSIONS = {
     "line": "{name}",
     "lower end [N]": "{lower_n:.6g}",
-    "closed form [N]": "{closed_lower_n:.6g}",
+    "closed form, lower [N]": "{closed_lower_n:.6g}",
     "upper end [N]": "{upper_n:.6g}",
-    " closed form [N]": "{closed_upper_n:.6g}",
+    "closed form, upper [N]": "{closed_upper_n:.6g}",
 }
 STIFFNESSES = {
     "line": "{name}",

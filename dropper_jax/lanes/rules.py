@@ -51,9 +51,7 @@ def _broadcast(p: Parameters, members: int, inputs: list[Value]) -> jax.Array | 
 
 
 def _slice(p: Parameters, members: int, inputs: list[Value]) -> jax.Array:
-    strides = None
-    if p["strides"] is not None:
-        strides = (*p["strides"], 1)
+    strides = (*(p["strides"] or [1] * len(p["start_indices"])), 1)
     return lax.slice(inputs[0].array, (*p["start_indices"], 0), (*p["limit_indices"], members), strides)
 
 
@@ -64,22 +62,10 @@ def _pad(p: Parameters, members: int, inputs: list[Value]) -> jax.Array | None:
     return lax.pad(spread(x, members), value.array, (*p["padding_config"], (0, 0, 0)))
 
 
-def _concatenate(p: Parameters, members: int, inputs: list[Value]) -> jax.Array:
-    return lax.concatenate([spread(v, members) for v in inputs], p["dimension"])
-
-
-def _stack(p: Parameters, members: int, inputs: list[Value]) -> jax.Array:
-    return jnp.stack([spread(v, members) for v in inputs], p["axis"])
-
-
 def _reshape(p: Parameters, members: int, inputs: list[Value]) -> jax.Array | None:
     if p["dimensions"] is None:
         return lax.reshape(inputs[0].array, (*p["new_sizes"], members))
     return None
-
-
-def _transpose(p: Parameters, members: int, inputs: list[Value]) -> jax.Array:
-    return lax.transpose(inputs[0].array, (*p["permutation"], len(p["permutation"])))
 
 
 #: Maximum length of a reduction done as a tree of elementwise operations.
@@ -90,20 +76,14 @@ def _reduced_by(two: Callable[[jax.Array, jax.Array], jax.Array]) -> Rule:
     """Reduction over some axes as a tree of elementwise operations, which still run over the members."""
 
     def rule(p: Parameters, members: int, inputs: list[Value]) -> jax.Array | None:
-        x = inputs[0].array
         axes = tuple(p["axes"])
-        kept = [i for i in range(x.ndim) if i not in axes]
-        x = lax.transpose(x, (*axes, *kept))
+        x = jnp.moveaxis(inputs[0].array, axes, range(len(axes)))
         x = x.reshape(-1, *x.shape[len(axes) :])
-        if not 0 < x.shape[0] <= LONGEST_TREE:
+        if not 0 < len(x) <= LONGEST_TREE:
             return None
-        while x.shape[0] > 1:
-            half = x.shape[0] // 2
-            paired = two(x[:half], x[half : 2 * half])
-            if x.shape[0] % 2:
-                x = jnp.concatenate([paired, x[2 * half :]])
-            else:
-                x = paired
+        while len(x) > 1:
+            half = len(x) // 2
+            x = jnp.concatenate([two(x[:half], x[half : 2 * half]), x[2 * half :]])
         return x[0]
 
     return rule
@@ -113,11 +93,11 @@ STRUCTURAL: dict[str, Rule] = {
     "broadcast_in_dim": _broadcast,
     "slice": _slice,
     "pad": _pad,
-    "concatenate": _concatenate,
-    "stack": _stack,
+    "concatenate": lambda p, members, inputs: lax.concatenate([spread(v, members) for v in inputs], p["dimension"]),
+    "stack": lambda p, members, inputs: jnp.stack([spread(v, members) for v in inputs], p["axis"]),
     "reshape": _reshape,
     "squeeze": lambda p, members, inputs: lax.squeeze(inputs[0].array, p["dimensions"]),
-    "transpose": _transpose,
+    "transpose": lambda p, members, inputs: jnp.transpose(inputs[0].array, (*p["permutation"], len(p["permutation"]))),
     "rev": lambda p, members, inputs: lax.rev(inputs[0].array, p["dimensions"]),
     "reduce_sum": _reduced_by(lax.add),
     "reduce_max": _reduced_by(lax.max),

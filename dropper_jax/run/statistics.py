@@ -38,18 +38,15 @@ def _highest(x: jax.Array) -> jax.Array:
     The derivative of the largest sample alone is that at a fixed time. Away from the maximum it has an error from the
     slope there, of first order in the step, and of several hundred per cent for short peaks.
     """
-    # the member with the highest value, and its time
-    member = jnp.argmax(jnp.max(x, axis=0))
-    x = x[:, member]
+    x = x[:, jnp.argmax(jnp.max(x, axis=0))]  # the member with the highest value
     k = jnp.argmax(x)
+    # a maximum at an end has no two neighbours: there the vertex is that sample
+    around = x[jnp.clip(k + jnp.arange(-1, 2), 0, len(x) - 1)]
+    before, top, after = around
     inside = (k > 0) & (k < len(x) - 1)
-    near = jnp.clip(k, 1, max(len(x) - 2, 1))
-    before = x[jnp.clip(near - 1, 0, len(x) - 1)]
-    top = x[jnp.clip(near, 0, len(x) - 1)]
-    after = x[jnp.clip(near + 1, 0, len(x) - 1)]
     bend = 2.0 * top - before - after
     rise = jnp.where(bend > 0, (after - before) ** 2 / (8.0 * jnp.where(bend > 0, bend, 1.0)), 0.0)
-    return jnp.where(inside, top + rise, x[k])
+    return top + jnp.where(inside, rise, 0.0)
 
 
 @trace_once
@@ -85,10 +82,9 @@ def _most_probable_maximum(x: jax.Array, interval: jax.Array | float) -> jax.Arr
     """
     mean = jnp.mean(x, axis=0)
     variance = jnp.mean((x - mean) ** 2, axis=0)
+    rate = jnp.zeros_like(mean)
     if len(x) > 1:
         rate = jnp.mean((jnp.diff(x, axis=0) / interval) ** 2, axis=0)
-    else:
-        rate = jnp.zeros_like(mean)
     varies = (variance > 0.0) & (rate > 0.0)
     crossings = STORM_TIME / (2.0 * jnp.pi) * _root(jnp.where(varies, rate / jnp.where(varies, variance, 1.0), 1.0))
     height = _root(2.0 * jnp.log(jnp.maximum(crossings, 1.0)))
@@ -149,8 +145,9 @@ def statistic(name: str, x: jax.Array, interval: jax.Array | float, over_steps: 
     Args:
         over_steps: maxima and minima are those of samples that are extremes over steps (see `OVER_STEPS`).
     """
-    if over_steps and name in OVER_STEPS:
-        return OVER_STEPS[name](x)
     if name in IN_TIME:
         return IN_TIME[name](x, interval)
-    return STATISTICS[name](x)
+    known = STATISTICS
+    if over_steps:
+        known = STATISTICS | OVER_STEPS
+    return known[name](x)

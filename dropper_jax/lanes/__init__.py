@@ -18,7 +18,7 @@ from typing import Any, Literal, TypeVar
 
 import jax
 import jax.numpy as jnp
-from jax import lax
+from jax import Array, lax
 
 from dropper_jax.backend.one_kernel import ELEMENTWISE, separate_call
 from dropper_jax.lanes.rules import STRUCTURAL, Parameters, Value, lined_up, spread
@@ -77,7 +77,7 @@ CALLS = {
 }
 
 
-def split_constants(program: Program) -> tuple[Program, Sequence[jax.Array]]:
+def split_constants(program: Program) -> tuple[Program, Sequence[Array]]:
     """A traced function, and its constants: that of a call may have none."""
     if hasattr(program, "consts"):
         return program.jaxpr, program.consts
@@ -179,7 +179,7 @@ class Interpreter:
         self.members = members
         self.control = {"scan": self._scan, "while": self._while, "cond": self._cond}
 
-    def with_member_axis(self, values: Sequence[Value], many: Sequence[bool]) -> list[jax.Array]:
+    def with_member_axis(self, values: Sequence[Value], many: Sequence[bool]) -> list[Array]:
         """Arrays with the member axis where `many` requires it."""
         return [spread(v, self.members) if m else v.array for v, m in zip(values, many, strict=True)]
 
@@ -235,7 +235,7 @@ class Interpreter:
         start = self.with_member_axis(inputs[consts : consts + carried], out[:carried])
         rows = inputs[consts + carried :]
 
-        def body(carry: list[jax.Array], row: list[jax.Array]) -> tuple[list[jax.Array], list[jax.Array]]:
+        def body(carry: list[Array], row: list[Array]) -> tuple[list[Array], list[Array]]:
             given = [*inputs[:consts], *as_values(carry, out[:carried]), *as_values(row, [v.many for v in rows])]
             found = self.with_member_axis(self.run(p["jaxpr"], given), out)
             return found[:carried], found[carried:]
@@ -249,10 +249,10 @@ class Interpreter:
         bodies = p["body_nconsts"]
         many, disagree = which_looped(p, [v.many for v in inputs])
 
-        def going(carry: list[jax.Array]) -> jax.Array:
+        def going(carry: list[Array]) -> Array:
             return self.run(p["cond_jaxpr"], [*inputs[:tests], *as_values(carry, many)])[0].array
 
-        def body(carry: list[jax.Array]) -> list[jax.Array]:
+        def body(carry: list[Array]) -> list[Array]:
             given = [*inputs[tests : tests + bodies], *as_values(carry, many)]
             found = self.with_member_axis(self.run(p["body_jaxpr"], given), many)
             if not disagree:
@@ -276,25 +276,25 @@ class Interpreter:
             return results
         many = which_branched(p, [v.many for v in given])
 
-        def branch(program: Program, arrays: list[jax.Array]) -> list[jax.Array]:
+        def branch(program: Program, arrays: list[Array]) -> list[Array]:
             return self.with_member_axis(self.run(program, as_values(arrays, [v.many for v in given])), many)
 
         branches = [partial(branch, b) for b in p["branches"]]
         return as_values(lax.switch(index.array, branches, [v.array for v in given]), many)
 
 
-def choice(on: jax.Array, x: jax.Array) -> jax.Array:
+def choice(on: Array, x: Array) -> Array:
     """A choice (..., members) for arrays (..., more, members): a loop made by `vmap` has one for each of its
     members."""
     return on.reshape(*on.shape[:-1], *(1,) * (x.ndim - on.ndim), on.shape[-1])
 
 
-def as_values(arrays: Sequence[jax.Array], many: Sequence[bool]) -> list[Value]:
+def as_values(arrays: Sequence[Array], many: Sequence[bool]) -> list[Value]:
     """Arrays, and which of them have the member axis."""
     return [Value(x, m) for x, m in zip(arrays, many, strict=True)]
 
 
-def alone(eqn: Operation, inputs: Sequence[jax.Array]) -> list[jax.Array]:
+def alone(eqn: Operation, inputs: Sequence[Array]) -> list[Array]:
     """The operation itself, on inputs without members."""
     found = eqn.primitive.bind(*inputs, **eqn.params)
     if eqn.primitive.multiple_results:

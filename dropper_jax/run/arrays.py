@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import jax
 import numpy as np
+from jax import Array
 
 from dropper_jax.axial import LAWS, AxialLaw, Groups
 from dropper_jax.axial.force_table import stack_tables
@@ -19,7 +20,7 @@ from dropper_jax.statics.search import Equilibrium
 from dropper_jax.statics.static_pose import equilibrium, release_loads
 
 
-def body_motion(model: Model, r: jax.Array, v: jax.Array) -> dict[str, np.ndarray]:
+def body_motion(model: Model, r: Array, v: Array) -> dict[str, np.ndarray]:
     """Motion of the bodies by the names of a solution, from positions and velocities (k, free nodes, 3); empty without
     bodies.
 

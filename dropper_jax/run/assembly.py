@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.memory import versions
@@ -67,7 +68,7 @@ class PreparedRun(NamedTuple):
 
 @cached_jit()
 def _observe(
-    model: Model, r: jax.Array, v: jax.Array, t: jax.Array, parted: Parted | None, internal: dict[str, Frozen]
+    model: Model, r: Array, v: Array, t: Array, parted: Parted | None, internal: dict[str, Frozen]
 ) -> Observed:
     return jax.vmap(observe, in_axes=(None, 0, 0, 0, 0, 0))(model, r, v, t, parted, internal)
 
@@ -312,7 +313,7 @@ def _name_leaves(internal: dict[str, Frozen]) -> dict[str, np.ndarray]:
     return found
 
 
-def damping_rates(model: Model, r: jax.Array, v: jax.Array, t: jax.Array) -> dict[str, jax.Array]:
+def damping_rates(model: Model, r: Array, v: Array, t: Array) -> dict[str, Array]:
     """Maximum damping rate (k,) [1/s] over the nodes of each damping effect, at instants (k, ...)."""
     found = {}
     for effect in model.having(Force):
@@ -324,7 +325,7 @@ def damping_rates(model: Model, r: jax.Array, v: jax.Array, t: jax.Array) -> dic
     return found
 
 
-def _rate(model: Model, effect: Force, r: jax.Array, v: jax.Array, t: jax.Array) -> jax.Array:
+def _rate(model: Model, effect: Force, r: Array, v: Array, t: Array) -> Array:
     k = model.instant(r, v, t)
     blocks = local_jacobian(lambda v: effect.force(k.with_velocity(v)), v)
     even = -0.5 * (blocks + jnp.swapaxes(blocks, 1, 2)) / model.node_mass[:, None, None]

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from itertools import pairwise
 
-import jax
 import numpy as np
+from jax import Array
 
 from dropper_jax.base.numerics import as_array
 from dropper_jax.effects import Effect
@@ -136,7 +136,7 @@ def _pieces(rigid: RigidBodies, bodies: list[tuple[int, BodySpec]], sliced: bool
     )
 
 
-def _shares(rigid: RigidBodies, positions: list[tuple[int, np.ndarray]]) -> jax.Array:
+def _shares(rigid: RigidBodies, positions: list[tuple[int, np.ndarray]]) -> Array:
     """Weights (positions, 4) of positions with respect to the corners of their bodies."""
     affine = np.asarray(rigid.affine)
     found = [np.append(position, 1.0) @ affine[i] for i, position in positions]
@@ -164,9 +164,7 @@ def make_point_loads(scene: SceneData, index: dict[str, int]) -> list[Effect]:
     return found
 
 
-def _columns(
-    specs: Sequence[PointSpec | BuoySpec | BodySpec | CylinderSpec], keys: Iterable[str]
-) -> dict[str, jax.Array]:
+def _columns(specs: Sequence[PointSpec | BuoySpec | BodySpec | CylinderSpec], keys: Iterable[str]) -> dict[str, Array]:
     """Values of points, buoys, bodies or cylinders by key; those not given are zero."""
     found = {}
     for key in keys:

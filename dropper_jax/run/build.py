@@ -10,6 +10,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 from jax.typing import ArrayLike
 
 from dropper_jax.backend.programs import cached_jit
@@ -41,7 +42,7 @@ def from_angles(
 ) -> State:
     """The state of links with these angles [rad] and rates [rad/s], each (n,); differentiable in all of them."""
 
-    def nodes(p: jax.Array, a: jax.Array) -> jax.Array:
+    def nodes(p: Array, a: Array) -> Array:
         links = model.line.length[:, None] * directions(p, a, zero)
         # not `cumsum`, which cannot be part of one kernel
         return model.points[model.geometry.members[0].start].position + jax.lax.associative_scan(jnp.add, links)
@@ -71,7 +72,7 @@ def between_points(model: Model, near: State | None = None, there: bool = False)
     return state(model, jnp.concatenate([s.r, *(position[None] for position in positions)]), tension=s.tension)
 
 
-def _equilibrium_state(model: Model, loads: jax.Array | None) -> State:
+def _equilibrium_state(model: Model, loads: Array | None) -> State:
     pose = model_equilibrium(model, loads)
     if pose.state is None or pose.status not in ("ok", "traced"):
         raise SceneError(f"start: {pose.message}")
@@ -143,7 +144,7 @@ def build(scene: SceneLike, dtype: str | None = None) -> tuple[Model, State]:
 
 
 def equilibrium(
-    scene: SceneLike | Model, loads: jax.Array | None = None, t: float = 0.0, near: State | None = None
+    scene: SceneLike | Model, loads: Array | None = None, t: float = 0.0, near: State | None = None
 ) -> Equilibrium:
     """The equilibrium of a scene, under its release force if it has one, or of a model (see `build`).
 

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import SceneError
@@ -178,7 +179,7 @@ def compile_run(stepper: Stepper, model: Model, carry: Carry, run: RunSpec, watc
     own = run.accuracy
     saves = max(size for size in CHUNK_SIZES if size == 1 or size * MIN_CHUNKS <= run.rows)
 
-    def settings(level: int) -> tuple[jax.Array, jax.Array]:
+    def settings(level: int) -> tuple[Array, Array]:
         # steps end at the saved times: with the interval of the run those of both would be equal where it is short
         interval = jnp.asarray(run.interval / 2.0**level, model.dtype)
         return interval, jnp.asarray(min(own / FACTOR**level, 1.0), model.dtype)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.numerics import safe_norm
@@ -36,7 +36,7 @@ def set_free(model: Model, points: tuple[int, ...]) -> Model:
     return replace(model, lines=(freed,), effects=tuple(kept))
 
 
-def point_forces(model: Model, s: State, points: tuple[int, ...]) -> jax.Array:
+def point_forces(model: Model, s: State, points: tuple[int, ...]) -> Array:
     """Forces (c, 3) [N] on fixed points: tensions along their links and forces of effects."""
     seen = as_parted(model.with_internal_state(s.own), s.parted)
     graph = seen.geometry
@@ -53,12 +53,12 @@ def point_forces(model: Model, s: State, points: tuple[int, ...]) -> jax.Array:
     return held_forces[np.array(rows)] + _at(free, points, free.force(free.instant(r, v, s.t)))
 
 
-def half_link_mass(model: Model, points: tuple[int, ...]) -> jax.Array:
+def half_link_mass(model: Model, points: tuple[int, ...]) -> Array:
     """Mass (c,) [kg] of the halves of links at the points."""
     free = set_free(model, points)
     return _at(free, points, free.line.node_mass[:, None])[:, 0]
 
 
-def _at(free: Model, points: tuple[int, ...], nodal: jax.Array) -> jax.Array:
+def _at(free: Model, points: tuple[int, ...], nodal: Array) -> Array:
     """Rows of the points of a field of the freed model (nodes, ...); zero for a point that stays fixed."""
     return free.geometry.everywhere(nodal, None)[free.geometry.point_node[list(points)]]

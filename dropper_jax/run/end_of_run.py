@@ -14,6 +14,7 @@ from typing import Any, NamedTuple, TypeVar
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import Plain
@@ -39,10 +40,10 @@ WORDS = ("name", "description", "notes")
 class Row(NamedTuple):
     """One saved instant: the first row of a run that continues from it."""
 
-    r: jax.Array
-    v: jax.Array
-    tension: jax.Array
-    work: jax.Array
+    r: Array
+    v: Array
+    tension: Array
+    work: Array
     parted: Parted | None
     own: dict[str, Frozen]
 

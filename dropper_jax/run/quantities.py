@@ -22,6 +22,7 @@ from functools import partial
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.fields import component, option
@@ -93,7 +94,7 @@ class Quantity:
         """Whether it depends on the start alone."""
         return self.statistic == START
 
-    def __call__(self, model: Model, start: jax.Array, run: Trajectory, t: jax.Array) -> jax.Array:
+    def __call__(self, model: Model, start: Array, run: Trajectory, t: Array) -> Array:
         """The number for saved states at times t (k,) [s] of a run from the free nodes `start` (nodes, 3)."""
         if self.signal == PERIOD:
             pose = state(model, start, tension=run.tension[0], t=t[0])
@@ -102,12 +103,12 @@ class Quantity:
         return statistic(self.statistic, samples, t[-1] / len(t) if len(t) < 2 else t[1] - t[0])
 
     @partial(jax.jit, static_argnums=0, inline=True)
-    def in_time(self, model: Model, start: jax.Array, *saved: jax.Array | Parted | None) -> jax.Array:
+    def in_time(self, model: Model, start: Array, *saved: Array | Parted | None) -> Array:
         """The signal (times, members) of saved instants, given as in `instant`."""
         return jax.vmap(lambda *now: self.instant(model, start, *now))(*saved)
 
     @partial(jax.jit, static_argnums=0, inline=True)
-    def of_pose(self, model: Model, s: State) -> jax.Array:
+    def of_pose(self, model: Model, s: State) -> Array:
         """The number at one instant, a static pose."""
         if self.signal == PERIOD:
             return natural_periods(model, s, self.modes)[-1]
@@ -119,13 +120,13 @@ class Quantity:
     def instant(
         self,
         model: Model,
-        start: jax.Array,
-        r: jax.Array,
-        v: jax.Array,
-        tension: jax.Array,
-        t: jax.Array,
+        start: Array,
+        r: Array,
+        v: Array,
+        tension: Array,
+        t: Array,
         parted: Parted | None = None,
-    ) -> jax.Array:
+    ) -> Array:
         """The signal (members,) of one instant: free nodes (nodes, 3) and tensions (n,) at time t [s]."""
         if self.signal == "energy":
             if any(isinstance(effect, Stateful) for effect in model.having(LengthOverTime)):
@@ -155,7 +156,7 @@ class Quantity:
             return found * np.array(self.signs)
         return found
 
-    def _of_nodes(self, model: Model, start: jax.Array, r: jax.Array, t: jax.Array) -> jax.Array:
+    def _of_nodes(self, model: Model, start: Array, r: Array, t: Array) -> Array:
         if self.members is not None and max(self.members) >= len(r):
             held = model.ends(t).positions
             r = model.geometry.everywhere(r, held)
@@ -168,7 +169,7 @@ class Quantity:
             return -r[:, 2]
         return r[:, "xyz".index(self.signal)]
 
-    def _anchor_load(self, model: Model, r: jax.Array, tension: jax.Array, t: jax.Array) -> jax.Array:
+    def _anchor_load(self, model: Model, r: Array, tension: Array, t: Array) -> Array:
         """Force of the lines on a fixed point [N], or its angle [rad]."""
         force = load_on_fixed_point(model, self.members or (), self.signs, r, tension, t)
         if self.direction == "vertical":
@@ -189,22 +190,22 @@ class QuantitySignals:
     maximum is that of the steps. See `stepping.extremes`.
     """
 
-    start: jax.Array
+    start: Array
     quantities: tuple[Quantity, ...] = option("maxima and minima")
 
-    def __call__(self, model: Model, before: State, after: State) -> tuple[jax.Array, jax.Array]:
+    def __call__(self, model: Model, before: State, after: State) -> tuple[Array, Array]:
         now = after.r, after.v, after.tension, after.t, after.parted
         found = [OVER_STEPS[one.statistic](one.instant(model, self.start, *now))[None] for one in self.quantities]
         return jnp.concatenate([after.tension, *found]), after.t
 
-    def over_steps(self, extremes: Extremes) -> dict[Quantity, jax.Array]:
+    def over_steps(self, extremes: Extremes) -> dict[Quantity, Array]:
         """The extreme of each quantity since the last saved time (k,), from rows (k, n + q)."""
         sides = {"max": extremes.largest, "min": extremes.least}
         first = extremes.least.shape[-1] - len(self.quantities)
         return {one: sides[one.statistic][..., first + i] for i, one in enumerate(self.quantities)}
 
 
-def quantity_signals(quantities: Sequence[Quantity], start: jax.Array) -> QuantitySignals:
+def quantity_signals(quantities: Sequence[Quantity], start: Array) -> QuantitySignals:
     """The signals of those of the quantities that are maxima and minima, of runs from the free nodes `start`."""
     return QuantitySignals(start, tuple(one for one in quantities if one.statistic in OVER_STEPS))
 

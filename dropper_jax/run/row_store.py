@@ -22,6 +22,7 @@ from typing import Any
 
 import jax
 import numpy as np
+from jax import Array
 
 from dropper_jax.base.read import Table
 from dropper_jax.base.store import Store, read_archive, write_archive
@@ -52,7 +53,7 @@ def take_every(array: np.ndarray, every: int) -> np.ndarray:
 
 
 #: Rows of a run (k, ...), of JAX in a chunk, of NumPy in a store.
-Rows = jax.Array | np.ndarray
+Rows = Array | np.ndarray
 
 
 class InMemory(Store):

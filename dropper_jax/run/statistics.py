@@ -7,17 +7,18 @@ from collections.abc import Callable
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.base.numerics import trace_once
 
 
-def _root(x: jax.Array, power: float = 0.5) -> jax.Array:
+def _root(x: Array, power: float = 0.5) -> Array:
     """`x**power`, with derivative 0 at 0."""
     return jnp.where(x > 0, jnp.where(x > 0, x, 1.0) ** power, 0.0)
 
 
 @trace_once
-def _fatigue(x: jax.Array) -> jax.Array:
+def _fatigue(x: Array) -> Array:
     # slope of the S-N curve in `fatigue`; 3 is usual for ropes and chains (DNV-OS-E301)
     slope = 3.0
     size = jnp.abs(x - jnp.mean(x, axis=0))
@@ -25,14 +26,14 @@ def _fatigue(x: jax.Array) -> jax.Array:
 
 
 @trace_once
-def _peak(x: jax.Array) -> jax.Array:
+def _peak(x: Array) -> Array:
     weight = 1 - jnp.cos(2 * jnp.pi * jnp.arange(len(x)) / len(x))
     lines = jnp.fft.rfft((x - jnp.mean(x, axis=0)) * weight[:, None], axis=0)
     return 2 * _root(jnp.max(lines.real**2 + lines.imag**2)) / jnp.sum(weight)
 
 
 @trace_once
-def _highest(x: jax.Array) -> jax.Array:
+def _highest(x: Array) -> Array:
     """The maximum value (times, members): the vertex of the parabola through it and its two neighbours in time.
 
     The derivative of the largest sample alone is that at a fixed time. Away from the maximum it has an error from the
@@ -50,7 +51,7 @@ def _highest(x: jax.Array) -> jax.Array:
 
 
 @trace_once
-def _std(x: jax.Array) -> jax.Array:
+def _std(x: Array) -> Array:
     return _root(jnp.mean((x - jnp.mean(x, axis=0)) ** 2))
 
 
@@ -60,7 +61,7 @@ STORM_TIME = 10800.0
 
 
 @trace_once
-def _sustained(x: jax.Array, interval: jax.Array | float) -> jax.Array:
+def _sustained(x: Array, interval: Array | float) -> Array:
     """The maximum over time and members of the means over `SUSTAINED_TIME` of samples (times, members)."""
     end = interval * (1.0 + jnp.arange(len(x)))
     begin = jnp.maximum(end - SUSTAINED_TIME, 0.0)
@@ -74,7 +75,7 @@ def _sustained(x: jax.Array, interval: jax.Array | float) -> jax.Array:
 
 
 @trace_once
-def _most_probable_maximum(x: jax.Array, interval: jax.Array | float) -> jax.Array:
+def _most_probable_maximum(x: Array, interval: Array | float) -> Array:
     """The highest of the members' most probable maxima in a storm, `mean + s sqrt(2 log N)`.
 
     N is the number of upward crossings of the mean in `STORM_TIME` by a Gaussian process, `s'/(2 pi s)` per second
@@ -113,7 +114,7 @@ PERIOD = "period"
 #: Statistics of a signal (times, members). `max` and `min` are vertices of parabolas through three samples; `start`
 #: refers to the state at t = 0; `fatigue` is `(mean |x - mean x|^3)^(1/3)`, the amplitude of equal damage at an equal
 #: rate of cycles; `peak` is the height of the highest line of the amplitude spectrum (Hann window).
-STATISTICS: dict[str, Callable[[jax.Array], jax.Array]] = {
+STATISTICS: dict[str, Callable[[Array], Array]] = {
     "max": _highest,
     "min": lambda x: -_highest(-x),
     "mean": jnp.mean,
@@ -125,7 +126,7 @@ STATISTICS: dict[str, Callable[[jax.Array], jax.Array]] = {
 }
 #: Statistics that need the time between samples: the maximum of the means over 0.2 s, and the most probable maximum in
 #: three hours.
-IN_TIME: dict[str, Callable[[jax.Array, jax.Array | float], jax.Array]] = {
+IN_TIME: dict[str, Callable[[Array, Array | float], Array]] = {
     "sustained": _sustained,
     "mpm": _most_probable_maximum,
 }
@@ -136,10 +137,10 @@ OF_SAMPLES = ("std", "fatigue", "peak", *IN_TIME)
 
 
 #: Maxima and minima of rows that are extremes over steps already.
-OVER_STEPS: dict[str, Callable[[jax.Array], jax.Array]] = {"max": jnp.max, "min": jnp.min}
+OVER_STEPS: dict[str, Callable[[Array], Array]] = {"max": jnp.max, "min": jnp.min}
 
 
-def statistic(name: str, x: jax.Array, interval: jax.Array | float, over_steps: bool = False) -> jax.Array:
+def statistic(name: str, x: Array, interval: Array | float, over_steps: bool = False) -> Array:
     """The statistic of samples (times, members) of a signal at times `interval` [s] apart.
 
     Args:

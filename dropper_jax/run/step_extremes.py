@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.base.numerics import horizontal_norm, safe_norm
 from dropper_jax.load.scene import Scene
@@ -50,7 +51,7 @@ class StepSignals:
     points: tuple[tuple[int, ...], ...]
     tension_time: float
 
-    def __call__(self, model: Model, before: State, after: State) -> tuple[jax.Array, jax.Array]:
+    def __call__(self, model: Model, before: State, after: State) -> tuple[Array, Array]:
         share = self.tension_time
         t = before.t + share * (after.t - before.t)
         # linear over the step, as `end_links.positions_at` between saved times

@@ -32,8 +32,8 @@ from dropper_jax.plots import style, view
 from dropper_jax.plots.panels import Curve, Panel, history
 from dropper_jax.plots.run import readable
 from dropper_jax.plots.style import force_unit
-from dropper_jax.run.bends import point_load
 from dropper_jax.run.build import build, build_model
+from dropper_jax.run.end_links import point_loads
 from dropper_jax.run.simulate import Solution, simulate
 from dropper_jax.study import accuracy_pictures
 from dropper_jax.study.march import convergence
@@ -91,8 +91,7 @@ def _series(figure: SourceFigure, solution: Solution, measured: Measured | None)
             found.append(Panel(f"{name} [m]", [Curve("", solution.t, position)], f"buoy, {name}"))
         elif name == "tension":
             anchor = next(point.name for point in scene.points if not point.is_free)
-            arrays = (solution.t, solution.positions, solution.t_tension[1:], solution.tension[1:])
-            load = np.linalg.norm(point_load(scene, anchor, *arrays), axis=1)
+            load = np.linalg.norm(point_loads(solution.motion)[anchor][1:], axis=1)
             unit, size = force_unit(load)
             found.append(Panel(f"tension [{unit}]", [Curve("", solution.t_tension[1:], load / size)], "anchor"))
         else:

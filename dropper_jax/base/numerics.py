@@ -105,6 +105,17 @@ def safe_norm(x: Array, floor: float = 1e-30) -> Array:
     return jnp.sqrt(dot(x, x) + jnp.asarray(floor, x.dtype))
 
 
+def spread(values: np.ndarray, names: tuple[str, ...] = ("min", "mean", "std", "max")) -> dict[str, float]:
+    """Minimum, mean, standard deviation and maximum, or some of them."""
+    return {name: float(getattr(np, name)(values)) for name in names}
+
+
+def unit_vectors(x: np.ndarray) -> np.ndarray:
+    """Directions of vectors (..., 3) of NumPy; zero without one. Vectors of a failed run may be infinite."""
+    with np.errstate(invalid="ignore"):
+        return x / np.maximum(np.linalg.norm(x, axis=-1, keepdims=True), 1e-300)
+
+
 def time_just_after(t: Array, side: float = 1.0) -> Array:
     """An instant just after t (before it with side -1): a quantity that jumps at t has its value on that side."""
     return t + 8.0 * side * jnp.finfo(t.dtype).eps * jnp.maximum(jnp.abs(t), 1.0)

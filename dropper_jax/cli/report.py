@@ -11,7 +11,7 @@ from dropper_jax.cli.given import number, output_folder
 from dropper_jax.cli.options import add_effects, add_examples, add_json, read_run
 from dropper_jax.cli.outputs import Output
 from dropper_jax.cli.printing import FAILED, OK, print_line, print_result
-from dropper_jax.evaluation.settings import Settings
+from dropper_jax.evaluation.settings import Settings, option_of
 
 help = "report on saved runs: tensions, anchors, snaps, fatigue, motion, contact, extremes over seeds"
 
@@ -34,8 +34,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         about = "{meaning} [{unit}]".format(**field.metadata)
         if field.default is not None:
             about += f" (default: {field.default:g})"
-        option = field.metadata["option"]
-        parser.add_argument(option, dest=f"setting_{field.name}", type=number, metavar="X", help=about)
+        parser.add_argument(option_of(field), dest=f"setting_{field.name}", type=number, metavar="X", help=about)
     add_effects(parser)
     add_json(parser)
 

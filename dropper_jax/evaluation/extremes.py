@@ -70,9 +70,10 @@ def storm_extreme(maxima: np.ndarray, duration: float, storm: float, confidence:
     if len(maxima) < LEAST_RUNS:
         return {"skipped": f"{len(maxima)} run(s); needed: at least {LEAST_RUNS}, of different seeds"}
     one = fit_gumbel(maxima)
-    if one.scale <= 1e-9 * np.abs(maxima).max():
+    rounding = 1e-9 * np.abs(maxima).max()
+    if one.scale <= rounding:
         return {"skipped": "all runs have the same maximum: runs of different seeds are needed"}
-    idle = int(np.count_nonzero(np.abs(maxima) <= 1e-9 * np.abs(maxima).max()))
+    idle = int(np.count_nonzero(np.abs(maxima) <= rounding))
     if idle:  # a load that is zero in some runs has no single distribution of maxima
         return {"skipped": f"no load at all in {idle} of {len(maxima)} runs"}
     times = storm / duration
@@ -80,30 +81,26 @@ def storm_extreme(maxima: np.ndarray, duration: float, storm: float, confidence:
     # the seed makes the report reproducible
     drawn = -np.log(-np.log(np.random.default_rng(20240901).random((4000, len(maxima)))))
     mode, scale = _fit(np.sort(drawn, axis=1))
-    tails = [0.5 * (1 + confidence), 0.5 * (1 - confidence)]
-
-    def interval(reduced: float) -> list[float]:
-        # (estimate - truth)/estimated scale has the same distribution for every Gumbel distribution
-        pivot = np.quantile((mode + reduced * scale - reduced) / scale, tails)
-        return (one.mode + one.scale * (reduced - pivot)).tolist()
-
-    wait = float(np.log(times))
-    return {
+    found = {
         "runs": len(maxima),
         "maxima": maxima,
         "run_duration_s": duration,
         "storm_s": storm,
         "gumbel_mode": one.mode,
         "gumbel_scale": one.scale,
-        "most_probable": whole.mode,
-        "most_probable_interval": interval(wait),
-        "mean": whole.mean,
-        "mean_interval": interval(wait + EULER),
-        "percentile_90": whole.quantile(0.9),
-        "percentile_90_interval": interval(wait - float(np.log(-np.log(0.9)))),
         "confidence": confidence,
         "extrapolated": times,
     }
+    numbers = {"most_probable": whole.mode, "mean": whole.mean, "percentile_90": whole.quantile(0.9)}
+    for key, value in numbers.items():
+        # (estimate - truth)/estimated scale has the same distribution for every Gumbel distribution
+        reduced = (value - one.mode) / one.scale
+        pivot = np.quantile(
+            (mode + reduced * scale - reduced) / scale, [0.5 * (1 + confidence), 0.5 * (1 - confidence)]
+        )
+        found[key] = value
+        found[f"{key}_interval"] = (value - one.scale * pivot).tolist()
+    return found
 
 
 class Snap(NamedTuple):
@@ -114,6 +111,10 @@ class Snap(NamedTuple):
     passed: float
     peak: float
     peak_at: float
+
+
+#: Keys of the fields of an event in a table.
+EVENT_KEYS = ("slack_from_s", "slack_to_s", "threshold_passed_s", "peak_n", "peak_s")
 
 
 def snap_events(
@@ -134,33 +135,23 @@ def snap_events(
             samples.
     """
     largest, largest_at = (tension, t) if peaks is None else peaks
-    low = tension < slack
-    edges = np.flatnonzero(np.diff(low.astype(int)))
+    # the ends of slack, each with the sample at which it started, and the next start, up to which the peak counts
+    change = np.diff((tension < slack).astype(int), prepend=0)
+    starts = np.flatnonzero(change > 0)
     found = []
-    begins = [*([0] if low[0] else []), *(i + 1 for i in edges if not low[i])]
-    for begin in begins:
-        after = np.flatnonzero(~low[begin:])
-        if not after.size:
-            break  # slack to the end of the record
-        end = begin + int(after[0])
-        if begin == 0:
-            start = t[begin]
-        else:
-            start = _crossing(t, tension, begin - 1, slack)
+    for begin, end, until in zip(starts, np.flatnonzero(change < 0), [*starts[1:], len(t)], strict=False):
+        start = t[0] if begin == 0 else _crossing(t, tension, begin - 1, slack)
         stop = _crossing(t, tension, end - 1, slack)
-        again = np.flatnonzero(low[end:])
-        until = end + int(again[0]) if again.size else len(t)
         over = np.flatnonzero(largest[end:until] > snap)
         if stop - start < least or not over.size:
             continue
         first = end + int(over[0])
         peak = end + int(np.argmax(largest[end:until]))
         # a peak between two samples below the threshold passes it at an unknown time before
+        passed = largest_at[first]
         if tension[first] > snap:
-            over_at = _crossing(t, tension, first - 1, snap)
-        else:
-            over_at = largest_at[first]
-        found.append(Snap(*map(float, (start, stop, over_at, largest[peak], largest_at[peak]))))
+            passed = _crossing(t, tension, first - 1, snap)
+        found.append(Snap(*map(float, (start, stop, passed, largest[peak], largest_at[peak]))))
     return found
 
 
@@ -181,37 +172,24 @@ def line_snaps(record: Record, settings: Settings) -> list[Table]:
     found = []
     for where in record.written_lines:
         s = arc(where.spec.length)
+        extremes = record.extremes["tension"].of(where.links)
         counts = []
         share = []
         events = []
-        for j in range(where.spec.links):
-            tension = record.tension[:, where.links.start + j]
+        for j, tension in enumerate(record.tension[:, where.links].T):
             mean = max(float(tension.mean()), 0.0)
             # slack below this part of the link's mean tension, a snap above this multiple of it
-            usual = 0.0 if where.spec.rigid else 0.1 * mean
-            slack = usual
+            slack = 0.0 if where.spec.rigid else 0.1 * mean
             if settings.slack is not None:
                 slack = settings.slack
             snap = max(2.0 * mean if settings.snap is None else settings.snap, slack)
-            largest = record.extremes["tension"][1][:, where.links.start + j]
-            largest_at = record.extremes["tension"][3][:, where.links.start + j]
-            peaks = largest, largest_at
+            peaks = extremes.largest[:, j], extremes.largest_at[:, j]
             own = snap_events(record.t_tension, tension, slack, settings.slack_time, snap, peaks)
             counts.append(len(own))
             share.append(float(np.mean(tension < slack)))
             for event in own:
-                events.append(
-                    {
-                        "at_m": float(s[j]),
-                        "slack_from_s": event.slack_from,
-                        "slack_to_s": event.slack_to,
-                        "threshold_passed_s": event.passed,
-                        "peak_n": event.peak,
-                        "peak_s": event.peak_at,
-                        "slack_n": slack,
-                        "snap_n": snap,
-                    }
-                )
+                times = dict(zip(EVENT_KEYS, event, strict=True))
+                events.append({"at_m": float(s[j]), **times, "slack_n": slack, "snap_n": snap})
         events.sort(key=lambda event: -event["peak_n"])
         found.append(
             {

@@ -63,22 +63,22 @@ def line_fatigue(record: Record, settings: Settings) -> list[Table]:
         spec = where.spec
         s = arc(spec.length)
         load = breaking_load(spec, settings)
-        deviation = record.tension[:, where.links].std(axis=0)
-        if every:
-            picked = range(spec.links)
-        else:
-            picked = sorted({0, int(np.argmax(deviation)), spec.links - 1})
-        counted = [cycles(record.tension[:, where.links.start + j]) for j in picked]
-        counted = [c[c[:, 0] > least] for c in counted]
-        if load is None or settings.curve_k is None:
-            damages = None
-        else:
+        tension = record.tension[:, where.links]
+        picked = list(range(spec.links))
+        if not every:
+            picked = sorted({0, int(np.argmax(tension.std(axis=0))), spec.links - 1})
+        counted = []
+        for j in picked:
+            own = cycles(tension[:, j])
+            counted.append(own[own[:, 0] > least])
+        damages = None
+        if load is not None and settings.curve_k is not None:
             pairs = zip(counted, picked, strict=True)
             damages = [damage(c, load[j], settings.curve_k, settings.curve_m) for c, j in pairs]
         found.append(
             {
                 "line": where.name,
-                "arc_length_m": s[list(picked)],
+                "arc_length_m": s[picked],
                 "cycles": [float(c[:, 2].sum()) for c in counted],
                 "equivalent_range_n": [_equivalent(c, settings.curve_m) for c in counted],
                 "largest_range_n": [float(c[:, 0].max(initial=0.0)) for c in counted],
@@ -100,12 +100,9 @@ def _damages(record: Record, values: list[float] | None, why_not: str) -> Table:
         return {"damage": None, "why_no_damage": why_not}
     worst = max(values)
     yearly = worst * YEAR / record.duration
-    life_years = None
-    if yearly > 0:
-        life_years = 1.0 / yearly
     return {
         "damage": values,
         "largest_damage": worst,
         "damage_per_year": yearly,
-        "life_years": life_years,
+        "life_years": 1.0 / yearly if yearly > 0 else None,
     }

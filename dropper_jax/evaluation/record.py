@@ -9,9 +9,10 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.load.scene import Scene
+from dropper_jax.run.end_links import Motion
 from dropper_jax.run.samples import Samples
-from dropper_jax.run.step_extremes import SIGNALS
-from dropper_jax.scene import LineSlice, WholeLine, whole_lines
+from dropper_jax.run.variables import SIGNALS
+from dropper_jax.scene import WholeLine, whole_lines
 from dropper_jax.scene.data import point_nodes
 from dropper_jax.stepping.extremes import Extremes
 
@@ -40,22 +41,13 @@ class Record:
     notes: tuple[str, ...]
 
     @property
-    def least(self) -> np.ndarray:
-        """Minimum tensions (q, n) [N] over the steps since the previous sample."""
-        return self.extremes["tension"].least
-
-    @property
-    def largest(self) -> np.ndarray:
-        """Maximum tensions (q, n) [N] over the steps since the previous sample."""
-        return self.extremes["tension"].largest
-
-    @property
     def scene(self) -> Scene:
         return self.solution.scene
 
     @property
-    def lines(self) -> tuple[LineSlice, ...]:
-        return self.solution.lines
+    def motion(self) -> Motion:
+        """The evaluated nodes and tensions."""
+        return Motion(self.scene, self.t, self.positions, self.t_tension, self.tension)
 
     @cached_property
     def written_lines(self) -> tuple[WholeLine, ...]:
@@ -96,21 +88,21 @@ def record(solution: Samples, skip: float = 0.0) -> Record:
         SceneError: fewer than three samples are left.
     """
     notes = [f"warning of the run: {warning}" for warning in solution.warnings]
-    arrays = (solution.positions, solution.velocities, solution.tension)
-    finite = [np.isfinite(a).all(axis=tuple(range(1, a.ndim))) for a in arrays]
-    good = np.logical_and.reduce([*finite, solution.step_status == 0])
-    last = len(good) if good.all() else int(np.argmin(good))
-    if last < len(good):
+    good = solution.step_status == 0
+    for array in (solution.positions, solution.velocities, solution.tension):
+        good &= np.isfinite(array).reshape(len(array), -1).all(axis=1)
+    last = len(good)
+    if not good.all():
+        last = int(np.argmin(good))
         notes.append(f"the run is invalid from t = {solution.t[last]:.6g} s: only the time before is reported")
     if solution.failure:
         notes.append(f"the run ended with {solution.failure}")
-    begin = float(solution.t[0]) + skip
-    kept = slice(int(np.searchsorted(solution.t[:last], begin - 1e-9)), last)
-    rows = np.arange(len(solution.t))[kept]
-    rows = rows[rows > 0]
-    if len(rows) < 3 or kept.stop - kept.start < 3:
+    first = int(np.searchsorted(solution.t[:last], float(solution.t[0]) + skip - 1e-9))
+    kept = slice(first, last)
+    rows = slice(max(first, 1), last)
+    if last - rows.start < 3:
         raise SceneError(
-            f"{solution.scene.name}: {kept.stop - kept.start} good samples after {skip:g} s; "
+            f"{solution.scene.name}: {last - first} good samples after {skip:g} s; "
             "needed: at least 3. Use a longer run or a smaller --skip"
         )
     if skip == 0:
@@ -119,30 +111,15 @@ def record(solution: Samples, skip: float = 0.0) -> Record:
         known = "percentiles, angles and fatigue are of saved values; extremes of loads are those of all steps"
         lost = "by an earlier version: peaks between samples are not included"
         notes.append(f"{solution.saved_rows}: {lost if solution.tension_max is None else known}")
-    tension = np.asarray(solution.tension[rows], float)
-    if solution.tension_square is None:
-        square = tension**2
-    else:
-        square = np.asarray(solution.tension_square[rows], float)
+    cuts = {"t": kept, "positions": kept, "velocities": kept, "t_tension": rows, "tension": rows}
+    arrays = {name: np.array(getattr(solution, name)[part], float) for name, part in cuts.items()}
+    square = arrays["tension"] ** 2
+    if solution.tension_square is not None:
+        square = np.array(solution.tension_square[rows], float)
     extremes = {}
     for signal in SIGNALS:
-        extremes[signal] = Extremes(*(np.asarray(a[rows], float) for a in solution.step_extremes(signal)))
-    return Record(
-        solution,
-        t=np.asarray(solution.t[kept], float),
-        positions=np.asarray(solution.positions[kept], float),
-        velocities=np.asarray(solution.velocities[kept], float),
-        t_tension=np.asarray(solution.t_tension[rows], float),
-        tension=tension,
-        square=square,
-        extremes=extremes,
-        notes=tuple(notes),
-    )
-
-
-def spread(values: np.ndarray, names: tuple[str, ...] = ("min", "mean", "std", "max")) -> dict[str, float]:
-    """Minimum, mean, standard deviation and maximum, or some of them."""
-    return {name: float(getattr(np, name)(values)) for name in names}
+        extremes[signal] = Extremes(*(np.array(a[rows], float) for a in solution.step_extremes(signal)))
+    return Record(solution, **arrays, square=square, extremes=extremes, notes=tuple(notes))
 
 
 def arc(lengths: np.ndarray) -> np.ndarray:

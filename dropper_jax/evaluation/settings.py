@@ -10,44 +10,44 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import Table, limits
 
 
-def _setting(meaning: str, unit: str, default: Any, option: str) -> Any:
-    return dataclasses.field(default=default, metadata={"meaning": meaning, "unit": unit, "option": option})
+def _setting(meaning: str, unit: str, default: float | None, positive: bool = False) -> Any:
+    declared = {"meaning": meaning, "unit": unit, "low": 0.0, "open_low": positive}
+    return dataclasses.field(default=default, metadata=declared)
 
 
 @dataclasses.dataclass(frozen=True)
 class Settings:
     """Thresholds and curve parameters. `None` is a value relative to the run, given in its meaning."""
 
-    skip: float = _setting("time left out at the start", "s", 0.0, "--skip")
+    skip: float = _setting("time left out at the start", "s", 0.0)
     slack: float | None = _setting(
-        "a link is slack below this tension; none: 0.1 times its mean, 0 if rigid", "N", None, "--slack"
+        "a link is slack below this tension; none: 0.1 times its mean, 0 if rigid", "N", None
     )
-    slack_time: float = _setting("minimum time below it", "s", 0.1, "--slack-time")
+    slack_time: float = _setting("minimum time below it", "s", 0.1)
     snap: float | None = _setting(
-        "tension above which slack is followed by a snap; none: twice the mean of the link", "N", None, "--snap"
+        "tension above which slack is followed by a snap; none: twice the mean of the link", "N", None, positive=True
     )
-    breaking_load: float | None = _setting("breaking load of lines without their own", "N", None, "--breaking-load")
+    breaking_load: float | None = _setting("breaking load of lines without their own", "N", None, positive=True)
     safety_factor: float = _setting(
-        "factor on the maximum tension in the utilisation with a factor", "-", 1.67, "--safety-factor"
+        "factor on the maximum tension in the utilisation with a factor", "-", 1.67, positive=True
     )
     curve_k: float | None = _setting(
-        "K of the T-N curve N = K (range/breaking load)^-m; without it damage is not computed", "-", None, "--curve-k"
+        "K of the T-N curve N = K (range/breaking load)^-m; without it damage is not computed", "-", None, positive=True
     )
-    curve_m: float = _setting("m of the T-N curve", "-", 3.0, "--curve-m")
-    contact: float = _setting("a node within this distance of the seabed is on it", "m", 0.01, "--contact")
-    storm: float = _setting("duration of the storm of the extremes", "s", 10800.0, "--storm")
-    confidence: float = _setting("confidence level of the interval of the extremes", "-", 0.9, "--confidence")
+    curve_m: float = _setting("m of the T-N curve", "-", 3.0, positive=True)
+    contact: float = _setting("a node within this distance of the seabed is on it", "m", 0.01)
+    storm: float = _setting("duration of the storm of the extremes", "s", 10800.0, positive=True)
+    confidence: float = _setting("confidence level of the interval of the extremes", "-", 0.9)
 
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):
             value = getattr(self, field.name)
-            option = field.metadata["option"]
             if value is None:
                 continue
-            positive = field.name in ("breaking_load", "safety_factor", "curve_k", "curve_m", "storm", "snap")
-            if not math.isfinite(value) or value < 0 or (value == 0 and positive):
-                allowed = limits({**field.metadata, "low": 0.0, "open_low": positive})
-                raise SceneError(f"{option}: {value:g} is out of range; allowed: a number {allowed}")
+            positive = value > 0.0 or (value == 0.0 and not field.metadata["open_low"])
+            if not (positive and math.isfinite(value)):
+                allowed = f"a number {limits(field.metadata)}"
+                raise SceneError(f"{option_of(field)}: {value:g} is out of range; allowed: {allowed}")
         if not 0 < self.confidence < 1:
             raise SceneError(f"--confidence: {self.confidence:g} is out of range; allowed: above 0 and below 1")
         if self.slack is not None and self.snap is not None and self.snap <= self.slack:
@@ -56,10 +56,12 @@ class Settings:
     def table(self) -> Table:
         """Values with meaning and unit, by name."""
         found = {}
-        for f in dataclasses.fields(self):
-            found[f.name] = {
-                "value": getattr(self, f.name),
-                "unit": f.metadata["unit"],
-                "meaning": f.metadata["meaning"],
-            }
+        for field in dataclasses.fields(self):
+            about = {key: field.metadata[key] for key in ("unit", "meaning")}
+            found[field.name] = {"value": getattr(self, field.name), **about}
         return found
+
+
+def option_of(setting: dataclasses.Field) -> str:
+    """The option of the command line that gives a setting."""
+    return f"--{setting.name.replace('_', '-')}"

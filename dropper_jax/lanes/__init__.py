@@ -18,7 +18,7 @@ from typing import Any, Literal, TypeVar
 
 import jax
 import jax.numpy as jnp
-from jax import lax
+from jax import Array, lax
 
 from dropper_jax.backend.one_kernel import ELEMENTWISE, separate_call
 from dropper_jax.lanes.rules import STRUCTURAL, Parameters, Value, lined_up, spread
@@ -41,13 +41,10 @@ def lanes(f: Callable[..., Tree], in_axes: Axis | tuple[Axis, ...] = 0) -> Calla
     """
 
     def run_batch(*args: Any) -> Tree:
-        if isinstance(in_axes, tuple):
-            axes = in_axes
-        else:
-            axes = (in_axes,) * len(args)
+        axes = in_axes if isinstance(in_axes, tuple) else (in_axes,) * len(args)
         values, tree = jax.tree.flatten(args)
         many = [axis == 0 for arg, axis in zip(args, axes, strict=True) for _ in jax.tree.leaves(arg)]
-        members = next(jnp.shape(x)[0] for x, m in zip(values, many, strict=True) if m)
+        members = jnp.shape(values[many.index(True)])[0]
         shapes = [jnp.shape(x)[1:] if m else jnp.shape(x) for x, m in zip(values, many, strict=True)]
         one = [jax.ShapeDtypeStruct(s, jnp.result_type(x)) for s, x in zip(shapes, values, strict=True)]
         program, shape = jax.make_jaxpr(lambda *leaves: f(*jax.tree.unflatten(tree, leaves)), return_shape=True)(*one)
@@ -80,7 +77,7 @@ CALLS = {
 }
 
 
-def split_constants(program: Program) -> tuple[Program, Sequence[jax.Array]]:
+def split_constants(program: Program) -> tuple[Program, Sequence[Array]]:
     """A traced function, and its constants: that of a call may have none."""
     if hasattr(program, "consts"):
         return program.jaxpr, program.consts
@@ -128,38 +125,47 @@ def scan_parts(p: Parameters) -> tuple[int, int]:
     return len(consts), len(carry)
 
 
-def which_scanned(p: Parameters, many: list[bool]) -> list[bool]:
-    """For the carry and the saved values: a carry that gets members in one iteration has them from the start."""
-    consts, carried = scan_parts(p)
-    carry = many[consts : consts + carried]
+def _grow(carry: list[bool], after: Callable[[list[bool]], list[bool]]) -> list[bool]:
+    """Which carried values have members: one that gets them in an iteration has them from the start."""
     while True:
-        out = _which(p["jaxpr"], [*many[:consts], *carry, *many[consts + carried :]])
-        grown = [a or b for a, b in zip(carry, out, strict=False)]
+        grown = [a or b for a, b in zip(carry, after(carry), strict=False)]
         if grown == carry:
-            return [*carry, *out[carried:]]
+            return carry
         carry = grown
+
+
+def which_scanned(p: Parameters, many: list[bool]) -> list[bool]:
+    """For the carry and the saved values."""
+    consts, carried = scan_parts(p)
+
+    def after(carry: list[bool]) -> list[bool]:
+        return _which(p["jaxpr"], [*many[:consts], *carry, *many[consts + carried :]])
+
+    carry = _grow(many[consts : consts + carried], after)
+    return [*carry, *after(carry)[carried:]]
 
 
 def which_looped(p: Parameters, many: list[bool]) -> tuple[list[bool], bool]:
     """For the carry and the test: if members disagree on when to stop, the whole carry has members."""
     tests = p["cond_nconsts"]
-    bodies = p["body_nconsts"]
-    carry = many[tests + bodies :]
-    while True:
-        test = _which(p["cond_jaxpr"], [*many[:tests], *carry])[0]
-        out = _which(p["body_jaxpr"], [*many[tests : tests + bodies], *carry])
-        grown = [test or a or b for a, b in zip(carry, out, strict=True)]
-        if grown == carry:
-            return carry, test
-        carry = grown
+    bodies = tests + p["body_nconsts"]
+
+    def stops(carry: list[bool]) -> bool:
+        return _which(p["cond_jaxpr"], [*many[:tests], *carry])[0]
+
+    def after(carry: list[bool]) -> list[bool]:
+        if stops(carry):
+            return [True] * len(carry)
+        return _which(p["body_jaxpr"], [*many[tests:bodies], *carry])
+
+    carry = _grow(many[bodies:], after)
+    return carry, stops(carry)
 
 
 def which_branched(p: Parameters, many: list[bool]) -> list[bool]:
     """For the results: those for which any branch has members."""
-    rows = []
-    for found in zip(*(_which(b, many) for b in p["branches"]), strict=True):
-        rows.append(any(found))
-    return rows
+    branches = [_which(branch, many) for branch in p["branches"]]
+    return [any(found) for found in zip(*branches, strict=True)]
 
 
 class Unreadable(Exception):
@@ -173,7 +179,7 @@ class Interpreter:
         self.members = members
         self.control = {"scan": self._scan, "while": self._while, "cond": self._cond}
 
-    def with_member_axis(self, values: Sequence[Value], many: Sequence[bool]) -> list[jax.Array]:
+    def with_member_axis(self, values: Sequence[Value], many: Sequence[bool]) -> list[Array]:
         """Arrays with the member axis where `many` requires it."""
         return [spread(v, self.members) if m else v.array for v, m in zip(values, many, strict=True)]
 
@@ -206,10 +212,7 @@ class Interpreter:
         if name in CALLS:
             return self.run(p[CALLS[name]], inputs)
         if not any(v.many for v in inputs):
-            result = []
-            for x in alone(eqn, [v.array for v in inputs]):
-                result.append(Value(x, False))
-            return result
+            return [Value(x, False) for x in alone(eqn, [v.array for v in inputs])]
         if name in self.control:
             return self.control[name](p, inputs)
         if name == "optimization_barrier":  # the compiler ignores it on the CPU
@@ -218,10 +221,7 @@ class Interpreter:
         if name in ELEMENTWISE:
             shape = eqn.outvars[0].aval.shape
             return [Value(eqn.primitive.bind(*(lined_up(v, shape, self.members) for v in inputs), **p), True)]
-        if name in STRUCTURAL:
-            found = STRUCTURAL[name](p, self.members, inputs)
-        else:
-            found = None
+        found = STRUCTURAL[name](p, self.members, inputs) if name in STRUCTURAL else None
         if found is not None:
             return [Value(found, True)]
         first = [jnp.moveaxis(v.array, -1, 0) if v.many else v.array for v in inputs]
@@ -235,7 +235,7 @@ class Interpreter:
         start = self.with_member_axis(inputs[consts : consts + carried], out[:carried])
         rows = inputs[consts + carried :]
 
-        def body(carry: list[jax.Array], row: list[jax.Array]) -> tuple[list[jax.Array], list[jax.Array]]:
+        def body(carry: list[Array], row: list[Array]) -> tuple[list[Array], list[Array]]:
             given = [*inputs[:consts], *as_values(carry, out[:carried]), *as_values(row, [v.many for v in rows])]
             found = self.with_member_axis(self.run(p["jaxpr"], given), out)
             return found[:carried], found[carried:]
@@ -249,10 +249,10 @@ class Interpreter:
         bodies = p["body_nconsts"]
         many, disagree = which_looped(p, [v.many for v in inputs])
 
-        def going(carry: list[jax.Array]) -> jax.Array:
+        def going(carry: list[Array]) -> Array:
             return self.run(p["cond_jaxpr"], [*inputs[:tests], *as_values(carry, many)])[0].array
 
-        def body(carry: list[jax.Array]) -> list[jax.Array]:
+        def body(carry: list[Array]) -> list[Array]:
             given = [*inputs[tests : tests + bodies], *as_values(carry, many)]
             found = self.with_member_axis(self.run(p["body_jaxpr"], given), many)
             if not disagree:
@@ -268,33 +268,33 @@ class Interpreter:
         index = inputs[0]
         given = inputs[1:]
         if index.many:  # members take different branches: all branches are run
-            found = []
-            for b in p["branches"]:
-                found.append([spread(v, self.members) for v in self.run(b, given)])
             which = jnp.asarray(index.array, jnp.int32)
-            chosen = (lax.select_n(jnp.broadcast_to(which, xs[0].shape), *xs) for xs in zip(*found, strict=True))
-            return [Value(x, True) for x in chosen]
+            results = []
+            for values in zip(*(self.run(branch, given) for branch in p["branches"]), strict=True):
+                xs = [spread(v, self.members) for v in values]
+                results.append(Value(lax.select_n(jnp.broadcast_to(which, xs[0].shape), *xs), True))
+            return results
         many = which_branched(p, [v.many for v in given])
 
-        def branch(program: Program, arrays: list[jax.Array]) -> list[jax.Array]:
+        def branch(program: Program, arrays: list[Array]) -> list[Array]:
             return self.with_member_axis(self.run(program, as_values(arrays, [v.many for v in given])), many)
 
         branches = [partial(branch, b) for b in p["branches"]]
         return as_values(lax.switch(index.array, branches, [v.array for v in given]), many)
 
 
-def choice(on: jax.Array, x: jax.Array) -> jax.Array:
+def choice(on: Array, x: Array) -> Array:
     """A choice (..., members) for arrays (..., more, members): a loop made by `vmap` has one for each of its
     members."""
     return on.reshape(*on.shape[:-1], *(1,) * (x.ndim - on.ndim), on.shape[-1])
 
 
-def as_values(arrays: Sequence[jax.Array], many: Sequence[bool]) -> list[Value]:
+def as_values(arrays: Sequence[Array], many: Sequence[bool]) -> list[Value]:
     """Arrays, and which of them have the member axis."""
     return [Value(x, m) for x, m in zip(arrays, many, strict=True)]
 
 
-def alone(eqn: Operation, inputs: Sequence[jax.Array]) -> list[jax.Array]:
+def alone(eqn: Operation, inputs: Sequence[Array]) -> list[Array]:
     """The operation itself, on inputs without members."""
     found = eqn.primitive.bind(*inputs, **eqn.params)
     if eqn.primitive.multiple_results:

@@ -9,25 +9,24 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-import jax
 import jax.numpy as jnp
-from jax import lax
+from jax import Array, lax
 
 
 class Value(NamedTuple):
     """An array, and whether it has the member axis (the last one)."""
 
-    array: jax.Array
+    array: Array
     many: bool
 
 
 #: Parameters of an operation of JAX.
 Parameters = dict[str, Any]
 #: Parameters, number of members, inputs -> the result; None if the rule does not apply.
-Rule = Callable[[Parameters, int, list[Value]], jax.Array | None]
+Rule = Callable[[Parameters, int, list[Value]], Array | None]
 
 
-def spread(v: Value, members: int) -> jax.Array:
+def spread(v: Value, members: int) -> Array:
     """The array with the member axis, repeated if it had none."""
     x = jnp.asarray(v.array)
     if v.many:
@@ -35,7 +34,7 @@ def spread(v: Value, members: int) -> jax.Array:
     return jnp.broadcast_to(x[..., None], (*x.shape, members))
 
 
-def lined_up(v: Value, shape: tuple[int, ...], members: int) -> jax.Array:
+def lined_up(v: Value, shape: tuple[int, ...], members: int) -> Array:
     """The array in the result's shape, members last; scalars and axes of length one may be used unexpanded."""
     x = jnp.asarray(v.array)
     x = x if v.many else x[..., None]
@@ -43,67 +42,47 @@ def lined_up(v: Value, shape: tuple[int, ...], members: int) -> jax.Array:
     return jnp.broadcast_to(x, (*shape, members))
 
 
-def _broadcast(p: Parameters, members: int, inputs: list[Value]) -> jax.Array | None:
+def _broadcast(p: Parameters, members: int, inputs: list[Value]) -> Array | None:
     if len(inputs) > 1:  # shapes that are known at run time only
         return None
     rank = len(p["shape"])
     return lax.broadcast_in_dim(inputs[0].array, (*p["shape"], members), (*p["broadcast_dimensions"], rank))
 
 
-def _slice(p: Parameters, members: int, inputs: list[Value]) -> jax.Array:
-    strides = None
-    if p["strides"] is not None:
-        strides = (*p["strides"], 1)
+def _slice(p: Parameters, members: int, inputs: list[Value]) -> Array:
+    strides = (*(p["strides"] or [1] * len(p["start_indices"])), 1)
     return lax.slice(inputs[0].array, (*p["start_indices"], 0), (*p["limit_indices"], members), strides)
 
 
-def _pad(p: Parameters, members: int, inputs: list[Value]) -> jax.Array | None:
+def _pad(p: Parameters, members: int, inputs: list[Value]) -> Array | None:
     x, value = inputs
     if value.many:
         return None
     return lax.pad(spread(x, members), value.array, (*p["padding_config"], (0, 0, 0)))
 
 
-def _concatenate(p: Parameters, members: int, inputs: list[Value]) -> jax.Array:
-    return lax.concatenate([spread(v, members) for v in inputs], p["dimension"])
-
-
-def _stack(p: Parameters, members: int, inputs: list[Value]) -> jax.Array:
-    return jnp.stack([spread(v, members) for v in inputs], p["axis"])
-
-
-def _reshape(p: Parameters, members: int, inputs: list[Value]) -> jax.Array | None:
+def _reshape(p: Parameters, members: int, inputs: list[Value]) -> Array | None:
     if p["dimensions"] is None:
         return lax.reshape(inputs[0].array, (*p["new_sizes"], members))
     return None
-
-
-def _transpose(p: Parameters, members: int, inputs: list[Value]) -> jax.Array:
-    return lax.transpose(inputs[0].array, (*p["permutation"], len(p["permutation"])))
 
 
 #: Maximum length of a reduction done as a tree of elementwise operations.
 LONGEST_TREE = 128
 
 
-def _reduced_by(two: Callable[[jax.Array, jax.Array], jax.Array]) -> Rule:
+def _reduced_by(two: Callable[[Array, Array], Array]) -> Rule:
     """Reduction over some axes as a tree of elementwise operations, which still run over the members."""
 
-    def rule(p: Parameters, members: int, inputs: list[Value]) -> jax.Array | None:
-        x = inputs[0].array
+    def rule(p: Parameters, members: int, inputs: list[Value]) -> Array | None:
         axes = tuple(p["axes"])
-        kept = [i for i in range(x.ndim) if i not in axes]
-        x = lax.transpose(x, (*axes, *kept))
+        x = jnp.moveaxis(inputs[0].array, axes, range(len(axes)))
         x = x.reshape(-1, *x.shape[len(axes) :])
-        if not 0 < x.shape[0] <= LONGEST_TREE:
+        if not 0 < len(x) <= LONGEST_TREE:
             return None
-        while x.shape[0] > 1:
-            half = x.shape[0] // 2
-            paired = two(x[:half], x[half : 2 * half])
-            if x.shape[0] % 2:
-                x = jnp.concatenate([paired, x[2 * half :]])
-            else:
-                x = paired
+        while len(x) > 1:
+            half = len(x) // 2
+            x = jnp.concatenate([two(x[:half], x[half : 2 * half]), x[2 * half :]])
         return x[0]
 
     return rule
@@ -113,11 +92,11 @@ STRUCTURAL: dict[str, Rule] = {
     "broadcast_in_dim": _broadcast,
     "slice": _slice,
     "pad": _pad,
-    "concatenate": _concatenate,
-    "stack": _stack,
+    "concatenate": lambda p, members, inputs: lax.concatenate([spread(v, members) for v in inputs], p["dimension"]),
+    "stack": lambda p, members, inputs: jnp.stack([spread(v, members) for v in inputs], p["axis"]),
     "reshape": _reshape,
     "squeeze": lambda p, members, inputs: lax.squeeze(inputs[0].array, p["dimensions"]),
-    "transpose": _transpose,
+    "transpose": lambda p, members, inputs: jnp.transpose(inputs[0].array, (*p["permutation"], len(p["permutation"]))),
     "rev": lambda p, members, inputs: lax.rev(inputs[0].array, p["dimensions"]),
     "reduce_sum": _reduced_by(lax.add),
     "reduce_max": _reduced_by(lax.max),

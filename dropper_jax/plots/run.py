@@ -13,7 +13,8 @@ from scipy.spatial import ConvexHull, QhullError
 from dropper_jax.load.checks_water import surface_over
 from dropper_jax.load.scene import Scene
 from dropper_jax.plots import view
-from dropper_jax.run.samples import ARRAYS, BODIES, WITHIN, Samples
+from dropper_jax.run.samples import Samples
+from dropper_jax.run.variables import ARRAYS, SOME
 from dropper_jax.scene import WholeLine, whole_lines
 from dropper_jax.scene.body import rotation
 from dropper_jax.scene.data import first_nodes, point_nodes
@@ -234,7 +235,7 @@ def readable(solution: Samples) -> Run:
     with np.errstate(invalid="ignore", over="ignore"):
         near = np.abs(positions - positions[0]).max(axis=(1, 2)) <= far
     last = max(1, int(np.argmin(np.append(finite & near, False))))
-    for name in (*ARRAYS, *WITHIN, *BODIES):
+    for name in (*ARRAYS, *SOME):
         if given[name] is not None:
             given[name] = np.asarray(given[name][:last], float)
     return Run(**given)

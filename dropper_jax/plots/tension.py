@@ -14,7 +14,8 @@ from dropper_jax.plots import panels, style
 from dropper_jax.plots.panels import Curve, Panel, history
 from dropper_jax.plots.run import TENSION, Run, changing
 from dropper_jax.plots.style import CYCLE, DARK, force_unit
-from dropper_jax.run.bends import curvature, held_points, point_load
+from dropper_jax.run.bends import curvature
+from dropper_jax.run.end_links import Motion, held_points, point_loads
 from dropper_jax.scene import whole_lines
 
 #: Drift below this fraction of the maximum energy is rounding: the log axis ends there.
@@ -136,8 +137,8 @@ def _largest(run: Run, loads: Loads) -> Panel:
 def held_points_panel(run: Run, loads: Loads) -> Panel:
     """Forces on the most loaded fixed points."""
     names = held_points(run.scene)
-    tension = run.tension[loads.kept]
-    forces = [point_load(run.scene, name, run.t, run.positions, loads.t, tension) for name in names]
+    vectors = point_loads(Motion(run.scene, run.t, run.positions, loads.t, run.tension[loads.kept]))
+    forces = [vectors[name] for name in names]
     force = np.linalg.norm(forces, axis=-1).T / loads.size
     low = force
     high = force

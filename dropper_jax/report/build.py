@@ -7,11 +7,12 @@ from pathlib import Path
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.numerics import spread
 from dropper_jax.base.read import Table
 from dropper_jax.base.store import flat_items
 from dropper_jax.evaluation.extremes import line_snaps, storm_extreme
 from dropper_jax.evaluation.fatigue import line_fatigue
-from dropper_jax.evaluation.record import Record, record, spread
+from dropper_jax.evaluation.record import Record, record
 from dropper_jax.evaluation.settings import Settings
 from dropper_jax.evaluation.tension import anchors, line_tensions
 from dropper_jax.load.checks_water import bed_height, surface_over

@@ -8,8 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from dropper_jax.base.constants import DEGREE
+from dropper_jax.base.numerics import spread
 from dropper_jax.base.read import Table
-from dropper_jax.evaluation.record import Record, spread
+from dropper_jax.evaluation.record import Record
 from dropper_jax.report.cells import Rows
 from dropper_jax.run.growth import overgrown
 from dropper_jax.scene import sliced_lines

@@ -12,7 +12,7 @@ from matplotlib.patches import Circle
 
 from dropper_jax.base.read import Table
 from dropper_jax.evaluation.record import Record
-from dropper_jax.evaluation.tension import load_extremes, point_load
+from dropper_jax.evaluation.tension import load_extremes
 from dropper_jax.plots import style
 from dropper_jax.plots.panels import DASHES, Curve, hides
 from dropper_jax.plots.run import readable
@@ -20,6 +20,7 @@ from dropper_jax.plots.style import ALERT, CYCLE, DARK, FAINT, FIRST, SECOND, fo
 from dropper_jax.plots.water import draw_bands
 from dropper_jax.report.cells import largest
 from dropper_jax.report.sections import load_of_anchor
+from dropper_jax.run.end_links import point_loads
 
 #: Maximum number of lines, anchors or points in one picture, each with its own colour; of more, those with the largest
 #: load or motion.
@@ -64,8 +65,9 @@ def _anchors(part: Record, anchors: list[Table], found: Table) -> Figure:
     figure, panels = _panels(len(anchors), 2.6)
     unit, scale = force_unit([anchor["total_n"]["max"] for anchor in anchors])
     peaks = load_extremes(part)
+    loads = point_loads(part.motion)
     for axes, anchor in zip(panels, anchors, strict=True):
-        load = point_load(part, anchor["point"]) / scale
+        load = loads[anchor["point"]] / scale
         values = (np.hypot(load[:, 0], load[:, 1]), load[:, 2])
         low, high, *_ = peaks[anchor["point"]]
         for i, name in enumerate(("horizontal", "vertical, upwards")):

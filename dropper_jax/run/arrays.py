@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import jax
 import numpy as np
+from jax import Array
 
 from dropper_jax.axial import LAWS, AxialLaw, Groups
 from dropper_jax.axial.force_table import stack_tables
@@ -19,7 +20,7 @@ from dropper_jax.statics.search import Equilibrium
 from dropper_jax.statics.static_pose import equilibrium, release_loads
 
 
-def body_motion(model: Model, r: jax.Array, v: jax.Array) -> dict[str, np.ndarray]:
+def body_motion(model: Model, r: Array, v: Array) -> dict[str, np.ndarray]:
     """Motion of the bodies by the names of a solution, from positions and velocities (k, free nodes, 3); empty without
     bodies.
 
@@ -97,10 +98,8 @@ def _axial(lines: tuple[LineSpec, ...]) -> AxialLaw:
     names = tuple(dict.fromkeys(line.axial_law for line in lines))
     if len(names) == 1:
         return _law(join_lines(lines))
-    of = np.concatenate([[names.index(line.axial_law)] * line.links for line in lines])
-    laws = []
-    for name in names:
-        laws.append(_law(join_lines(tuple(line for line in lines if line.axial_law == name))))
+    of = np.repeat([names.index(line.axial_law) for line in lines], [line.links for line in lines])
+    laws = [_law(join_lines(tuple(line for line in lines if line.axial_law == name))) for name in names]
     return Groups(tuple(laws), tuple(tuple(np.flatnonzero(of == i).tolist()) for i in range(len(names))))
 
 
@@ -126,6 +125,7 @@ def make_failures(scene: SceneData) -> Failures | None:
     load = np.full((len(scene.failures), scene.line.links), np.inf)
     by_name = {line.name: (line, where.links) for line, where in sliced_lines(scene)}
     named = []
+    times = []
     for row, spec in zip(load, scene.failures, strict=True):
         line, links = by_name[spec.line]
         own = spec.load
@@ -133,10 +133,12 @@ def make_failures(scene: SceneData) -> Failures | None:
             own = line.breaking_load
         if own is not None:
             row[links] = own
-        named.append(-1 if spec.link is None else links.start + spec.link - 1)
-        if named[-1] >= 0:
-            row[np.arange(len(row)) != named[-1]] = np.inf
-    times = np.array([np.inf if spec.time is None else spec.time for spec in scene.failures])
+        number = -1
+        if spec.link is not None:
+            number = links.start + spec.link - 1
+            row[np.arange(len(row)) != number] = np.inf
+        named.append(number)
+        times.append(np.inf if spec.time is None else spec.time)
     return Failures(as_array(load), as_array(times), tuple(named))
 
 
@@ -144,12 +146,11 @@ def breaks(scene: SceneData, parted: Parted | None) -> tuple[Table, ...]:
     """Broken links of a run, by time: line, link (from 1), time [s] and tension [N]."""
     if parted is None:
         return ()
-    columns = (np.asarray(x).tolist() for x in (parted.link, parted.t, parted.tension))
     found = []
-    for link, t, tension in zip(*columns, strict=True):
+    for link, t, tension in np.transpose([parted.link, parted.t, parted.tension]).tolist():
         for where in line_slices(scene):
             if where.links.start <= link < where.links.stop:
-                number = link - where.links.start + 1
+                number = int(link) - where.links.start + 1
                 found.append({"line": where.name, "link": number, "time_s": t, "tension_n": tension})
     return tuple(sorted(found, key=lambda row: row["time_s"]))
 

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.memory import versions
@@ -22,13 +23,15 @@ from dropper_jax.residual import TOO_FAR, Embedded, Stepper, local_jacobian
 from dropper_jax.run.arrays import body_motion, breaks, words
 from dropper_jax.run.bends import crushed_links, twist_remarks
 from dropper_jax.run.chunks import RunOutcome
+from dropper_jax.run.end_links import Motion
 from dropper_jax.run.end_of_run import Last, last_row, name_leaves
 from dropper_jax.run.plausibility import scene_warnings
 from dropper_jax.run.pose_remarks import pose_remarks
 from dropper_jax.run.resolution import with_quality_checks, without_push
 from dropper_jax.run.row_store import BLOCK_STATES, InMemory, Rows, release_pages
 from dropper_jax.run.samples import Kind
-from dropper_jax.run.step_extremes import ARRAYS_OF, extremes_by_signal, saved_signal
+from dropper_jax.run.step_extremes import extremes_by_signal, saved_signal
+from dropper_jax.run.variables import EXTREMES
 from dropper_jax.scene import RunSpec
 from dropper_jax.stepping.control import DRIFT_LIMIT
 from dropper_jax.stepping.extremes import Extremes
@@ -44,7 +47,7 @@ SHORTEST_SHARE = 0.01
 class TimeOrigin(NamedTuple):
     """Origin of the saved times: t [s] and the number of earlier saved times."""
 
-    origin: float = 0.0
+    origin_s: float = 0.0
     saves: int = 0
 
 
@@ -65,7 +68,7 @@ class PreparedRun(NamedTuple):
 
 @cached_jit()
 def _observe(
-    model: Model, r: jax.Array, v: jax.Array, t: jax.Array, parted: Parted | None, internal: dict[str, Frozen]
+    model: Model, r: Array, v: Array, t: Array, parted: Parted | None, internal: dict[str, Frozen]
 ) -> Observed:
     return jax.vmap(observe, in_axes=(None, 0, 0, 0, 0, 0))(model, r, v, t, parted, internal)
 
@@ -74,14 +77,13 @@ def build_solution(kind: type[Kind], prepared: PreparedRun, outcome: RunOutcome)
     """The result of a run: its observed states, steps, final state and warnings."""
     run = outcome.trajectory
     solution = _observe_run(kind, prepared, run)
-    tolerance = prepared.stepper.limit(prepared.model)
-    solution = _with_step_extremes(solution, run.extremes, tolerance, prepared.rows)
+    solution = _with_step_extremes(solution, run.extremes, prepared)
     solution = _with_adaptive_steps(solution, prepared, outcome)
     if solution.first_bad is None:
         solution = replace(solution, last=name_leaves(Last(last_row(run), outcome.carry)))
     if outcome.interrupted:
-        notes = [note for note in (*solution.warnings, outcome.refused) if note]
-        solution = replace(solution, status="interrupted", warnings=tuple(notes))
+        refused = (outcome.refused,) if outcome.refused else ()
+        solution = replace(solution, status="interrupted", warnings=(*solution.warnings, *refused))
     return with_quality_checks(solution)
 
 
@@ -91,36 +93,38 @@ def _observe_run(kind: type[Kind], prepared: PreparedRun, run: Trajectory) -> Ki
     stepper = prepared.stepper
     model = prepared.model
     since = prepared.since
-    dt = scene.run.interval / scene.run.save_every
+    interval = scene.run.interval
+    dt = interval / scene.run.save_every
     start = prepared.first.row
     before = int(prepared.first.carry.steps_done)
-    good = _good_saves(run)
-    kept = jax.tree.map(lambda a: a[: max(good, 0)], run)
+    good = int(np.sum(run.first_bad < 0))  # a step that failed stays the first bad one
+    kept = jax.tree.map(lambda a: a[:good], run)
+    t = since.origin_s + (since.saves + np.arange(good + 1)) * interval
     join = prepared.rows.join
-    t = since.origin + (since.saves + np.arange(good + 1)) * (scene.run.save_every * dt)
     parted = jax.tree.map(join, start.parted, kept.parted)
     own = jax.tree.map(join, start.own, kept.own)
     states = (join(start.r, kept.r), join(start.v, kept.v), t.astype(model.dtype), parted, own)
     seen = _observe_states(model, states, prepared.rows)
-    broken = breaks(scene, jax.tree.map(lambda a: a[-1], parted))
-    middle = (1.0 - stepper.integrator.tension_time) * dt
-    status, first_bad = _first_failure(run, stepper, model, before, scene.run.save_every, (float(t[0]), dt))
-    failed_steps = 1
-    if first_bad is None:
-        failed_steps = int(np.sum(run.failed))
+    closure = seen.pop("closure")
+    status = "ok"
+    first_bad = None
+    failed_steps = int(np.sum(run.failed))
+    if run.first_bad[-1] >= 0:
+        step = int(run.first_bad[-1])
+        residual = float(run.residual[min((step - before) // scene.run.save_every, len(run.residual) - 1)])
+        status, reason = _reason(residual, stepper, model)
+        time_s = float(t[0]) + (step - before + 1) * dt
+        first_bad = {"step": step + 1, "time_s": time_s, "residual": residual, "reason": reason}
+        failed_steps = 1
     continues = None
-    if before or since.origin:
-        continues = {"origin_s": since.origin, "saves": since.saves}
+    if before or since.origin_s:
+        continues = since._asdict()
     found = kind(
         scene=scene,
         settings=_settings_of(prepared),
         t=t,
-        positions=seen.positions,
-        velocities=seen.velocities,
         tension=without_push(scene, join(start.tension, kept.tension), stepper.limit(model)),
-        t_tension=np.concatenate([t[:1], t[1:] - middle]),
-        kinetic=seen.kinetic,
-        potential=seen.potential,
+        t_tension=np.concatenate([t[:1], t[1:] - (1.0 - stepper.integrator.tension_time) * dt]),
         work=join(start.work, kept.work),
         work_names=ledger(stepper, model, scene.run),
         step_status=np.zeros(good + 1, np.int8),
@@ -129,34 +133,14 @@ def _observe_run(kind: type[Kind], prepared: PreparedRun, run: Trajectory) -> Ki
         retried_steps=int(np.sum(run.retried[: good + 1])),
         first_bad=first_bad,
         max_residual=float(np.max(run.residual[: good + 1])),
-        max_closure_error=float(np.max(seen.closure)),
+        max_closure_error=float(np.max(closure)),
         versions=versions(),
-        broken=broken,
+        broken=breaks(scene, jax.tree.map(lambda a: a[-1], parted)),
         own=_name_leaves(own),
         continues=continues,
+        **seen,
     )
-    warnings = tuple(_remarks(found, model, np.asarray(start.tension)))
-    return replace(found, warnings=warnings, **seen.bodies)
-
-
-def _first_failure(
-    run: Trajectory, stepper: Stepper, model: Model, before: int, every: int, clock: tuple[float, float]
-) -> tuple[str, Table | None]:
-    """Status of a run, and its first step that failed, if one did.
-
-    Args:
-        before: steps done before this run.
-        every: steps between saved states.
-        clock: time of the first saved state, and step [s].
-    """
-    bad_step = int(run.first_bad[-1])
-    if bad_step < 0:
-        return "ok", None
-    began, dt = clock
-    residual = float(run.residual[min((bad_step - before) // every, len(run.residual) - 1)])
-    status, reason = _reason(residual, stepper, model)
-    when = began + (bad_step - before + 1) * dt
-    return status, {"step": bad_step + 1, "time_s": when, "residual": residual, "reason": reason}
+    return replace(found, warnings=tuple(_remarks(found, model, np.asarray(start.tension))))
 
 
 def _settings_of(prepared: PreparedRun) -> Table:
@@ -184,7 +168,8 @@ def _remarks(solution: Kind, model: Model, tension: np.ndarray) -> Iterator[str]
     scene = solution.scene
     at_rest = scene.start.is_static and not solution.t[0]
     yield from scene_warnings(scene, at_rest)
-    yield from _precision(scene, model)
+    if str(model.dtype) != scene.run.dtype:
+        yield (f"run.dtype: {scene.run.dtype} was requested, but JAX computes in {model.dtype} (JAX_ENABLE_X64 is off)")
     if model.sea is not None:
         yield from sea_warnings(scene, model.sea)
     if at_rest:
@@ -206,140 +191,110 @@ def ledger(stepper: Stepper, model: Model, run: RunSpec) -> tuple[str, ...]:
     return names
 
 
-class _Observed(NamedTuple):
-    """Observed quantities at all saved times: of the lines, as in `Observed`, and of the bodies by name."""
-
-    positions: np.ndarray
-    velocities: np.ndarray
-    kinetic: np.ndarray
-    potential: np.ndarray
-    closure: np.ndarray
-    bodies: dict[str, np.ndarray]
-
-    @classmethod
-    def of(cls, model: Model, states: tuple[Any, ...]) -> _Observed:
-        """Of states as in `_observe_states`."""
-        states = jax.device_put(states)  # `jnp.asarray` would compile a program for each shape
-        return cls(*map(np.asarray, _observe(model, *states)), bodies=body_motion(model, *states[:2]))
+def _observed(model: Model, states: tuple[Any, ...]) -> Table:
+    """Observed quantities by name, of the lines as in `Observed` and of the bodies; states as in `_observe_states`."""
+    states = jax.device_put(states)  # `jnp.asarray` would compile a program for each shape
+    seen = jax.tree.map(np.asarray, _observe(model, *states)._asdict())
+    return seen | body_motion(model, *states[:2])
 
 
-def _observe_states(model: Model, states: tuple[Any, ...], rows: InMemory) -> _Observed:
+def _observe_states(model: Model, states: tuple[Any, ...], rows: InMemory) -> Table:
     """Observed quantities of states (k, ...): positions, velocities, times, broken links, internal states of effects.
 
     Many states are processed in blocks of equal length, which share a program and are never all in memory.
     """
     count = len(states[2])
     if count <= BLOCK_STATES:
-        return _Observed.of(model, states)
+        return _observed(model, states)
+    found = {}
     for first in range(0, count, BLOCK_STATES):
         at = np.arange(first, first + BLOCK_STATES).clip(max=count - 1)
-        seen = _Observed.of(model, jax.tree.map(lambda a, at=at: a[at], states))
-        if first == 0:
-            found = jax.tree.map(lambda a: rows.empty((count, *a.shape[1:]), a.dtype), seen)
-        for whole, part in zip(jax.tree.leaves(found), jax.tree.leaves(seen), strict=True):
-            whole[first : first + BLOCK_STATES] = part[: count - first]
-        release_pages(jax.tree.leaves((states, found)))
+        for name, part in _observed(model, jax.tree.map(lambda a, at=at: a[at], states)).items():
+            if first == 0:
+                found[name] = rows.empty((count, *part.shape[1:]), part.dtype)
+            found[name][first : first + BLOCK_STATES] = part[: count - first]
+        release_pages([*jax.tree.leaves(states), *found.values()])
     return found
 
 
-def _with_step_extremes(solution: Kind, extremes: Extremes | None, tolerance: float, rows: InMemory) -> Kind:
+def _with_step_extremes(solution: Kind, extremes: Extremes | None, prepared: PreparedRun) -> Kind:
     """The solution with the extremes of its signals over all steps up to the last good save.
 
     Args:
         extremes: rows of the run (q, m), None if every step is saved; the first row of the solution is that of the
             start.
-        tolerance: of the steps, see `without_push`.
     """
     if extremes is None:
         return solution
     scene = solution.scene
     good = len(solution.t) - 1
-    start = solution.t[:1], solution.positions[:1], solution.t_tension[:1], solution.tension[:1]
+    start = Motion(scene, *(values[:1] for values in solution.motion[1:]))
     found = {}
     for signal, own in extremes_by_signal(scene, extremes).items():
-        first = saved_signal(signal, scene, *start)[0]
+        first = saved_signal(signal, start)[0]
         when = np.full(first.shape, solution.t_tension[0])
-        for name, begin, later in zip(ARRAYS_OF, (first, first, when, when), own, strict=True):
-            found[f"{signal}_{name}"] = rows.join(begin.astype(later.dtype), later[:good])
-    found["tension_min"] = without_push(scene, found["tension_min"], tolerance)
+        for name, begin, later in zip(EXTREMES, (first, first, when, when), own, strict=True):
+            found[f"{signal}_{name}"] = prepared.rows.join(begin.astype(later.dtype), later[:good])
+    limit = prepared.stepper.limit(prepared.model)
+    found["tension_min"] = without_push(scene, found["tension_min"], limit)
     return replace(solution, **found)
 
 
 def _with_adaptive_steps(solution: Kind, prepared: PreparedRun, outcome: RunOutcome) -> Kind:
     """The solution with mean squares between saved times and counts of steps, if the run follows an accuracy."""
     start = prepared.first.carry
-    within = outcome.beside
     carry = outcome.carry
+    within = outcome.beside
     accuracy = solution.scene.run.accuracy
     if accuracy is None or within is None or isinstance(carry, Progress) or isinstance(start, Progress):
         return solution
-    stepper = prepared.stepper
+    scheme = prepared.stepper.integrator
     model = prepared.model
     run = outcome.trajectory
     good = len(solution.t) - 1
-    first = solution.tension[:1]
     steps = within.steps[:good]
     interval = solution.settings["dt"]
+    shortest = int(carry.shortest) - int(start.shortest)
     taken = {
         "steps": int(np.sum(steps)),
         "refused_steps": int(carry.refused) - int(start.refused),
-        "shortest_steps": int(carry.shortest) - int(start.shortest),
+        "shortest_steps": shortest,
         "accuracy": accuracy,
     }
     warnings = list(solution.warnings)
-    if solution.first_bad is None and taken["shortest_steps"] > SHORTEST_SHARE * taken["steps"]:
-        counted = f"{taken['shortest_steps']} of {taken['steps']} steps are as short as steps get"
+    if solution.first_bad is None and shortest > SHORTEST_SHARE * taken["steps"]:
+        counted = f"{shortest} of {taken['steps']} steps are as short as steps get"
         warnings.append(
             f"accuracy: {counted} and have a larger error than {accuracy:g} allows. Use a larger run.accuracy"
         )
-    if isinstance(stepper.integrator, Embedded):
+    if isinstance(scheme, Embedded):
         taken["error_tolerance"] = float(allowed_error(accuracy, model.dtype))
-        h = interval / steps
-        warnings += stiffness_remarks(stepper.integrator, model, run.r[:good], run.v[:good], solution.t[1:], h)
+        warnings += stiffness_remarks(scheme, model, run.r[:good], run.v[:good], solution.t[1:], interval / steps)
     return replace(
         solution,
         t_tension=np.concatenate([solution.t[:1], solution.t[1:] - 0.5 * interval]),
-        tension_square=np.concatenate([first**2, within.square[:good]]),
+        tension_square=np.concatenate([solution.tension[:1] ** 2, within.square[:good]]),
         settings={**solution.settings, **taken},
         warnings=tuple(warnings),
     )
-
-
-def _precision(scene: Scene, model: Model) -> tuple[str, ...]:
-    """A warning if JAX does not compute in the requested precision."""
-    if str(model.dtype) == scene.run.dtype:
-        return ()
-    return (f"run.dtype: {scene.run.dtype} was requested, but JAX computes in {model.dtype} (JAX_ENABLE_X64 is off)",)
-
-
-def _explicit(stepper: Stepper, model: Model) -> str:
-    """The step limit of an explicit scheme on elastic lines: about 2/omega, omega^2 = 4 EA/(L m) of the stiffest
-    link."""
-    line = model.line
-    if stepper.integrator.implicit or not line.axial.elastic:
-        return ""
-    omega = 2.0 * float(np.sqrt(np.max(np.asarray(line.axial.axial_stiffness() / (line.length * line.mass)))))
-    return f"; {stepper.integrator.name} is explicit; its stability limit with these lines is about {2.0 / omega:.1g} s"
-
-
-def _good_saves(run: Trajectory) -> int:
-    """Saved times before the first failed step."""
-    bad = np.flatnonzero(run.first_bad >= 0)
-    if bad.size:
-        return int(bad[0])
-    return len(run.first_bad)
 
 
 def _reason(residual: float, stepper: Stepper, model: Model) -> tuple[str, str]:
     """Status and reason of a step that failed."""
     limit = stepper.limit(model)
     if not np.isfinite(residual):
-        return "non_finite", f"the step gave non-finite values{_explicit(stepper, model)}"
+        what = "the step gave non-finite values"
+        line = model.line
+        if not stepper.integrator.implicit and line.axial.elastic:
+            # the step limit is about 2/omega, omega^2 = 4 EA/(L m) of the stiffest link
+            omega = 2.0 * float(np.sqrt(np.max(np.asarray(line.axial.axial_stiffness() / (line.length * line.mass)))))
+            limit_s = f"its stability limit with these lines is about {2.0 / omega:.1g} s"
+            what = f"{what}; {stepper.integrator.name} is explicit; {limit_s}"
+        return "non_finite", what
     if residual >= TOO_FAR:
+        parts = ""
         if stepper.integrator.implicit:
             parts = f", in the shortest of {2**stepper.halvings} substeps"
-        else:
-            parts = ""
         return "retry_exhausted", f"lines in contact moved by more than half their radius{parts}; take a smaller step"
     if residual <= limit:
         return "not_converged", f"constraint drift: the length of a link has changed by more than {DRIFT_LIMIT:.0%}"
@@ -358,7 +313,7 @@ def _name_leaves(internal: dict[str, Frozen]) -> dict[str, np.ndarray]:
     return found
 
 
-def damping_rates(model: Model, r: jax.Array, v: jax.Array, t: jax.Array) -> dict[str, jax.Array]:
+def damping_rates(model: Model, r: Array, v: Array, t: Array) -> dict[str, Array]:
     """Maximum damping rate (k,) [1/s] over the nodes of each damping effect, at instants (k, ...)."""
     found = {}
     for effect in model.having(Force):
@@ -370,7 +325,7 @@ def damping_rates(model: Model, r: jax.Array, v: jax.Array, t: jax.Array) -> dic
     return found
 
 
-def _rate(model: Model, effect: Force, r: jax.Array, v: jax.Array, t: jax.Array) -> jax.Array:
+def _rate(model: Model, effect: Force, r: Array, v: Array, t: Array) -> Array:
     k = model.instant(r, v, t)
     blocks = local_jacobian(lambda v: effect.force(k.with_velocity(v)), v)
     even = -0.5 * (blocks + jnp.swapaxes(blocks, 1, 2)) / model.node_mass[:, None, None]

@@ -1,4 +1,4 @@
-"""Curvature, bending moment, torque, and forces on fixed points over a whole run."""
+"""Curvature, bending moment and torque of lines over a whole run."""
 
 from __future__ import annotations
 
@@ -9,13 +9,14 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.analysis.writhe import writhe
+from dropper_jax.base.numerics import unit_vectors
 from dropper_jax.base.read import Table
 from dropper_jax.effects.bending import CRUSHED, common_ends
 from dropper_jax.effects.clamp_motion import ClampMotion
 from dropper_jax.load.scene import Scene
-from dropper_jax.run.end_links import EndLinks, line_ends
-from dropper_jax.run.growth import overgrown
-from dropper_jax.scene import LineSlice, LineSpec, SceneData, line_slices, sliced_lines, whole_lines
+from dropper_jax.run.end_links import End, ends_of, line_ends
+from dropper_jax.scene import line_slices, sliced_lines
+from dropper_jax.scene.data import first_nodes, link_differences
 
 
 def torque(scene: Scene, positions: np.ndarray, twist: np.ndarray, rate: np.ndarray) -> np.ndarray:
@@ -25,26 +26,16 @@ def torque(scene: Scene, positions: np.ndarray, twist: np.ndarray, rate: np.ndar
         positions: all nodes (k, nodes, 3) [m]; twist, rate: (k, nodes) [rad], [rad/s].
     """
     given = scene.effects["torsion"]
-    links = scene.line.links
-    stiffness = np.broadcast_to(given["GJ"], links)
-    damping = np.broadcast_to(given["damping"], links)
-    coupling = given["coupling"]
-    found = np.zeros((len(positions), links))
-    for line, where in _twisting_lines(scene):
-        at = where.links
-        tau = np.diff(twist[:, where.nodes], axis=1) / line.length
-        turning = np.diff(rate[:, where.nodes], axis=1) / line.length
-        found[:, at] = stiffness[at] * tau + damping[at] * turning
-        if coupling is not None:
-            length = np.linalg.norm(np.diff(positions[:, where.nodes], axis=1), axis=-1)
-            found[:, at] += np.broadcast_to(coupling, links)[at] * (length / line.length - 1.0)
+    length = scene.line.length
+    tau = link_differences(scene, twist) / length
+    found = given["GJ"] * tau + given["damping"] * link_differences(scene, rate) / length
+    if given["coupling"] is not None:
+        size = np.linalg.norm(link_differences(scene, positions), axis=-1)
+        found = found + given["coupling"] * (size / length - 1.0)
+    for line, where in sliced_lines(scene):
+        if given["lines"] and line.name not in given["lines"]:
+            found[:, where.links] = 0.0
     return found
-
-
-def _twisting_lines(scene: Scene) -> list[tuple[LineSpec, LineSlice]]:
-    """The lines with torsion, and their nodes and links."""
-    names = scene.effects["torsion"]["lines"]
-    return [(line, where) for line, where in sliced_lines(scene) if not names or line.name in names]
 
 
 #: Writhe [turns] above which a run warns that it is omitted.
@@ -64,20 +55,20 @@ def twist_remarks(scene: Scene, positions: np.ndarray, tension: np.ndarray, torq
     """
     given = scene.effects["torsion"]
     twisting = np.broadcast_to(given["GJ"], scene.line.links)
-    stiffness = None
+    most = np.full(torque.shape, np.inf)
     if bends(scene):
-        stiffness = bending_stiffness(scene)
-    for line, where in _twisting_lines(scene):
+        most = 2.0 * np.sqrt(bending_stiffness(scene) * np.maximum(tension, 0.0))
+    for line, where in sliced_lines(scene):
+        if given["lines"] and line.name not in given["lines"]:
+            continue
         turning = np.abs(torque[:, where.links])
-        pulled = np.maximum(tension[:, where.links], 0.0)
-        if stiffness is not None:
-            most = 2.0 * np.sqrt(stiffness[where.links] * pulled)
-            worst = np.unravel_index(np.argmax(turning - most), turning.shape)
-            if turning[worst] > most[worst]:
-                yield (
-                    f"{line.name}: its torque of {turning[worst]:.3g} N m is above 2 sqrt(EI T) = {most[worst]:.3g} "
-                    "N m: it would form loops, which the torsion model omits"
-                )
+        straight = most[:, where.links]
+        worst = np.unravel_index(np.argmax(turning - straight), turning.shape)
+        if turning[worst] > straight[worst]:
+            yield (
+                f"{line.name}: its torque of {turning[worst]:.3g} N m is above 2 sqrt(EI T) = {straight[worst]:.3g} "
+                "N m: it would form loops, which the torsion model omits"
+            )
         if given["first"] == given["last"] == "held":
             nodes = positions[:, where.nodes]
             turns = float(np.ptp(writhe(nodes, nodes[0, -1] - nodes[0, 0])))
@@ -100,15 +91,16 @@ def crushed_links(scene: Scene, positions: np.ndarray) -> Iterator[str]:
     """
     if not bends(scene):
         return
-    stiffness = bending_stiffness(scene)
+    bending = bending_stiffness(scene) > 0.0
+    shares = np.linalg.norm(link_differences(scene, positions), axis=-1) / scene.line.length
     for line, where in sliced_lines(scene):
-        if not (line.goes_slack and np.any(stiffness[where.links] > 0.0)):
+        if not (line.goes_slack and np.any(bending[where.links])):
             continue
-        size = np.linalg.norm(np.diff(positions[:, where.nodes], axis=1), axis=-1) / line.length
-        worst = np.unravel_index(np.argmin(size), size.shape)
-        if size[worst] < CRUSHED:
+        share = shares[:, where.links]
+        worst = np.unravel_index(np.argmin(share), share.shape)
+        if share[worst] < CRUSHED:
             yield (
-                f"{line.name}: link {worst[1] + 1} is compressed to {size[worst]:.0%} of its length: the line has "
+                f"{line.name}: link {worst[1] + 1} is compressed to {share[worst]:.0%} of its length: the line has "
                 f"bending stiffness, but its axial law {line.axial_law!r} no stiffness in compression. Use axial law "
                 "'elastic'"
             )
@@ -133,52 +125,56 @@ def curvature(scene: Scene, positions: np.ndarray, t: np.ndarray | None = None) 
         positions: all nodes, line after line (k, nodes, 3) [m].
         t: times (k,) [s], for clamps that turn; 0 if omitted.
     """
+    length = scene.line.length
+    first = first_nodes(scene)
+    q = unit_vectors(link_differences(scene, positions))
     found = np.zeros(positions.shape[:2])
-    away = {}
+    before = np.flatnonzero(np.diff(first) == 1)  # links that another one of their line follows
+    turns = np.linalg.norm(q[:, before + 1] - q[:, before], axis=-1)
+    found[:, first[before + 1]] = turns / (0.5 * (length[before + 1] + length[before]))
     clamps = _clamps(scene, np.zeros(len(positions)) if t is None else t)
-    for line, where in sliced_lines(scene):
-        links = np.diff(positions[:, where.nodes], axis=1)
-        size = np.linalg.norm(links, axis=-1, keepdims=True)
-        q = links / np.where(size > 0.0, size, 1.0)
-        length = np.asarray(line.length, float)
-        own = found[:, where.nodes]
-        own[:, 1:-1] = np.linalg.norm(q[:, 1:] - q[:, :-1], axis=-1) / (0.5 * (length[1:] + length[:-1]))
-        for node, link, name, sign in ((0, 0, line.start, 1.0), (-1, -1, line.end, -1.0)):
-            if name in clamps:
-                own[:, node] = np.linalg.norm(q[:, link] - sign * clamps[name], axis=-1) / (0.5 * length[link])
-        away[line.name] = ((q[:, 0], length[0]), (-q[:, -1], length[-1]))
-    for pair, ends, nodes in _joined_ends(scene):
-        first, second = (away[name][end] for name, end in zip(pair, ends, strict=True))
-        bent = np.linalg.norm(first[0] + second[0], axis=-1) / (0.5 * (first[1] + second[1]))
-        found[:, nodes] = bent[:, None]
+    for point, end in line_ends(scene):
+        if point in clamps:
+            found[:, end.nodes[0]] = np.linalg.norm(_outward(q, end) - clamps[point], axis=-1) / (
+                0.5 * length[end.link]
+            )
+    for one, other in _joined_ends(scene):
+        turn = np.linalg.norm(_outward(q, one) + _outward(q, other), axis=-1)
+        found[:, [one.nodes[0], other.nodes[0]]] = (turn / (0.5 * (length[one.link] + length[other.link])))[:, None]
     return found
 
 
-def _joined_ends(scene: Scene) -> Iterator[tuple[tuple[str, str], tuple[int, int], list[int]]]:
-    """The lines of each pair that `bending` joins, their ends (0 or 1) at the common point, and their nodes there."""
-    ends = {line.name: (line.start, line.end) for line in scene.lines}
-    nodes = {where.name: (where.nodes.start, where.nodes.stop - 1) for where in line_slices(scene)}
+def _outward(q: np.ndarray, end: End) -> np.ndarray:
+    """Direction (k, 3) of an end link from its point, from those of all links (k, n, 3)."""
+    if end.last:
+        return -q[:, end.link]
+    return q[:, end.link]
+
+
+def _joined_ends(scene: Scene) -> Iterator[list[End]]:
+    """The two ends of lines that `bending` joins, of each pair."""
+    points = {line.name: (line.start, line.end) for line in scene.lines}
+    ends = {where.name: ends_of(where) for where in line_slices(scene)}
     for pair in scene.effects.get("bending", {}).get("joined", ()):
-        common = common_ends(pair, ends)
-        yield pair, common, [nodes[name][end] for name, end in zip(pair, common, strict=True)]
+        yield [ends[name][last] for name, last in zip(pair, common_ends(pair, points), strict=True)]
 
 
 def bending_moment(scene: Scene, positions: np.ndarray, t: np.ndarray, broken: tuple[Table, ...]) -> np.ndarray:
-    """`M = EI kappa` (k, nodes) [N m]; zero next to a broken link."""
-    kappa = curvature(scene, positions, t)
-    stiffness = bending_stiffness(scene)
-    for where in line_slices(scene):
-        each = stiffness[where.links]
-        kappa[:, where.nodes] *= np.concatenate([each[:1], 0.5 * (each[1:] + each[:-1]), each[-1:]])
-        for row in broken:
-            if row["line"] == where.name:
-                beside = slice(where.nodes.start + row["link"] - 1, where.nodes.start + row["link"] + 1)
-                kappa[t > row["time_s"], beside] = 0.0
-    for _, _, nodes in _joined_ends(scene):
+    """`M = EI kappa` (k, nodes) [N m], EI the mean of a node's links; zero next to a broken link."""
+    first = first_nodes(scene)
+    at = np.concatenate([first, first + 1])
+    stiffness = np.bincount(at, np.tile(bending_stiffness(scene), 2)) / np.bincount(at)
+    moment = stiffness * curvature(scene, positions, t)
+    starts = {where.name: where.links.start for where in line_slices(scene)}
+    for row in broken:
+        node = first[starts[row["line"]] + row["link"] - 1]
+        moment[t > row["time_s"], node : node + 2] = 0.0
+    for one, other in _joined_ends(scene):
         # one moment on both lines: that of their mean stiffness, and none once an end link has broken
-        intact = np.all(kappa[:, nodes] > 0.0, axis=1, keepdims=True)
-        kappa[:, nodes] = intact * np.mean(kappa[:, nodes], axis=1, keepdims=True)
-    return kappa
+        nodes = [one.nodes[0], other.nodes[0]]
+        intact = np.all(moment[:, nodes] > 0.0, axis=1, keepdims=True)
+        moment[:, nodes] = intact * np.mean(moment[:, nodes], axis=1, keepdims=True)
+    return moment
 
 
 def _clamps(scene: Scene, t: np.ndarray) -> dict[str, np.ndarray]:
@@ -210,41 +206,10 @@ def bending_summary(
         own = moment[:, where.nodes]
         bent = float(np.max(kappa[:, where.nodes]))
         when, node = np.unravel_index(np.argmax(own), own.shape)
-        least_radius_m = None
-        if bent > STRAIGHT:
-            least_radius_m = 1.0 / bent
         found[line.name] = {
             "largest_moment_n_m": float(own[when, node]),
             "at_m": float(np.sum(line.length[:node])),
             "t_s": float(t[when]),
-            "least_radius_m": least_radius_m,
+            "least_radius_m": 1.0 / bent if bent > STRAIGHT else None,
         }
     return found
-
-
-def point_load(
-    scene: Scene, name: str, t: np.ndarray, positions: np.ndarray, t_tension: np.ndarray, tension: np.ndarray
-) -> np.ndarray:
-    """Force (q, 3) [N] of all lines on a point, at the times of the tensions (see `run.end_links`).
-
-    Args:
-        t, positions: saved times (k,) [s] and nodes (k, nodes, 3) [m] of all lines.
-        t_tension, tension: (q,) [s] and (q, links) [N].
-    """
-    links = EndLinks(overgrown(scene))
-    total = np.zeros((len(t_tension), 3))
-    for point, end in line_ends(scene):
-        if point == name:
-            total += links.force_between(end, t, positions, t_tension, tension)
-    return total
-
-
-def held_points(scene: SceneData) -> list[str]:
-    """Names of the fixed points at which a line ends."""
-    ends = {name for line in scene.lines for name in (line.start, line.end)}
-    return [name for name in scene.fixed_points if name in ends]
-
-
-def end_tensions(scene: SceneData, tension: np.ndarray) -> dict[str, np.ndarray]:
-    """Tension (k, 2) [N] of the first and the last link of every line, pieces between attached points together."""
-    return {line.name: tension[:, [line.links.start, line.links.stop - 1]] for line in whole_lines(scene)}

@@ -10,6 +10,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 from jax.typing import ArrayLike
 
 from dropper_jax.backend.programs import cached_jit
@@ -23,26 +24,12 @@ from dropper_jax.run.fixed_points import with_points_fixed
 from dropper_jax.run.flow_coefficients import with_flow_coefficients
 from dropper_jax.run.growth import overgrown
 from dropper_jax.run.wakes import with_wakes
-from dropper_jax.scene import RunSpec, StartSpec
+from dropper_jax.scene import RunSpec, StartSpec, directions
 from dropper_jax.statics.linearised import Linearised, linearised_about
 from dropper_jax.statics.search import Equilibrium
 from dropper_jax.statics.static_pose import equilibrium as model_equilibrium
 from dropper_jax.statics.static_pose import release_loads, settle
 from dropper_jax.stepping.stepper import make_stepper
-
-
-def link_directions(polar: jax.Array, azimuth: jax.Array, zero: str) -> jax.Array:
-    """Unit link vectors (n, 3) of polar and azimuth angles (n,) [rad], polar from the horizontal or from straight down.
-
-    horizontal: (cos p cos a, cos p sin a, -sin p), the thesis' (4.3)-(4.5); down: (sin p cos a, sin p sin a, -cos p).
-    """
-    if zero == "horizontal":
-        across = jnp.cos(polar)
-        drop = jnp.sin(polar)
-    else:
-        across = jnp.sin(polar)
-        drop = jnp.cos(polar)
-    return jnp.stack([across * jnp.cos(azimuth), across * jnp.sin(azimuth), -drop], axis=-1)
 
 
 def from_angles(
@@ -55,8 +42,8 @@ def from_angles(
 ) -> State:
     """The state of links with these angles [rad] and rates [rad/s], each (n,); differentiable in all of them."""
 
-    def nodes(p: jax.Array, a: jax.Array) -> jax.Array:
-        links = model.line.length[:, None] * link_directions(p, a, zero)
+    def nodes(p: Array, a: Array) -> Array:
+        links = model.line.length[:, None] * directions(p, a, zero)
         # not `cumsum`, which cannot be part of one kernel
         return model.points[model.geometry.members[0].start].position + jax.lax.associative_scan(jnp.add, links)
 
@@ -82,13 +69,10 @@ def between_points(model: Model, near: State | None = None, there: bool = False)
         s = _equilibrium_state(held, None)
     else:
         s = settle(held, state(held, near.r[: held.free_nodes], tension=near.tension), there=there)
-    r = s.r
-    if positions:
-        r = jnp.concatenate([s.r, jnp.stack(positions)])
-    return state(model, r, tension=s.tension)
+    return state(model, jnp.concatenate([s.r, *(position[None] for position in positions)]), tension=s.tension)
 
 
-def _equilibrium_state(model: Model, loads: jax.Array | None) -> State:
+def _equilibrium_state(model: Model, loads: Array | None) -> State:
     pose = model_equilibrium(model, loads)
     if pose.state is None or pose.status not in ("ok", "traced"):
         raise SceneError(f"start: {pose.message}")
@@ -108,26 +92,20 @@ def initial_state(model: Model, start: StartSpec, near: State | None = None, the
     if start.is_static:
         loads = release_loads(model, start)
         if near is None:
-            return _with_body_velocities(model, _equilibrium_state(model, loads))
-        return _with_body_velocities(model, settle(model, state(model, near.r, tension=near.tension), loads, there))
-    return _under_tension(model, _with_body_velocities(model, _state_of_spec(model, start, near, there)))
-
-
-def _with_body_velocities(model: Model, s: State) -> State:
-    """The state with the initial velocities of bodies."""
+            s = _equilibrium_state(model, loads)
+        else:
+            s = settle(model, state(model, near.r, tension=near.tension), loads, there)
+    elif start.kind == "points":
+        s = between_points(model, near, there)
+    elif start.kind == "angles":
+        s = from_angles(model, start.polar, start.azimuth, start.polar_rate, start.azimuth_rate, start.zero)
+    else:
+        nodes = np.concatenate(model.geometry.paths)
+        free = np.array([np.flatnonzero(nodes == node)[0] for node in range(model.free_nodes)])
+        s = state(model, start.positions[free], start.velocities[free])
     for bodies in model.constraints:
         s = replace(s, v=s.v + bodies.initial_velocities(model, s.r))
-    return s
-
-
-def _state_of_spec(model: Model, start: StartSpec, near: State | None, there: bool) -> State:
-    if start.kind == "points":
-        return between_points(model, near, there)
-    if start.kind == "angles":
-        return from_angles(model, start.polar, start.azimuth, start.polar_rate, start.azimuth_rate, start.zero)
-    nodes = np.concatenate(model.geometry.paths)
-    free = np.array([np.flatnonzero(nodes == node)[0] for node in range(model.free_nodes)])
-    return state(model, start.positions[free], start.velocities[free])
+    return s if start.is_static else _under_tension(model, s)
 
 
 @cached_jit()
@@ -137,9 +115,7 @@ def _under_tension(model: Model, s: State) -> State:
     if acting.constraints:  # lines in scenes with bodies stretch, so their lengths determine their tensions
         k = acting.kinematics(s.r, s.v, s.t)
         return replace(s, tension=acting.tension_by_law(k))
-    moved = None
-    if acting.moving:
-        moved = acting.end_acceleration(s.t)
+    moved = acting.end_acceleration(s.t) if acting.moving else None
     return replace(s, tension=instant(acting.instant(s.r, s.v, s.t), moved)[1])
 
 
@@ -168,7 +144,7 @@ def build(scene: SceneLike, dtype: str | None = None) -> tuple[Model, State]:
 
 
 def equilibrium(
-    scene: SceneLike | Model, loads: jax.Array | None = None, t: float = 0.0, near: State | None = None
+    scene: SceneLike | Model, loads: Array | None = None, t: float = 0.0, near: State | None = None
 ) -> Equilibrium:
     """The equilibrium of a scene, under its release force if it has one, or of a model (see `build`).
 

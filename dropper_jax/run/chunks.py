@@ -9,13 +9,13 @@ from __future__ import annotations
 import shutil
 import time
 from collections.abc import Callable, Iterator
-from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import SceneError
@@ -39,7 +39,13 @@ def check_memory(model: Model, start: Row, run: RunSpec, scratch: Path | None) -
     Raises:
         SceneError: with the required and the free size.
     """
-    size = run.rows * (row_bytes(model, start) + _extremes_bytes(model, run))
+    links = model.line.links
+    # positions and velocities of all nodes, tensions, angles, energies
+    numbers = 6 * (model.free_nodes + 2 * max(1, links // 8)) + 3 * links + 16
+    if run.save_every > 1 or run.accuracy is not None:
+        # extremes and their times: of links, ends of lines and fixed points
+        numbers += 4 * (links + 2 * len(model.geometry.members) + 3 * len(model.geometry.held_points))
+    size = run.rows * (numbers * np.dtype(model.dtype).itemsize + _bytes((start.parted, start.own)))
     if scratch is None:
         # copies of all saved states in memory at once (measured), if nothing is stored on disk
         # memory of JAX and its programs [bytes]
@@ -62,19 +68,8 @@ def check_memory(model: Model, start: Row, run: RunSpec, scratch: Path | None) -
         )
 
 
-def row_bytes(model: Model, s: Row | State) -> int:
-    """Bytes of an observed state: positions and velocities of all nodes, tensions, angles, energies."""
-    own = sum(np.asarray(leaf).nbytes for leaf in jax.tree.leaves((s.parted, s.own)))
-    nodes = model.free_nodes + 2 * max(1, model.line.links // 8)
-    return int(np.dtype(model.dtype).itemsize * (2 * 3 * nodes + 3 * model.line.links + 16) + own)
-
-
-def _extremes_bytes(model: Model, run: RunSpec) -> int:
-    """Bytes of the extremes of a saved state and their times: of links, ends of lines and fixed points."""
-    if run.save_every == 1 and run.accuracy is None:
-        return 0
-    signals = model.line.links + 2 * len(model.geometry.members) + 3 * len(model.geometry.held_points)
-    return 4 * signals * int(np.dtype(model.dtype).itemsize)
+def _bytes(tree: Any) -> int:
+    return sum(np.asarray(leaf).nbytes for leaf in jax.tree.leaves(tree))
 
 
 #: Minimum number of chunks of a run that has at least this number of saves.
@@ -88,40 +83,59 @@ CHUNK_BYTES = 16_000_000
 #: Saves of a chunk with steps of variable length: one of these, so that runs of other lengths share the program.
 CHUNK_SIZES = (1, 2, 16, 128, 1024)
 
-#: Accuracy of a companion over that of its run, or the inverse.
+#: Accuracy of a companion over that of its run, or the inverse; its steps or intervals are half or twice as long.
 FACTOR = 4.0
 
 #: The state carried from chunk to chunk, and the data on its steps in addition to the trajectory.
 Carry = Progress | Adaptive
 Beside = Within | None
-#: A carry and the maximum number of saves -> the carry after them, the saved states.
-GoOn = Callable[[Any, int], tuple[Any, tuple[Trajectory, Beside]]]
+#: A carry, the maximum number of saves, and 0 for the run, 1 for its finer companion, -1 for the coarser one -> the
+#: carry after them, the saved states.
+Advance = Callable[[Any, int, int], tuple[Any, tuple[Trajectory, Beside]]]
 
 # Compiled once for all calls: a second run that differs in values only is not compiled again.
 _advance = cached_jit(static=("stepper", "saves", "save_every"), kernel=True)(advance)
 _advance_adaptively = cached_jit(static=("stepper", "saves"), kernel=True)(advance_adaptively)
 
 
-class Companion(NamedTuple):
-    """A second run, coarser or finer than a first one.
-
-    Attributes:
-        go: yields its rows in pieces, for a number of saves of the first run; ends early if a step fails.
-        finer: whether it has two saves for each of the first run, not one for two.
-        words: what it follows.
-    """
-
-    go: Callable[[int], Iterator[tuple[Trajectory, Beside]]]
-    finer: bool
-    words: str
-
-
 class Program(NamedTuple):
-    """A compiled run: the function that continues from a carry, the first carry, and its companion, finer or not."""
+    """A compiled run: its first carry, what continues it, and in words what it or its companion follows."""
 
-    go_on: GoOn
     carry: Carry
-    companion: Callable[[bool], Companion]
+    advance: Advance
+    words: Callable[[int], str]
+
+    def go_on(self, carry: Carry, left: int) -> tuple[Carry, tuple[Trajectory, Beside]]:
+        """The carry after at most this number of saves, and the saved states."""
+        return self.advance(carry, left, 0)
+
+    def companion(self, finer: bool) -> Companion:
+        """The same run from its start with finer or coarser steps."""
+        return Companion(self, finer)
+
+
+class Companion(NamedTuple):
+    """A second run: finer, with two saves for each of the first run, or coarser, with one save for two."""
+
+    program: Program
+    finer: bool
+
+    @property
+    def words(self) -> str:
+        """What it follows."""
+        return self.program.words(1 if self.finer else -1)
+
+    def go(self, saves: int) -> Iterator[tuple[Trajectory, Beside]]:
+        """Its rows, in pieces, for this number of saves of the first run; ends early if a step fails."""
+        level = 1 if self.finer else -1
+        left = 2 * saves if self.finer else saves // 2
+        carry = self.program.carry
+        while left > 0:
+            carry, piece = self.program.advance(carry, left, level)
+            if carry.has_failed:
+                return
+            left -= len(piece[0].r)
+            yield piece
 
 
 class RunOutcome(NamedTuple):
@@ -160,121 +174,80 @@ def compile_run(stepper: Stepper, model: Model, carry: Carry, run: RunSpec, watc
     Args:
         watch: signals whose extremes over all steps are saved, a pytree; see `stepping.extremes`.
     """
+    if run.accuracy is None or isinstance(carry, Progress):
+        return _equal_steps(stepper, model, carry, run, watch)
     own = run.accuracy
-    if own is None or isinstance(carry, Progress):
-        equal = _EqualSteps(stepper, model, carry, run, watch)
-        return Program(equal, carry, equal.companion)
-    dt = jnp.asarray(run.interval, model.dtype)
     saves = max(size for size in CHUNK_SIZES if size == 1 or size * MIN_CHUNKS <= run.rows)
-    accuracy = jnp.asarray(own, model.dtype)
-    none = np.int32(0)
-    program = _advance_adaptively.program(stepper, model, carry, dt, accuracy, count=none, watch=watch, saves=saves)
 
-    def advance(
-        carry: Carry, left: int, interval: jax.Array, accuracy: jax.Array
-    ) -> tuple[Carry, tuple[Trajectory, Beside]]:
-        count = min(saves, left)  # never beyond the end, where the run may go on
-        after, rows = program(model, carry, interval, accuracy, np.int32(count), watch)
-        return after, jax.tree.map(lambda a: np.asarray(a)[:count], rows)
-
-    def companion(finer: bool) -> Companion:
-        if finer:
-            other = own / FACTOR
-        else:
-            other = min(own * FACTOR, 1.0)
+    def settings(level: int) -> tuple[Array, Array]:
         # steps end at the saved times: with the interval of the run those of both would be equal where it is short
-        interval = 0.5 * dt if finer else 2.0 * dt
-        go_on = partial(advance, interval=interval, accuracy=jnp.asarray(other, model.dtype))
-        return Companion(partial(_second_run, go_on, carry, finer), finer, f"a run with accuracy {other:.2g}")
+        interval = jnp.asarray(run.interval / 2.0**level, model.dtype)
+        return interval, jnp.asarray(min(own / FACTOR**level, 1.0), model.dtype)
 
-    return Program(partial(advance, interval=dt, accuracy=accuracy), carry, companion)
+    none = np.int32(0)
+    program = _advance_adaptively.program(stepper, model, carry, *settings(0), count=none, watch=watch, saves=saves)
 
+    def advance(carry: Carry, left: int, level: int) -> tuple[Carry, tuple[Trajectory, Beside]]:
+        count = min(saves, left)  # never beyond the end, where the run may go on
+        after, rows = program(model, carry, *settings(level), np.int32(count), watch)
+        return after, _first_rows(rows, count)
 
-def _second_run(go_on: GoOn, carry: Carry, finer: bool, saves: int) -> Iterator[tuple[Trajectory, Beside]]:
-    """The rows of a companion, in pieces, for this number of saves of the first run; ends early if a step fails."""
-    left = 2 * saves if finer else saves // 2
-    while left > 0:
-        carry, piece = go_on(carry, left)
-        if carry.has_failed:
-            return
-        left -= len(piece[0].r)
-        yield piece
+    return Program(carry, advance, lambda level: f"a run with accuracy {min(own / FACTOR**level, 1.0):.2g}")
 
 
-class _EqualSteps:
-    """Equal steps; one that does not converge is halved."""
+def _equal_steps(stepper: Stepper, model: Model, carry: Carry, run: RunSpec, watch: Watch | None) -> Program:
+    """A run of equal steps; one that does not converge is halved."""
+    saves = _chunk_size(carry.state)
+    dt = jnp.asarray(run.step, model.dtype)
+    none = np.int32(0)
+    settings = {"saves": saves, "save_every": run.save_every}
+    program = _advance.program(stepper, model, carry, dt, count=none, watch=watch, **settings)
 
-    def __init__(self, stepper: Stepper, model: Model, progress: Progress, run: RunSpec, watch: Watch | None) -> None:
-        self.stepper, self.model, self.dt, self.watch = stepper, model, run.step, watch
-        self.first = progress
-        self.settings = {"saves": _chunk_size(progress.state), "save_every": run.save_every}
-        self.longest = min(max(1, run.saves // MIN_CHUNKS), self.settings["saves"])
-        self.count = 1
-        dt = jnp.asarray(self.dt, self.model.dtype)
-        none = np.int32(0)
-        self.program = _advance.program(stepper, model, progress, dt, count=none, watch=watch, **self.settings)
+    def advance(carry: Carry, left: int, level: int) -> tuple[Carry, tuple[Trajectory, Beside]]:
+        count = min(saves, left)
+        dt = jnp.asarray(run.step / 2.0**level, model.dtype)
+        after, rows = program(model, carry, dt, np.int32(count), watch)
+        return after, (_first_rows(rows, count), None)
 
-    def __call__(self, carry: Progress, left: int) -> tuple[Progress, tuple[Trajectory, None]]:
-        count = min(self.count, self.longest, left)
-        started = time.perf_counter()
-        found = self._take(carry, count)
-        self.count = max(1, int(count * min(SECONDS / max(time.perf_counter() - started, 1e-9), LONGER)))
-        return found
+    return Program(carry, advance, lambda level: f"a run with steps of {run.step / 2.0**level:.4g} s")
 
-    def _take(self, carry: Progress, left: int, parts: float = 1.0) -> tuple[Progress, tuple[Trajectory, None]]:
-        count = min(left, self.settings["saves"])
-        dt = jnp.asarray(self.dt / parts, self.model.dtype)
-        after, rows = self.program(self.model, carry, dt, np.int32(count), self.watch)
-        return after, (jax.tree.map(lambda a: np.array(np.asarray(a)[:count]), rows), None)
 
-    def companion(self, finer: bool) -> Companion:
-        """The same run from its start with steps of half or twice the length."""
-        parts = 2.0 if finer else 0.5
-        go = partial(_second_run, partial(self._take, parts=parts), self.first, finer)
-        return Companion(go, finer, f"a run with steps of {self.dt / parts:.4g} s")
+def _first_rows(rows: Any, count: int) -> Any:
+    return jax.tree.map(lambda a: np.array(np.asarray(a)[:count]), rows)
 
 
 def _chunk_size(s: State) -> int:
-    size = sum(np.asarray(leaf).nbytes for leaf in jax.tree.leaves((s.r, s.v, s.tension, s.work, s.parted, s.own)))
+    size = _bytes((s.r, s.v, s.tension, s.work, s.parted, s.own))
     return max(1, min(MOST_SAVES, 2 ** int(np.log2(max(CHUNK_BYTES / max(size, 1), 1.0)))))
 
 
-def run_chunks(
-    run: Program,
-    saves: int,
-    say: Callable[[float, str], None],
-    rows: InMemory | None = None,
-) -> RunOutcome:
+def run_chunks(run: Program, saves: int, say: Callable[[float, str], None], rows: InMemory | None = None) -> RunOutcome:
     """Run chunks until the end, a failure or an interruption, which includes a full disk.
 
     Args:
         rows: store for the chunks; default: in memory.
     """
-    carry = run.carry
-    done = 0
     rows = InMemory() if rows is None else rows
-    at = carry, done  # of what is kept: one name, so that a stop leaves both as they belong together
+    at = run.carry, 0  # what is kept: one name, so that a stop leaves both as they belong together
+    count = 1
     started = time.perf_counter()
     interrupted = False
     refused = ""
     try:
-        while done < saves:
-            carry, piece = run.go_on(carry, saves - done)
-            rows.append(done, (jax.tree.map(np.asarray, piece), name_leaves(Last(last_row(piece[0]), carry))))
-            at = carry, done + len(piece[0].r)
-            done = at[1]
-            say(min(done / saves, 1.0), f"t = {float(carry.t):.3g} s")
-            if carry.has_failed:
-                break
+        while at[1] < saves and not at[0].has_failed:
+            chunk_started = time.perf_counter()
+            carry, piece = run.go_on(at[0], min(count, saves - at[1]))
+            rows.append(at[1], (jax.tree.map(np.asarray, piece), name_leaves(Last(last_row(piece[0]), carry))))
+            at = carry, at[1] + len(piece[0].r)
+            say(min(at[1] / saves, 1.0), f"t = {float(carry.t):.3g} s")
+            longer = SECONDS / max(time.perf_counter() - chunk_started, 1e-9)
+            count = min(max(1, int(count * min(longer, LONGER))), max(1, saves // MIN_CHUNKS))
     except (KeyboardInterrupt, OSError) as error:
-        interrupted = True
         if not at[1]:
             raise
-        if isinstance(error, KeyboardInterrupt):
-            refused = ""
-        else:
+        interrupted = True
+        if isinstance(error, OSError):
             refused = f"stopped: {error.strerror or error}"
     run_s = time.perf_counter() - started
-    carry, done = at
-    joined, beside = rows.read(done)
-    return RunOutcome(joined, beside, carry, run_s, interrupted, refused)
+    joined, beside = rows.read(at[1])
+    return RunOutcome(joined, beside, at[0], run_s, interrupted, refused)

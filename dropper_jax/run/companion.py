@@ -65,11 +65,24 @@ SUDDEN = 4.0
 
 
 class Tensions(NamedTuple):
-    """Tensions of the links (n,) over a run [N]: mean, mean square, maximum."""
+    """Tensions of the links (n,) over a number of samples [N]: mean, mean square, maximum."""
 
+    samples: int
     mean: np.ndarray
     square: np.ndarray
-    top: np.ndarray
+    maximum: np.ndarray
+
+    @classmethod
+    def of(cls, rows: Trajectory, within: Within | None) -> Tensions:
+        """Those of saved states."""
+        tension = np.asarray(rows.tension)
+        square = tension**2
+        if within is not None:
+            square = np.asarray(within.square)
+        top = tension
+        if rows.extremes is not None:
+            top = np.asarray(rows.extremes.largest[:, : tension.shape[1]])
+        return cls(len(tension), np.mean(tension, axis=0), np.mean(square, axis=0), np.max(top, axis=0))
 
     @property
     def deviation(self) -> np.ndarray:
@@ -136,47 +149,44 @@ def with_stated_errors(solution: Kind, run: Program, outcome: RunOutcome, finer:
 def state_errors(solution: Samples, companion: Companion, outcome: RunOutcome) -> StatedErrors | None:
     """Errors of a run; None if a step of the companion fails."""
     rows = outcome.trajectory
-    beside = outcome.beside
-    every = 1 if companion.finer else 2
+    # every other save of the one with more of them is at the time of a save of the other
+    stride = 2 if companion.finer else 1
+    every = 2 // stride
     run = rows.r[every - 1 :: every]
     parts = []
     distance = []
     turned = []
     done = 0
-    for piece, own_beside in companion.go(len(rows.r)):
-        parts.append((len(piece.r), _tensions(piece, own_beside)))
-        number = done + np.arange(len(piece.r))
-        both = piece.r
-        if companion.finer:
-            both = piece.r[number % 2 == 1]
-        first = done // 2 if companion.finer else done
-        apart = np.asarray(both - run[first : first + len(both)])
+    for piece, within in companion.go(len(rows.r)):
+        parts.append(Tensions.of(piece, within))
+        shared = piece.r[(stride - 1 - done) % stride :: stride]
+        first = done // stride
+        apart = np.asarray(shared - run[first : first + len(shared)])
         distance.append(_longest(apart))
         turned.append(_turned(solution, apart))
         done += len(piece.r)
-    compared = done // 2 if companion.finer else done
-    if done == 0 or compared < len(run):
+    if done == 0 or done // stride < len(run):
         return None
     estimate = error_factor(solution, companion.finer)
-    if solution.scene.run.accuracy is None or companion.finer:
-        stated = estimate
-    else:
+    stated = estimate
+    if solution.scene.run.accuracy is not None and not companion.finer:
         stated = SCATTER * estimate
     travel = _travel(solution, rows.r)
     chaos = None
+    chaotic_from_s = None
     positions = None
     if travel is not None:
         separation = np.concatenate(distance) / travel
         chaos = _chaos(separation, run)
         positions = stated * float(np.sqrt(np.mean(separation[:chaos] ** 2)))
-    both_tensions = _tensions(rows, beside), _weighted(parts)
-    interval = solution.settings["dt"] * solution.settings["save_every"] * every
-    chaotic_from_s = None
+    factor = stated
     if chaos is not None:
         chaotic_from_s = float(solution.t[every * (1 + chaos)])
+        factor = max(stated, 1.0)
+    interval = solution.settings["dt"] * solution.settings["save_every"] * every
     return StatedErrors(
         companion=companion.words,
-        lines=list(_lines(solution, both_tensions, stated if chaos is None else max(stated, 1.0))),
+        lines=_lines(solution, Tensions.of(rows, outcome.beside), _together(parts), factor),
         positions=positions,
         chaotic_from_s=chaotic_from_s,
         angles_rad=estimate * _angle_error(solution, np.concatenate(turned)[:chaos], interval),
@@ -185,75 +195,46 @@ def state_errors(solution: Samples, companion: Companion, outcome: RunOutcome) -
 
 def error_factor(solution: Samples, finer: bool) -> float:
     """Error of a run over its difference from one that is coarser or finer by as much as a companion."""
-    is_controlled = "refused_steps" in solution.settings
-    if is_controlled:
-        gain = FACTOR
-    else:
+    gain = FACTOR
+    if "refused_steps" not in solution.settings:
         gain = 2.0 ** INTEGRATORS[solution.scene.run.integrator].order
     if finer:
         return gain / (gain - 1.0)
     return 1.0 / (gain - 1.0)
 
 
-def _tensions(rows: Trajectory, beside: Within | None) -> Tensions:
-    links = rows.tension.shape[1]
-    square = rows.tension**2 if beside is None else beside.square
-    if rows.extremes is None:
-        top = rows.tension
-    else:
-        top = rows.extremes.largest[:, :links]
-    return Tensions(*map(np.asarray, (np.mean(rows.tension, axis=0), np.mean(square, axis=0), np.max(top, axis=0))))
+def _together(parts: list[Tensions]) -> Tensions:
+    """The tensions of several parts of a run."""
+    samples, means, squares, maxima = map(np.array, zip(*parts, strict=True))
+    mean = np.average(means, axis=0, weights=samples)
+    square = np.average(squares, axis=0, weights=samples)
+    return Tensions(int(np.sum(samples)), mean, square, np.max(maxima, axis=0))
 
 
-def _weighted(parts: list[tuple[int, Tensions]]) -> Tensions:
-    """The tensions of several parts of a run together."""
-    weights = np.array([count for count, _ in parts], float)
-    mean = np.average([part.mean for _, part in parts], axis=0, weights=weights)
-    square = np.average([part.square for _, part in parts], axis=0, weights=weights)
-    return Tensions(mean, square, np.max([part.top for _, part in parts], axis=0))
-
-
-def _lines(solution: Samples, both: tuple[Tensions, Tensions], factor: float) -> Iterator[LineErrors]:
-    run, other = both
-    lines = list(whole_lines(solution.scene))
-    along = [line.links for line in lines]
-    links = np.array([one.start + int(np.argmax(run.top[one])) for one in along])
+def _lines(solution: Samples, run: Tensions, other: Tensions, factor: float) -> list[LineErrors]:
+    lines = whole_lines(solution.scene)
+    links = np.array([line.links.start + int(np.argmax(run.maximum[line.links])) for line in lines])
     size = np.abs(run.mean[links]) + run.deviation[links]
-    size = np.maximum(size, max(SMALL_TENSION * float(np.max(run.top)), np.finfo(float).tiny))
-    means = _differences(run.mean - other.mean, along, links, size)
-    deviations = _differences(run.deviation - other.deviation, along, links, size)
-    tops = np.hypot(np.abs(run.top - other.top)[links], OTHER_LINKS * _rms_of_lines(run.top - other.top, along))
+    size = np.maximum(size, max(SMALL_TENSION * float(np.max(run.maximum)), np.finfo(float).tiny))
+    values = {"mean": run.mean, "deviation": run.deviation, "maximum": run.maximum}
+    errors = {}
+    for key, of_other in (("mean", other.mean), ("deviation", other.deviation), ("maximum", other.maximum)):
+        apart = values[key] - of_other
+        own = np.abs(apart[links])
+        rms = np.array([np.sqrt(np.mean(apart[line.links] ** 2)) for line in lines])
+        if key == "maximum":
+            errors[key] = np.hypot(own, OTHER_LINKS * rms)
+        else:
+            # the difference of one link may vanish by chance: it is at least the RMS over the links of its line, and
+            # as a fraction of the tension at least the RMS over the lines
+            fraction = np.maximum(own, rms) / size
+            errors[key] = factor * size * np.maximum(fraction, np.sqrt(np.mean(fraction**2)))
+    found = []
     for i, (line, link) in enumerate(zip(lines, links, strict=True)):
-        yield LineErrors(
-            line=line.name,
-            link=int(link) - line.links.start + 1,
-            mean_n=float(run.mean[link]),
-            mean_error_n=factor * float(means[i]),
-            deviation_n=float(run.deviation[link]),
-            deviation_error_n=factor * float(deviations[i]),
-            maximum_n=float(run.top[link]),
-            maximum_error_n=float(tops[i]),
-        )
-
-
-def _differences(apart: np.ndarray, along: list[slice], links: np.ndarray, size: np.ndarray) -> np.ndarray:
-    """Difference (lines,) [N] of two runs at a link of each line.
-
-    That of one link may vanish by chance: it is at least the RMS over the links of its line, and as a fraction of the
-    tension at least the RMS over the lines.
-
-    Args:
-        apart: differences (n,) [N] at all links.
-        along, links: links of each line, and the one that counts.
-        size: tension (lines,) [N] of that one.
-    """
-    fraction = np.maximum(np.abs(apart[links]), _rms_of_lines(apart, along)) / size
-    return size * np.maximum(fraction, np.sqrt(np.mean(fraction**2)))
-
-
-def _rms_of_lines(apart: np.ndarray, along: list[slice]) -> np.ndarray:
-    """RMS (lines,) of differences (n,) over the links of each line."""
-    return np.array([np.sqrt(np.mean(apart[one] ** 2)) for one in along])
+        numbers = {f"{key}_n": float(values[key][link]) for key in values}
+        numbers |= {f"{key}_error_n": float(errors[key][i]) for key in errors}
+        found.append(LineErrors(line.name, int(link) - line.links.start + 1, **numbers))
+    return found
 
 
 def finer_values(run: RunSpec) -> dict[str, float]:
@@ -358,7 +339,9 @@ def _worst(found: StatedErrors) -> float:
 def _warnings(found: StatedErrors, solution: Samples) -> Iterator[str]:
     """One line for the result of each kind that is most off, if it is off by more than the run is to be."""
     accuracy = solution.scene.run.accuracy
-    limit = WARNED if accuracy is None else MISSED * accuracy
+    limit = WARNED
+    if accuracy is not None:
+        limit = MISSED * accuracy
     worst: dict[str, tuple[str, float]] = {}
     for line, what, size in _relative(found):
         is_chance = found.chaotic_from_s is not None and what != "positions"
@@ -383,13 +366,12 @@ def words(found: Values) -> str:
     texts = []
     if found["positions"] is not None:
         texts.append(f"positions {100.0 * found['positions']:.2g} % of the travel")
-    rows = [row for row in found["lines"] if row["maximum_n"] > 0.0]
-    if rows:
-        row = max(rows, key=lambda row: row["maximum_n"])
-        mean = f"mean {row['mean_n']:.4g} +- {row['mean_error_n']:.2g} N"
-        deviation = f"deviation {row['deviation_n']:.4g} +- {row['deviation_error_n']:.2g} N"
-        maximum = f"maximum {row['maximum_n']:.4g} +- {row['maximum_error_n']:.2g} N"
-        texts.append(f"{row['line']}: {mean}, {deviation}, {maximum}")
+    row = max(found["lines"], key=lambda row: row["maximum_n"], default={"maximum_n": 0.0})
+    if row["maximum_n"] > 0.0:
+        loads = []
+        for key in ("mean", "deviation", "maximum"):
+            loads.append(f"{key} {row[f'{key}_n']:.4g} +- {row[f'{key}_error_n']:.2g} N")
+        texts.append(f"{row['line']}: {', '.join(loads)}")
     if found["chaotic_from_s"] is not None:
         texts.append(f"chaotic from {found['chaotic_from_s']:.3g} s: positions until then, tensions with their chance")
     return "; ".join([*texts, f"from {found['companion']}"])

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.backend.programs import cached_jit
-from dropper_jax.base.errors import SceneError, SimulationError
+from dropper_jax.base.errors import SceneError, SimulationError, unreadable
 from dropper_jax.base.store import read_archive, write_archive
 from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.run.build import SceneLike
@@ -85,10 +85,11 @@ class Coupled:
         if dt is not None:
             scene = scene.with_values({"run.dt": dt})
         self.scene: Scene = scene
-        self.points = coupled_points(self.scene, points)
+        self.points = coupled_points(scene, points)
         self.accelerations = accelerations
         self.status, self.failure, self.residual, self.retried = "ok", "", 0.0, 0
         self._saved: CoupledState | None = None
+        self._home = np.array([scene.point(name).position for name in self.points])
 
     def init(self, positions: Vectors | None = None, velocities: Vectors | None = None) -> np.ndarray:
         """Start at t = 0 as defined in the scene's `[start]`, with the points at `positions` (c, 3) [m].
@@ -103,16 +104,15 @@ class Coupled:
         Raises:
             SceneError: no equilibrium found, values that are not finite or not of this shape.
         """
-        if positions is None:
-            all_positions = self._home
-        else:
-            all_positions = self._read("positions", positions)
-        if velocities is None:
-            rates = np.zeros_like(all_positions)
-        else:
-            rates = self._read("velocities", velocities)
-        self._lines = coupled_lines(self._moved_to(all_positions), self.points, rates, self.accelerations)
-        return self._accept(_start(self._lines, follows=self.scene.run.accuracy is not None))
+        begin = self._home if positions is None else self._read("positions", positions)
+        rates = np.zeros_like(begin) if velocities is None else self._read("velocities", velocities)
+        scene = self.scene
+        if not np.array_equal(begin, self._home):
+            numbers = {point.name: i for i, point in enumerate(scene.points)}
+            moved = zip(self.points, begin.tolist(), strict=True)
+            scene = scene.with_values({f"point.{numbers[name]}.position": position for name, position in moved})
+        self._lines = coupled_lines(scene, self.points, rates, self.accelerations)
+        return self._accept(_start(self._lines, follows=scene.run.accuracy is not None))
 
     def step(
         self, positions: Vectors, velocities: Vectors, dt: float, accelerations: Vectors | None = None
@@ -131,25 +131,30 @@ class Coupled:
             raise SceneError(f"dt: {dt} is out of range; allowed: more than 0 s")
         if (accelerations is not None) != self.accelerations:
             raise SceneError("accelerations: need Coupled(accelerations=True); allowed: in every step or in none")
-        read = [self._read("positions", positions), self._read("velocities", velocities)]
-        if accelerations is None:
-            bends = np.zeros_like(read[0])
-        else:
-            bends = self._read("accelerations", accelerations)
-        motion = PointMotion(*read, bends)
-        time = jnp.asarray(dt, self._lines.model.dtype)
+        motion = [self._read("positions", positions), self._read("velocities", velocities)]
+        motion.append(np.zeros_like(motion[0]) if accelerations is None else self._read("accelerations", accelerations))
+        dtype = self._lines.model.dtype
+        given = (self._lines, saved, PointMotion(*motion), jnp.asarray(dt, dtype))
         run = self.scene.run
         if run.accuracy is None:
-            count = self._count(dt)
+            count = max(1, math.ceil(dt / run.step - 1e-9))
+            if count > MOST_STEPS:
+                why = f"is {count:.3g} inner steps of {run.step:g} s"
+                raise SceneError(f"dt: {dt:g} s {why}; allowed: at most {MOST_STEPS}")
             inner = f"{count} inner steps of {dt / count:.3g} s"
-            state, outputs = _step(self._lines, saved, motion, time, jnp.asarray(count, jnp.int32))
+            state, outputs = _step(*given, jnp.asarray(count, jnp.int32))
         else:
             inner = run.steps_in_words
-            accuracy = jnp.asarray(run.accuracy, self._lines.model.dtype)
-            state, outputs = _follow(self._lines, saved, motion, time, accuracy)
+            state, outputs = _follow(*given, jnp.asarray(run.accuracy, dtype))
         self.residual, self.retried = float(outputs.residual), int(outputs.retried)
         if outputs.failed or not np.all(np.isfinite(outputs.forces)):
-            self._fail(dt, inner)
+            self.status = "not_converged"
+            why = f"scaled residual {self.residual:.3g}"
+            if not math.isfinite(self.residual):
+                self.status = "non_finite"
+                why = "non-finite values"
+            self.failure = f"{self.status}: the step to t = {self.time + dt:.6g} s, {inner}: {why}"
+            raise SimulationError(self.failure)
         return self._accept(state)
 
     def save(self, path: str | Path | None = None) -> dict[str, np.ndarray]:
@@ -170,10 +175,7 @@ class Coupled:
         """
         if self._saved is None:
             self.init()
-        if isinstance(saved, dict):
-            arrays = saved
-        else:
-            arrays = self._read_file(Path(saved))
+        arrays = saved if isinstance(saved, dict) else self._read_file(Path(saved))
         return self._accept(restore_carry(self._state(), arrays))
 
     @property
@@ -218,35 +220,6 @@ class Coupled:
             raise SceneError("Coupled: not initialised. Call `init` first")
         return self._saved
 
-    def _moved_to(self, positions: np.ndarray) -> Scene:
-        if np.array_equal(positions, self._home):
-            return self.scene
-        names = [p.name for p in self.scene.points]
-        where = zip(self.points, positions, strict=True)
-        return self.scene.with_values({f"point.{names.index(name)}.position": p.tolist() for name, p in where})
-
-    @property
-    def _home(self) -> np.ndarray:
-        """Positions (c, 3) [m] of the points in the scene."""
-        return np.array([self.scene.point(name).position for name in self.points])
-
-    def _count(self, dt: float) -> int:
-        """Number of equal inner steps of a coupling step of dt [s]."""
-        count = max(1, math.ceil(dt / self.scene.run.step - 1e-9))
-        if count > MOST_STEPS:
-            why = f"is {count:.3g} inner steps of {self.scene.run.step:g} s"
-            raise SceneError(f"dt: {dt:g} s {why}; allowed: at most {MOST_STEPS}")
-        return count
-
-    def _fail(self, dt: float, inner: str) -> None:
-        end = self.time + dt
-        if not math.isfinite(self.residual):
-            self.status, why = "non_finite", "non-finite values"
-        else:
-            self.status, why = "not_converged", f"scaled residual {self.residual:.3g}"
-        self.failure = f"{self.status}: the step to t = {end:.6g} s, {inner}: {why}"
-        raise SimulationError(self.failure)
-
     def _read(self, what: str, values: Vectors) -> np.ndarray:
         found = np.array(values, float)  # a copy: the caller may change its own array in place
         shape = (len(self.points), 3)
@@ -265,7 +238,7 @@ class Coupled:
             scene = Scene.from_dict(meta["scene"])
             points = tuple(meta["points"])
         except OSError as error:
-            raise SceneError(f"{path}: cannot be read: {error.strerror or error}") from None
+            raise unreadable(path, error) from None
         except Exception:  # any error of a file in another format
             raise SceneError(f"{path}: not a saved coupling; allowed: a file written by `Coupled.save`") from None
         if (scene.run.accuracy is None) != (self.scene.run.accuracy is None):

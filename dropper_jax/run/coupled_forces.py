@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
-import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.numerics import safe_norm
@@ -28,37 +27,38 @@ def set_free(model: Model, points: tuple[int, ...]) -> Model:
         raise SceneError(
             "points: ends of compound links, whose inertia they share; allowed: points of point-mass links"
         )
-    drop = lambda e: isinstance(e, Force) and (isinstance(e, (Law, HolonomicConstraint)) or e.bodily or e.single_line)  # noqa: E731
-    effects = tuple(e for e in model.effects if not drop(e))
-    return replace(model, lines=(replace(line, geometry=line.geometry.without_fixed(points)),), effects=effects)
+    kept = []
+    for effect in model.effects:
+        of_some = isinstance(effect, (Law, HolonomicConstraint)) or effect.bodily or effect.single_line
+        if not (isinstance(effect, Force) and of_some):
+            kept.append(effect)
+    freed = replace(line, geometry=line.geometry.without_fixed(points))
+    return replace(model, lines=(freed,), effects=tuple(kept))
 
 
-def point_forces(model: Model, free: Model, s: State, points: tuple[int, ...]) -> jax.Array:
-    """Forces (c, 3) [N] on fixed points: tensions along their links and forces of effects; `free` is from
-    `set_free`."""
+def point_forces(model: Model, s: State, points: tuple[int, ...]) -> Array:
+    """Forces (c, 3) [N] on fixed points: tensions along their links and forces of effects."""
     seen = as_parted(model.with_internal_state(s.own), s.parted)
+    graph = seen.geometry
     ends = seen.ends(s.t)
     links = seen.links(s.r, ends)
-    held_forces = seen.geometry.held_force((s.tension / safe_norm(links))[:, None] * links)
-    rows = [list(seen.geometry.held_points).index(p) for p in points]
+    held_forces = graph.held_force((s.tension / safe_norm(links))[:, None] * links)
+    rows = [list(graph.held_points).index(point) for point in points]
+    # forces of the effects on the nodes of the freed model
+    free = set_free(model, points).with_internal_state(s.own)
+    nodes = np.concatenate([np.arange(graph.inner), graph.point_node[free.geometry.free_points]])
+    r = graph.everywhere(s.r, ends.positions)[nodes]
     velocities = jnp.zeros_like(ends.positions) if ends.velocities is None else ends.velocities
-    own = _effect_forces(seen.geometry, free.with_internal_state(s.own), s, ends.positions, velocities)
-    return held_forces[np.array(rows)] + _at(free.geometry, points, own)
+    v = graph.everywhere(s.v, velocities)[nodes]
+    return held_forces[np.array(rows)] + _at(free, points, free.force(free.instant(r, v, s.t)))
 
 
-def half_link_mass(free: Model, points: tuple[int, ...]) -> jax.Array:
+def half_link_mass(model: Model, points: tuple[int, ...]) -> Array:
     """Mass (c,) [kg] of the halves of links at the points."""
-    return _at(free.geometry, points, free.line.node_mass[:, None])[:, 0]
+    free = set_free(model, points)
+    return _at(free, points, free.line.node_mass[:, None])[:, 0]
 
 
-def _effect_forces(geometry: Any, free: Model, s: State, positions: jax.Array, velocities: jax.Array) -> jax.Array:
-    """The effects' forces (nodes, 3) [N] on the nodes of the freed model."""
-    nodes = np.concatenate([np.arange(geometry.inner), geometry.point_node[free.geometry.free_points]])
-    r = geometry.everywhere(s.r, positions)[nodes]
-    v = geometry.everywhere(s.v, velocities)[nodes]
-    return free.force(free.instant(r, v, s.t))
-
-
-def _at(geometry: Any, points: tuple[int, ...], nodal: jax.Array) -> jax.Array:
+def _at(free: Model, points: tuple[int, ...], nodal: Array) -> Array:
     """Rows of the points of a field of the freed model (nodes, ...); zero for a point that stays fixed."""
-    return geometry.everywhere(nodal, None)[geometry.point_node[list(points)]]
+    return free.geometry.everywhere(nodal, None)[free.geometry.point_node[list(points)]]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, NamedTuple
@@ -18,7 +18,7 @@ from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.model import Displacement, Model, State
 from dropper_jax.residual import Stepper
 from dropper_jax.run.build import SceneLike, build_model, initial_state, stepper_of
-from dropper_jax.run.coupled_forces import half_link_mass, point_forces, set_free
+from dropper_jax.run.coupled_forces import half_link_mass, point_forces
 from dropper_jax.stepping.adaptive import Adaptive, adaptive_start, advance_adaptively
 from dropper_jax.stepping.integrate import Progress, begin, next_progress
 
@@ -80,8 +80,7 @@ class CoupledLines:
             follows: for `follow`; otherwise for `step`.
         """
         motion = self._motion
-        start = self.start if start is None else start
-        progress = begin(self.stepper, self.model, start)
+        progress = begin(self.stepper, self.model, self.start if start is None else start)
         if follows:
             progress = adaptive_start(self.stepper, self.model, progress)
         at_rest = PointMotion(motion.home, motion.velocities[0], jnp.zeros_like(motion.home))
@@ -99,22 +98,20 @@ class CoupledLines:
         Returns:
             State and outputs. A step that fails raises nothing; `outputs.failed` stays true from then on.
         """
-        motion = self._read(inputs)
         dt = jnp.asarray(dt, self.model.dtype)
-        lines = self.moving(state.motion, motion, state.progress.t, dt)
 
-        def one(_: jax.Array, result: tuple[Any, ...]) -> tuple[Any, ...]:
-            progress, residual, retried = result
-            progress, taken = next_progress(lines.stepper, lines.model, progress, dt / count)
-            # not `maximum`, which would lose a NaN
-            worst = jnp.where(taken.row <= residual, residual, taken.row)
-            return progress, worst, retried + taken.retried
+        def advance(lines: CoupledLines) -> tuple[Progress, jax.Array, jax.Array]:
+            def one(_: jax.Array, result: tuple[Any, ...]) -> tuple[Any, ...]:
+                progress, residual, retried = result
+                progress, taken = next_progress(lines.stepper, lines.model, progress, dt / count)
+                # not `maximum`, which would lose a NaN
+                worst = jnp.where(taken.row <= residual, residual, taken.row)
+                return progress, worst, retried + taken.retried
 
-        zero = jnp.zeros((), lines.model.dtype), jnp.zeros((), jnp.int32)
-        progress, residual, retried = jax.lax.fori_loop(0, count, one, (state.progress, *zero))
-        forces = lines.forces(progress.state)
-        outputs = CoupledOutputs(forces, residual, retried, progress.has_failed)
-        return CoupledState(progress, motion, forces), outputs
+            zero = jnp.zeros((), lines.model.dtype), jnp.zeros((), jnp.int32)
+            return jax.lax.fori_loop(0, count, one, (state.progress, *zero))
+
+        return self._over(state, inputs, dt, advance)
 
     def follow(
         self,
@@ -131,37 +128,43 @@ class CoupledLines:
             state: from `init(follows=True)` and `follow`.
             accuracy: as `run.accuracy` of a scene.
         """
-        motion = self._read(inputs)
         dt = jnp.asarray(dt, self.model.dtype)
         accuracy = jnp.asarray(accuracy, self.model.dtype)
-        lines = self.moving(state.motion, motion, state.progress.t, dt)
-        progress, (rows, _) = advance_adaptively(lines.stepper, lines.model, state.progress, dt, accuracy, saves=1)
-        forces = lines.forces(progress.state)
-        outputs = CoupledOutputs(forces, rows.residual[0], rows.retried[0], progress.has_failed)
-        return CoupledState(progress, motion, forces), outputs
 
-    def _read(self, inputs: PointMotion | tuple[Array, ...]) -> PointMotion:
-        """Motion of the points at the end of a step, accelerations included."""
+        def advance(lines: CoupledLines) -> tuple[Adaptive, jax.Array, jax.Array]:
+            after, (rows, _) = advance_adaptively(lines.stepper, lines.model, state.progress, dt, accuracy, saves=1)
+            return after, rows.residual[0], rows.retried[0]
+
+        return self._over(state, inputs, dt, advance)
+
+    def _over(
+        self, state: CoupledState, inputs: PointMotion | tuple[Array, ...], dt: jax.Array, advance: Callable[..., Any]
+    ) -> tuple[CoupledState, CoupledOutputs]:
+        """State and outputs after dt [s], over which `advance` takes the lines with their points on the way."""
         given = [jnp.asarray(a, self.model.dtype) for a in inputs if a is not None]
-        return PointMotion(*given, *[jnp.zeros_like(given[0])] * (3 - len(given)))
+        motion = PointMotion(*given, *[jnp.zeros_like(given[0])] * (3 - len(given)))
+        lines = self.moving(state.motion, motion, state.progress.t, dt)
+        progress, residual, retried = advance(lines)
+        forces = lines.forces(progress.state)
+        return CoupledState(progress, motion, forces), CoupledOutputs(forces, residual, retried, progress.has_failed)
 
     def moving(self, since: PointMotion, to: PointMotion, t: Array | float, dt: Array | float) -> CoupledLines:
         """The lines with points that move from one motion to the other between t and t + dt [s]."""
-        positions, rates, bends = jax.tree.map(lambda *both: jnp.stack(both), since, to)
+        both = jax.tree.map(lambda *ends: jnp.stack(ends), since, to)
         if self._motion.accelerations is None:
-            bends = None
-        values = {"begin": jnp.asarray(t, rates.dtype), "width": jnp.asarray(dt, rates.dtype), "positions": positions}
-        motion = replace(self._motion, velocities=rates, accelerations=bends, **values)
+            both = both._replace(accelerations=None)
+        dtype = both.positions.dtype
+        motion = replace(self._motion, begin=jnp.asarray(t, dtype), width=jnp.asarray(dt, dtype), **both._asdict())
         return replace(self, model=replace(self.model, effects=(*self.model.effects[:-1], motion)))
 
     def forces(self, s: State) -> jax.Array:
         """Forces (c, 3) [N] on the points in a state."""
-        return point_forces(self.model, set_free(self.model, self.indices), s, self.indices)
+        return point_forces(self.model, s, self.indices)
 
     @property
     def mass(self) -> jax.Array:
         """Mass (c,) [kg] of the halves of links at the points, added mass left out."""
-        return half_link_mass(set_free(self.model, self.indices), self.indices)
+        return half_link_mass(self.model, self.indices)
 
     @property
     def indices(self) -> tuple[int, ...]:
@@ -199,10 +202,7 @@ def coupled_lines(
     if any(e.moves(name) for e in model.having(Displacement) for name in points):
         raise SceneError("points: already moved by an effect of the scene; allowed: fixed points")
     home = np.array([scene.point(name).position for name in points])
-    if velocities is None:
-        rates = np.zeros_like(home)
-    else:
-        rates = np.asarray(velocities, float)
+    rates = np.zeros_like(home) if velocities is None else np.asarray(velocities, float)
     motion = CoupledMotion.uniform(points, home, rates, accelerations)
     model = replace(model, effects=(*model.effects, motion)).cast(model.dtype)
     return CoupledLines(model, initial_state(model, scene.start), stepper_of(model, scene.run))

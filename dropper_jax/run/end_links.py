@@ -12,20 +12,20 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from types import ModuleType
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax.base.numerics import safe_norm
+from dropper_jax.base.numerics import safe_norm, unit_vectors
 from dropper_jax.effects.buoyancy import displaced_diameter
 from dropper_jax.effects.submerged import submerged_fraction
 from dropper_jax.load.checks_water import Surface, bed_height
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model
-from dropper_jax.scene import LineSlice, WholeLine, sliced_lines
+from dropper_jax.run.growth import overgrown
+from dropper_jax.scene import LineSlice, SceneData, WholeLine, sliced_lines
 
 #: A NumPy or JAX array.
 Array = Any
@@ -33,32 +33,33 @@ Array = Any
 ON_BED = 1e-3
 
 
-def force_on_point(direction: Array, tension: Array, weight: Array, lies: Array | bool, xp: ModuleType) -> Array:
-    """Force (..., 3) [N] of an end link on its point.
+class Part(NamedTuple):
+    """Links, or their parts at points (...): weight [N], buoyancy under water [N], length and diameter [m]."""
 
-    Args:
-        direction: unit vectors (..., 3) along the link, from the point outwards.
-        tension: of the link (...) [N].
-        weight: of the part at the point, less its buoyancy (...) [N].
-        lies: whether the point lies on the seabed.
-        xp: `numpy` or `jax.numpy`.
-    """
-    force = tension[..., None] * direction
-    lifted = xp.minimum(weight, xp.maximum(force[..., 2], 0.0))
-    carried = xp.where(lies, lifted, weight)
-    return force - carried[..., None] * np.array([0, 0, 1])
+    weight: Array
+    lift: Array
+    length: Array
+    diameter: Array
 
+    def force(self, at: Array, direction: Array, tension: Array, surface: Array | None, bed: Array) -> Array:
+        """Force (..., 3) [N] of links on their points; the buoyancy is smooth as in `effects.buoyancy`.
 
-def wet_fraction(surface: Array, at: Array, direction: Array, length: Array, diameter: Array) -> Array:
-    """Submerged fraction (...) of the part of a link next to its point, smooth as in `effects.buoyancy`.
-
-    Args:
-        surface: height of the water surface (...) [m]; at: the point (..., 3) [m].
-        direction: unit vectors (..., 3) along the link, from the point outwards.
-        length, diameter: of the part (...) [m].
-    """
-    rise = length * direction[..., 2]
-    return submerged_fraction(surface - at[..., 2] - 0.5 * rise, diameter + abs(rise))
+        Args:
+            at: the points (..., 3) [m].
+            direction: unit vectors (..., 3) along the links, from the points outwards.
+            tension: of the links (...) [N].
+            surface, bed: heights of the surface and the seabed at the points (...) [m]; None without buoyancy.
+        """
+        xp = at.__array_namespace__()
+        weight = self.weight
+        if surface is not None:
+            rise = self.length * direction[..., 2]
+            wet = submerged_fraction(surface - at[..., 2] - 0.5 * rise, self.diameter + abs(rise))
+            weight = weight - self.lift * wet
+        force = tension[..., None] * direction
+        lifted = xp.minimum(weight, xp.maximum(force[..., 2], 0.0))
+        carried = xp.where(at[..., 2] < bed + ON_BED, lifted, weight)
+        return force - carried[..., None] * np.array([0, 0, 1])
 
 
 class End(NamedTuple):
@@ -76,10 +77,16 @@ def ends_of(line: LineSlice | WholeLine) -> tuple[End, End]:
     return End(nodes[:2], line.links.start, False), End(nodes[-1:-3:-1], line.links.stop - 1, True)
 
 
-def line_ends(scene: Scene) -> Iterator[tuple[str, End]]:
+def line_ends(scene: SceneData) -> Iterator[tuple[str, End]]:
     """Both ends of every line of a scene, each with its point."""
     for line, where in sliced_lines(scene):
         yield from zip((line.start, line.end), ends_of(where), strict=True)
+
+
+def held_points(scene: SceneData) -> list[str]:
+    """Names of the fixed points at which a line ends."""
+    ends = {name for name, _ in line_ends(scene)}
+    return [name for name in scene.fixed_points if name in ends]
 
 
 def positions_at(t: np.ndarray, positions: np.ndarray, times: np.ndarray) -> np.ndarray:
@@ -92,47 +99,63 @@ def positions_at(t: np.ndarray, positions: np.ndarray, times: np.ndarray) -> np.
     return (1 - share) * positions[low] + share * positions[low + 1]
 
 
+class Motion(NamedTuple):
+    """Nodes (k, nodes, 3) [m] of all lines at the saved times t (k,) [s], tensions (q, n) [N] at `t_tension` (q,)."""
+
+    scene: Scene
+    t: np.ndarray
+    positions: np.ndarray
+    t_tension: np.ndarray
+    tension: np.ndarray
+
+    def end_force(self, links: EndLinks, end: End) -> np.ndarray:
+        """Force (q, 3) [N] of an end link on its point, from its two nodes alone: all may be larger than memory."""
+        nodes = positions_at(self.t, self.positions[:, end.nodes], self.t_tension)
+        return links.force(end, nodes, self.tension, self.t_tension)
+
+
+def point_loads(motion: Motion, waves: bool = True) -> dict[str, np.ndarray]:
+    """Force (q, 3) [N] of all lines on each fixed point, at the times of the tensions; `waves` as of `EndLinks`."""
+    links = EndLinks(motion.scene, waves)
+    loads = {name: np.zeros((len(motion.t_tension), 3)) for name in motion.scene.fixed_points}
+    for point, end in line_ends(motion.scene):
+        if point in loads:
+            loads[point] += motion.end_force(links, end)
+    return loads
+
+
 @dataclass(frozen=True)
 class EndLinks:
-    """The end links of a scene's lines, mussels included (see `run.growth.overgrown`).
+    """The links of a scene's lines with their mussels, and the forces of those at the ends.
 
     Attributes:
-        scene: with mussels in masses and diameters.
         waves: whether the surface is that of the waves; otherwise the mean one.
     """
 
-    scene: Scene
+    given: Scene
     waves: bool = True
 
     @cached_property
-    def weight(self) -> np.ndarray:
-        """Weight (n,) [N] of each link in air; its weight in water if that is given."""
-        line = self.scene.line
-        weight = self.scene.effects.get("weight")
-        if weight is None:
-            return np.zeros(line.links)
-        if weight["wet_weight"] is not None:
-            return np.broadcast_to(np.asarray(weight["wet_weight"], float), (line.links,))
-        return line.mass * self.scene.gravity
+    def scene(self) -> Scene:
+        """With mussels in masses and diameters."""
+        return overgrown(self.given)
 
     @cached_property
-    def diameter(self) -> np.ndarray:
-        """Diameter (n,) [m] of the volume of each link that has buoyancy; zero without buoyancy."""
-        if "buoyancy" in self.scene.effects:
-            diameter = displaced_diameter(self.scene.line, self.scene)
-        else:
-            diameter = None
-        if diameter is None:
-            return np.zeros_like(self.weight)
-        return np.broadcast_to(diameter, self.weight.shape)
-
-    @cached_property
-    def lift(self) -> np.ndarray:
-        """Buoyancy (n,) [N] of each link under water."""
-        sea = self.scene.sea
-        if sea is None:
-            return np.zeros_like(self.weight)
-        return sea.density * sea.gravity * 0.25 * np.pi * self.diameter**2 * self.scene.line.length
+    def links(self) -> Part:
+        """All links (n,): their weight is that in water if this is given; without buoyancy the diameter is zero."""
+        scene = self.scene
+        line = scene.line
+        weight = np.zeros(line.links)
+        if "weight" in scene.effects:
+            wet_weight = scene.effects["weight"]["wet_weight"]
+            weight = weight + (line.mass * scene.gravity if wet_weight is None else wet_weight)
+        diameter = displaced_diameter(line, scene)
+        if diameter is None or "buoyancy" not in scene.effects:
+            diameter = np.zeros(line.links)
+        lift = np.zeros(line.links)
+        if scene.sea is not None:
+            lift = scene.sea.density * scene.sea.gravity * 0.25 * np.pi * diameter**2 * line.length
+        return Part(weight, lift, line.length, diameter)
 
     @cached_property
     def first_share(self) -> np.ndarray:
@@ -142,26 +165,13 @@ class EndLinks:
         for line in self.scene.lines:
             if kinds[line.name] == "centre_of_mass":
                 shares.append(1.0 - line.centre_of_mass / line.length)
-            elif kinds[line.name] == "shared":
-                shares.append(np.full(line.links, 0.5))
             else:
-                shares.append(np.zeros(line.links))
+                shares.append(np.full(line.links, {"shared": 0.5, "far": 0.0}[kinds[line.name]]))
         return np.concatenate(shares)
 
     @cached_property
     def _surface(self) -> Surface:
         return Surface(self.scene, self.waves)
-
-    def force_between(
-        self, end: End, t: np.ndarray, positions: np.ndarray, t_tension: np.ndarray, tension: np.ndarray
-    ) -> np.ndarray:
-        """Force (q, 3) [N] of an end link on its point at the times of the tensions, between saved times.
-
-        Args:
-            t, positions: saved times (k,) [s] and nodes (k, nodes, 3) [m] of all lines.
-            t_tension, tension: (q,) [s] and (q, links) [N].
-        """
-        return self.force(end, positions_at(t, positions[:, end.nodes], t_tension), tension, t_tension)
 
     def force(self, end: End, nodes: np.ndarray, tension: np.ndarray, t: np.ndarray) -> np.ndarray:
         """Force (k, 3) [N] of an end link on its point at times t (k,) [s].
@@ -169,27 +179,22 @@ class EndLinks:
         Args:
             nodes: those of the end (k, 2, 3) [m]; tension: of all links (k, n) [N].
         """
-        link = end.link
-        tension = tension[:, link]
-        bed = bed_height(self.scene, nodes[:, 0])
+        share = self.first_share[end.link]
+        if end.last:
+            share = 1.0 - share
+        weight, lift, length, diameter = (values[end.link] for values in self.links)
+        part = Part(share * weight, share * lift, share * length, diameter)
+        at = nodes[:, 0]
+        bed = bed_height(self.scene, at)
+        if bed is None:
+            bed = -np.inf
+        surface = None
+        if part.lift != 0.0:
+            surface = np.inf
+            if not np.all(at[:, 2] + part.length + diameter < self._surface.lowest):
+                surface = self._surface.over(at[:, None], t)[:, 0]
         with np.errstate(invalid="ignore"):  # a failed run may end with infinite positions
-            along = nodes[:, 1] - nodes[:, 0]
-            direction = along / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-300)
-            share = 1.0 - self.first_share[link] if end.last else self.first_share[link]
-            weight = np.full(len(tension), share * self.weight[link])
-            if share * self.lift[link] != 0.0:
-                wet = self._wet(nodes[:, 0], direction, share * self.scene.line.length[link], self.diameter[link], t)
-                weight -= share * self.lift[link] * wet
-            lies = False
-            if bed is not None:
-                lies = nodes[:, 0, 2] < bed + ON_BED
-            return force_on_point(direction, tension, weight, lies, np)
-
-    def _wet(self, at: np.ndarray, direction: np.ndarray, length: float, diameter: float, t: np.ndarray) -> np.ndarray:
-        """`wet_fraction` (k,) of the part of a link at a point (k, 3) [m]."""
-        if np.all(at[:, 2] + length + diameter < self._surface.lowest):
-            return np.ones(len(at))
-        return wet_fraction(self._surface.over(at[:, None], t)[:, 0], at, direction, length, diameter)
+            return part.force(at, unit_vectors(nodes[:, 1] - at), tension[:, end.link], surface, bed)
 
 
 def load_on_fixed_point(
@@ -201,11 +206,9 @@ def load_on_fixed_point(
         links: those that end there; signs: 1 for links that start there, -1 for links that end there.
         r: free nodes (nodes, 3) [m]; tension: of all links (n,) [N]; t: time [s].
     """
-    own = np.array(links)
+    nodes = model.geometry.everywhere(r, model.ends(t).positions)
     starts = np.array(signs) > 0.0
-    graph = model.geometry
-    nodes = graph.everywhere(r, model.ends(t).positions)
-    return jnp.sum(end_forces_of_model(model, own, starts, nodes, tension, t), axis=0)
+    return jnp.sum(end_forces_of_model(model, np.array(links), starts, nodes, tension, t), axis=0)
 
 
 def end_forces_of_model(
@@ -218,25 +221,25 @@ def end_forces_of_model(
         nodes: all nodes, free ones first (see `Graph.everywhere`) [m]; tension: of all links (n,) [N]; t: time [s].
     """
     line = model.line
-    graph = model.geometry
-    ends = graph.first[links], graph.last[links]
-    at = nodes[np.where(starts, *ends)]
-    inner = nodes[np.where(starts, *reversed(ends))]
-    along = inner - at
-    direction = along / safe_norm(along)[:, None]
+    both = np.stack([model.geometry.first[links], model.geometry.last[links]])
+    point, inner = np.where(starts, both, both[::-1])
+    at = nodes[point]
+    along = nodes[inner] - at
     near = jnp.broadcast_to(jnp.asarray(line.near_share, nodes.dtype), line.length.shape)[links]
     share = jnp.where(starts, near, 1.0 - near)
     effects: dict[str, Any] = {effect.name: effect for effect in model.effects}
+    weight = jnp.zeros_like(share)
     if "weight" in effects:
         weight = share * effects["weight"].per_link(line)[links]
-    else:
-        weight = jnp.zeros_like(share)
+    surface = None
+    lift = jnp.zeros_like(share)
+    diameter = lift
     if "buoyancy" in effects and model.sea is not None and line.diameter is not None:
+        surface = model.sea.elevation(at, t)
+        lift = share * effects["buoyancy"].per_link(model)[links]
         diameter = jnp.broadcast_to(line.diameter, line.length.shape)[links]
-        wet = wet_fraction(model.sea.elevation(at, t), at, direction, share * line.length[links], diameter)
-        weight = weight - share * effects["buoyancy"].per_link(model)[links] * wet
+    bed = -jnp.inf
     if "seabed" in effects:
-        lies = at[:, 2] < effects["seabed"].bed_height(at, rounded=0.0) + ON_BED
-    else:
-        lies = False
-    return force_on_point(direction, tension[links], weight, lies, jnp)
+        bed = effects["seabed"].bed_height(at, rounded=0.0)
+    part = Part(weight, lift, share * line.length[links], diameter)
+    return part.force(at, along / safe_norm(along)[:, None], tension[links], surface, bed)

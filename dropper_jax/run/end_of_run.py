@@ -14,6 +14,7 @@ from typing import Any, NamedTuple, TypeVar
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import Plain
@@ -39,10 +40,10 @@ WORDS = ("name", "description", "notes")
 class Row(NamedTuple):
     """One saved instant: the first row of a run that continues from it."""
 
-    r: jax.Array
-    v: jax.Array
-    tension: jax.Array
-    work: jax.Array
+    r: Array
+    v: Array
+    tension: Array
+    work: Array
     parted: Parted | None
     own: dict[str, Frozen]
 
@@ -88,20 +89,20 @@ def restore_carry(kind: End, last: dict[str, np.ndarray]) -> End:
     if not last:
         raise SceneError(f"{RUN} has no final state, as files of earlier versions. Use a run made by this version")
     leaves, tree = jax.tree_util.tree_flatten_with_path(kind)
-    return jax.tree.unflatten(tree, [jnp.asarray(_check_leaf(_name(way), like, last)) for way, like in leaves])
-
-
-def _check_leaf(name: str, like: jax.ShapeDtypeStruct, last: dict[str, np.ndarray]) -> np.ndarray:
-    if name not in last:
-        raise SceneError(f"{RUN} lacks {name!r} of its final state. Use a file that was not changed")
-    found = last[name]
-    if found.shape != like.shape or found.dtype != like.dtype:
-        has = f"{found.dtype}{list(found.shape)}"
-        needs = f"{like.dtype}{list(like.shape)}"
-        raise SceneError(f"{RUN} has {name!r} as {has}; allowed: {needs}, which its scene determines")
-    if not np.all(np.isfinite(found)):
-        raise SceneError(f"{RUN} has non-finite values in {name!r}; allowed: finite values")
-    return found
+    found = []
+    for way, like in leaves:
+        name = _name(way)
+        if name not in last:
+            raise SceneError(f"{RUN} lacks {name!r} of its final state. Use a file that was not changed")
+        leaf = last[name]
+        if leaf.shape != like.shape or leaf.dtype != like.dtype:
+            has = f"{leaf.dtype}{list(leaf.shape)}"
+            needs = f"{like.dtype}{list(like.shape)}"
+            raise SceneError(f"{RUN} has {name!r} as {has}; allowed: {needs}, which its scene determines")
+        if not np.all(np.isfinite(leaf)):
+            raise SceneError(f"{RUN} has non-finite values in {name!r}; allowed: finite values")
+        found.append(jnp.asarray(leaf))
+    return jax.tree.unflatten(tree, found)
 
 
 def _name(key_path: tuple[Any, ...]) -> str:
@@ -124,13 +125,3 @@ def same_scene(scene: Scene, before: Scene) -> None:
 def _moving(scene: Scene) -> dict[str, Plain]:
     plain = {key: value for key, value in scene.to_dict().items() if key not in WORDS}
     return {**plain, "run": {key: value for key, value in plain["run"].items() if key not in FREE}}
-
-
-def may_go_on(status: str, failure: str) -> None:
-    """Reject a run that failed.
-
-    Raises:
-        SceneError: one line.
-    """
-    if status not in ("ok", "interrupted"):
-        raise SceneError(f"{RUN} failed, {failure}. Use a run with status ok or interrupted")

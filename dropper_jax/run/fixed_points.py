@@ -24,15 +24,11 @@ def without_body(scene: Scene, body: str, model: Model, pose: State) -> tuple[Sc
     names = [point.name for point in scene.points if point.on == body]
     if not names:
         raise SceneError(f"body {body!r}: no line is attached to it")
-    places = {}
-    for name in names:
-        point = next(i for i, other in enumerate(model.points) if other.name == name)
-        places[name] = np.asarray(pose.r)[model.geometry.node_of_point(point)].tolist()
+    known = [point.name for point in model.points]
     table = scene.to_dict()
     table["body"] = [other for other in table["body"] if other["name"] != body]
-    table["point"] = [
-        *table.get("point", []),
-        *({"name": name, "position": place} for name, place in places.items()),
-    ]
+    for name in names:
+        node = model.geometry.node_of_point(known.index(name))
+        table["point"].append({"name": name, "position": np.asarray(pose.r)[node].tolist()})
     table["start"] = {"kind": "static"}
     return load_scene(table), names

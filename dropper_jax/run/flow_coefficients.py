@@ -16,6 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.base.constants import VISCOSITY
+from dropper_jax.base.numerics import spread, unit_vectors
 from dropper_jax.base.read import Table
 from dropper_jax.effects.buoyancy import drag_diameter
 from dropper_jax.effects.cylinder import POST_CRITICAL, from_table, rough_added_mass, rough_drag
@@ -66,21 +67,24 @@ def link_flow(scene: Scene) -> Flow:
     model = bare_model(scene, "float64")
     nodes = static_pose(scene, model).positions
     first = first_nodes(scene)
-    along = nodes[first + 1] - nodes[first]
-    tangent = along / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
+    tangent = unit_vectors(nodes[first + 1] - nodes[first])
     diameter = drag_diameter(scene) * np.ones(len(tangent))
     sea = model.needed_sea
-    sigma, current = _across(sea, 0.5 * (nodes[first] + nodes[first + 1]), tangent)
-    speed = np.sqrt(2.0) * sigma
-    kc = np.full(len(sigma), np.inf)
+    middle = 0.5 * (nodes[first] + nodes[first + 1])
+    current = np.zeros(len(tangent))
+    if sea.current is not None:
+        steady = np.asarray(sea.current.profile(jnp.asarray(middle[:, 2]), jnp.asarray(sea.depth)))
+        current = np.linalg.norm(_across(steady, tangent), axis=1)
+    sigma = np.zeros(len(tangent))
+    kc = np.full(len(tangent), np.inf)
     if sea.waves is not None:
+        sigma = _wave_speed(sea, middle[:, 2], tangent)
+        period = mean_period(sea)
         if sea.waves.size == 1 or sea.waves.bound:
             period = float(2 * np.pi / sea.waves.omega[0])
-        else:
-            period = mean_period(sea)
-        kc = speed * period / diameter
+        kc = np.sqrt(2.0) * sigma * period / diameter
     re = np.sqrt(current**2 + sigma**2) * diameter / VISCOSITY
-    share = current / np.maximum(current + speed, 1e-12)
+    share = current / np.maximum(current + np.sqrt(2.0) * sigma, 1e-12)
     rough = relative_roughness(scene)
     found = {}
     for name in follows(scene):
@@ -88,33 +92,29 @@ def link_flow(scene: Scene) -> Flow:
         key = FOLLOWING[name]
         if values["coefficients"] == "table":
             found[name] = from_table(f"effects.{name}", kc, re, values, f"table_{key}")
+        elif key == "cdn":
+            found[name] = rough_drag(kc, rough, share)
         else:
-            found[name] = rough_drag(kc, rough, share) if key == "cdn" else rough_added_mass(kc, rough)
+            found[name] = rough_added_mass(kc, rough)
     return Flow(kc, re, share, found)
 
 
-def _across(sea: Sea, positions: np.ndarray, tangent: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """RMS of the waves' velocity across links, and speed of the current across them, (n,) [m/s] each."""
-    depth = jnp.asarray(sea.depth)
-    steady = np.zeros_like(positions)
-    if sea.current is not None:
-        steady = np.asarray(sea.current.profile(jnp.asarray(positions[:, 2]), depth))
-    along = np.sum(steady * tangent, axis=1, keepdims=True) * tangent
-    current = np.linalg.norm(steady - along, axis=1)
-    if sea.waves is None:
-        return np.zeros(len(positions)), current
+def _across(velocity: np.ndarray, tangent: np.ndarray) -> np.ndarray:
+    """The part of velocities (..., 3) across links with these tangents."""
+    return velocity - np.sum(velocity * tangent, axis=-1, keepdims=True) * tangent
+
+
+def _wave_speed(sea: Sea, z: np.ndarray, tangent: np.ndarray) -> np.ndarray:
+    """RMS (n,) [m/s] of the waves' velocity across links at heights z [m]."""
     waves = sea.waves
-    level, upright = (np.asarray(a) for a in waves.profiles(jnp.minimum(jnp.asarray(positions[:, 2]), 0.0), depth))
+    profiles = waves.profiles(jnp.minimum(jnp.asarray(z), 0.0), jnp.asarray(sea.depth))
+    level, upright = np.stack(profiles) * np.asarray(waves.speeds)
     course = np.asarray(waves.direction) * np.ones(waves.size)
-    speed = np.asarray(waves.speeds)
     # velocity of a component: level part as the cosine, upright part as the sine of its phase
-    cosine = np.stack([level * speed * np.cos(course), level * speed * np.sin(course), 0.0 * level], axis=-1)
-    sine = np.stack([0.0 * level, 0.0 * level, upright * speed], axis=-1)
-    square = 0.0
-    for part in (cosine, sine):
-        left = part - np.sum(part * tangent[:, None], axis=-1, keepdims=True) * tangent[:, None]
-        square = square + 0.5 * np.sum(left**2, axis=(1, 2))
-    return np.sqrt(square), current
+    cosine = np.stack([level * np.cos(course), level * np.sin(course), 0.0 * level], axis=-1)
+    sine = np.stack([0.0 * level, 0.0 * level, upright], axis=-1)
+    across = _across(np.stack([cosine, sine]), tangent[:, None])
+    return np.sqrt(0.5 * np.sum(across**2, axis=(0, 2, 3)))
 
 
 def flow_table(scene: Scene) -> list[Table]:
@@ -127,8 +127,7 @@ def flow_table(scene: Scene) -> list[Table]:
     for line in line_slices(scene):
         row: Table = {"line": line.name}
         for key, values in each.items():
-            own = values[line.links]
-            row[key] = {"min": float(np.min(own)), "max": float(np.max(own))}
+            row[key] = spread(values[line.links], ("min", "max"))
         row["post_critical"] = bool(np.all(flow.re[line.links] >= POST_CRITICAL))
         found.append(row)
     return found

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import importlib
 import json
 import re
 import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,9 +15,7 @@ from dropper_jax.base.files import atomic_write
 from dropper_jax.load.scene import load_scene
 from dropper_jax.run.build import SceneLike
 from dropper_jax.run.coupled import Coupled
-
-if TYPE_CHECKING:
-    from types import ModuleType
+from dropper_jax.run.storage import extra
 
 AXES = ("x", "y", "z")
 #: Script of a unit: the scene, its points and its step as text, and the class that pythonfmu3 looks for.
@@ -51,7 +47,7 @@ def write_fmu(
     Raises:
         SceneError: pythonfmu3 is missing, points that cannot be coupled, names that become equal.
     """
-    package = _package()
+    package = extra("pythonfmu3", "fmi")
     path = Path(path)
     if path.suffix.lower() != ".fmu":
         raise SceneError(f"path: {str(path)!r} has another suffix; allowed: .fmu")
@@ -97,7 +93,7 @@ class Unit:
         self._register()
 
     def _register(self) -> None:
-        kinds = _package()
+        kinds = extra("pythonfmu3", "fmi")
         causality = kinds.Fmi3Causality
         varies = {"variability": kinds.Fmi3Variability.continuous}
         self.register_variable(kinds.Float64("time", causality=causality.independent, **varies))
@@ -137,10 +133,3 @@ class Unit:
             return False
         self.time = current_time + step_size
         return True
-
-
-def _package() -> ModuleType:
-    try:
-        return importlib.import_module("pythonfmu3")
-    except ImportError:
-        raise SceneError("pythonfmu3 is not installed; needed: pip install 'dropper-jax[fmi]'") from None

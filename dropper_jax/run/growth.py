@@ -20,7 +20,10 @@ def overgrown(scene: Scene) -> Scene:
         return scene
     if "_overgrown" in scene.__dict__:  # an equilibrium: solved once for each scene
         return scene.__dict__["_overgrown"]
-    bare = _bare(scene)
+    table = scene.to_dict()
+    for section in (table, *table["line"]):
+        section.pop("growth", None)
+    bare = Scene.from_dict(table)
     z = static_pose(bare, bare_model(bare)).positions[:, 2]
     changes = {}
     for i, (line, where) in enumerate(sliced_lines(scene)):
@@ -34,14 +37,6 @@ def overgrown(scene: Scene) -> Scene:
     return found
 
 
-def _bare(scene: Scene) -> Scene:
-    table = scene.to_dict()
-    table.pop("growth", None)
-    for line in table["line"]:
-        line.pop("growth", None)
-    return Scene.from_dict(table)
-
-
 def _layer(scene: Scene, line: LineSpec, z: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
     """Thickness [m] and density [kg/m^3] on a line's links (n,), whose nodes (n + 1,) rest at z [m]; None if bare."""
     depth = -0.5 * (z[1:] + z[:-1])
@@ -50,9 +45,8 @@ def _layer(scene: Scene, line: LineSpec, z: np.ndarray) -> tuple[np.ndarray, np.
     season = scene.season
     if season is None or not season.on(line.name, line.piece_of):
         return None
-    return season.layer(
-        line.name, line.piece_of, depth, np.cumsum(line.length) - 0.5 * line.length, line.needed_diameter
-    )
+    arc = np.cumsum(line.length) - 0.5 * line.length
+    return season.layer(line.name, line.piece_of, depth, arc, line.needed_diameter)
 
 
 def season_table(scene: Scene, months: Sequence[float] | None = None) -> list[Table]:
@@ -73,17 +67,15 @@ def season_table(scene: Scene, months: Sequence[float] | None = None) -> list[Ta
             "as `dropper new mussels` writes"
         )
     asked = season.months if months is None else months
+    first, *_, last = season.months
     for month in asked:
-        if not season.months[0] <= month <= season.months[-1]:
-            raise SceneError(
-                f"--months: {month:g} is out of range; allowed: {season.months[0]:g} to {season.months[-1]:g} months"
-            )
+        if not first <= month <= last:
+            raise SceneError(f"--months: {month:g} is out of range; allowed: {first:g} to {last:g} months")
     ropes: dict[tuple[float, float], list[str]] = {}
     for line in scene.lines:
         if season.on(line.name, line.piece_of):
-            ropes.setdefault((float(line.mass[0] / line.length[0]), float(line.needed_diameter[0])), []).append(
-                line.name
-            )
+            rope = float(line.mass[0] / line.length[0]), float(line.needed_diameter[0])
+            ropes.setdefault(rope, []).append(line.name)
     sea = scene.needed_sea
     metre = np.ones(len(season.depth))
     rows = []
@@ -91,16 +83,13 @@ def season_table(scene: Scene, months: Sequence[float] | None = None) -> list[Ta
         for month in asked:
             thickness, density = season.over(season.depth, month)
             found = grown(metre, mass * metre, diameter * metre, thickness, density, sea.density, sea.gravity)
-            for i in range(len(metre)):
-                rows.append(
-                    {
-                        "lines": names,
-                        "month": float(month),
-                        "depth_m": float(season.depth[i]),
-                        "thickness_m": float(thickness[i]),
-                        "diameter_m": float(found.diameter[i]),
-                        "mass_kg_per_m": float(found.mass[i]),
-                        "wet_weight_n_per_m": float(found.wet_weight[i]),
-                    }
-                )
+            columns = {
+                "depth_m": season.depth,
+                "thickness_m": thickness,
+                "diameter_m": found.diameter,
+                "mass_kg_per_m": found.mass,
+                "wet_weight_n_per_m": found.wet_weight,
+            }
+            for values in np.transpose(list(columns.values())).tolist():
+                rows.append({"lines": names, "month": float(month), **dict(zip(columns, values, strict=True))})
     return rows

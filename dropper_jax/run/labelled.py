@@ -1,15 +1,15 @@
-"""Labelled runs: variables derived for files (arc length, loads, attributes), and the run rebuilt from a file."""
+"""Labelled runs: coordinates and derived variables of files (arc length, loads), their attributes and encoding."""
 
 from __future__ import annotations
 
-from collections.abc import Hashable
+from collections.abc import Hashable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.load.checks_water import surface_over
-from dropper_jax.run.bends import end_tensions, held_points, point_load
+from dropper_jax.run.end_links import held_points, point_loads
 from dropper_jax.run.samples import Samples
 from dropper_jax.run.step_extremes import LOADS
 from dropper_jax.scene import whole_lines
@@ -32,13 +32,14 @@ Encoding = dict[Hashable, dict[str, Any]]
 
 def derive_variables(solution: Samples) -> Variables:
     """Variables computed from a run: surface at the origin, forces on fixed points, tension at the ends of lines."""
-    arrays = (solution.t, solution.positions, solution.t_tension, solution.tension)
-    loads = [point_load(solution.scene, name, *arrays) for name in held_points(solution.scene)]
     found: Variables = {}
-    if loads:
+    if names := held_points(solution.scene):
+        loads = point_loads(solution.motion)
+        vectors = np.stack([loads[name] for name in names], axis=1)
         meaning = "sum of the forces of the lines that end at a fixed point; at tension_time"
-        found["point_load"] = (("time", "held_point", "axis"), np.stack(loads, axis=1), _attributes("N", meaning))
-    ends = np.stack(list(end_tensions(solution.scene, solution.tension).values()), axis=1)
+        found["point_load"] = (("time", "held_point", "axis"), vectors, _attributes("N", meaning))
+    links = [(line.links.start, line.links.stop - 1) for line in whole_lines(solution.scene)]
+    ends = solution.tension[:, np.array(links)]
     meaning = "tension of the first and the last link of each line; at tension_time"
     found["end_tension"] = (("time", "line", "end"), ends, _attributes("N", meaning))
     if solution.scene.sea is not None:
@@ -48,32 +49,65 @@ def derive_variables(solution: Samples) -> Variables:
 
 
 def coordinates(solution: Samples) -> Variables:
-    """Coordinates: arc length of nodes and links, names of fixed points, lines and ends."""
-    nodes = []
-    links = []
-    node_names: list[str] = []
-    link_names: list[str] = []
-    for line in whole_lines(solution.scene):
-        stops = np.concatenate([[0.0], np.cumsum(line.spec.length)])
-        links.append(0.5 * (stops[1:] + stops[:-1]))
-        link_names += [line.name] * len(links[-1])
-        # a node that joins two pieces belongs to both
-        for piece in (w.links for w in solution.lines if line.links.start <= w.links.start < line.links.stop):
-            nodes.append(stops[piece.start - line.links.start : piece.stop - line.links.start + 1])
-            node_names += [line.name] * len(nodes[-1])
+    """Coordinates: time and axes, numbers, arc lengths and lines of nodes and links, names of points, bodies, works."""
+    scene = solution.scene
     along = "unstretched arc length from the start of the line"
+    written = [line.piece_of or line.name for line in scene.lines]
+    arcs = []
+    ends = dict.fromkeys(written, 0.0)
+    for name, line in zip(written, scene.lines, strict=True):
+        # a node that joins two pieces belongs to both
+        arcs.append(np.cumsum([ends[name], *line.length]))
+        ends[name] = arcs[-1][-1]
+    counts = np.array([len(arc) for arc in arcs])
+    arc = np.concatenate(arcs)
+    number = np.concatenate([np.arange(count) for count in counts])
+    ends_link = number > 0
+    of_node = np.repeat(written, counts)
     found: Variables = {
-        "arc_length_of_node": ("node", np.concatenate(nodes), _attributes("m", along)),
-        "arc_length_of_link": ("link", np.concatenate(links), _attributes("m", f"{along} to the middle of the link")),
-        "line": ("line", np.array(list(dict.fromkeys(link_names)), dtype=str), {"long_name": "line as written"}),
-        "end": ("end", ["first", "last"], {"long_name": "end of a line"}),
-        "written_line_of_node": ("node", np.array(node_names, dtype=str), {"long_name": "line, pieces together"}),
-        "written_line_of_link": ("link", np.array(link_names, dtype=str), {"long_name": "line, pieces together"}),
+        "time": ("time", solution.t, {**_attributes("s", "simulated time"), "axis": "T"}),
+        "arc_length_of_node": ("node", arc, _attributes("m", along)),
+        "arc_length_of_link": (
+            "link",
+            0.5 * (arc[1:] + arc[:-1])[ends_link[1:]],
+            _attributes("m", f"{along} to the middle of the link"),
+        ),
     }
-    if names := held_points(solution.scene):
-        found["held_point"] = ("held_point", np.array(names, dtype=str), {"long_name": "fixed point"})
+    nodes = np.arange(len(number))
+    names: list[tuple[str, str, Sequence[str] | np.ndarray, str]] = [
+        ("line", "line", list(dict.fromkeys(written)), "line as written"),
+        ("end", "end", ["first", "last"], "end of a line"),
+        ("written_line_of_node", "node", of_node, "line, pieces together"),
+        ("written_line_of_link", "link", of_node[ends_link], "line, pieces together"),
+        ("axis", "axis", ["x", "y", "z"], "z is positive upwards"),
+        ("contribution", "contribution", solution.work_names, "source of the work"),
+    ]
+    if len(scene.lines) == 1:
+        names += [
+            ("node", "node", nodes, "node, both ends included"),
+            ("link", "link", nodes[1:], "link j joins nodes j - 1 and j"),
+        ]
+    else:
+        lines = np.repeat([line.name for line in scene.lines], counts)
+        of_line = number[ends_link]
+        links = [f"{name}/{j}" for name, j in zip(lines[ends_link], of_line, strict=True)]
+        names += [
+            ("node", "node", nodes, "node, line after line, both ends of each included"),
+            ("link", "link", links, "line/link: link j of a line joins its nodes j - 1 and j"),
+            ("line_of_node", "node", lines, "line to which a node belongs"),
+            ("node_of_line", "node", number, "number of a node in its line"),
+            ("line_of_link", "link", lines[ends_link], "line to which a link belongs"),
+            ("link_of_line", "link", of_line, "number of a link in its line"),
+        ]
+    if held := held_points(scene):
+        names.append(("held_point", "held_point", held, "fixed point"))
         if solution.point_load_max is not None:
-            found["load"] = ("load", list(LOADS), {"long_name": "part of a load, vertical upwards"})
+            names.append(("load", "load", LOADS, "part of a load, vertical upwards"))
+    if scene.bodies:
+        names.append(("body", "body", [body.name for body in scene.bodies], "rigid body"))
+    for name, axis, values, meaning in names:
+        given = values if isinstance(values, np.ndarray) else np.array(values, dtype=str)
+        found[name] = (axis, given, {"long_name": meaning})
     return found
 
 

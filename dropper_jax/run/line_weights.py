@@ -11,7 +11,7 @@ from dropper_jax.base.markdown import cells
 from dropper_jax.base.read import Table
 from dropper_jax.effects.buoyancy import displaced_diameter
 from dropper_jax.load.scene import Scene
-from dropper_jax.run.end_links import EndLinks, ends_of, line_ends
+from dropper_jax.run.end_links import EndLinks, Motion, ends_of, point_loads
 from dropper_jax.run.growth import overgrown
 from dropper_jax.scene import LineSlice, WholeLine, whole_lines
 
@@ -21,7 +21,7 @@ HEAVY = ("chain", "mussel", "dropper", "loop", "sock", "crop")
 
 def wet_weights(scene: Scene) -> np.ndarray:
     """Weight minus buoyancy (n,) [N] of each link under water, from the effects of the scene; mussels included."""
-    links = EndLinks(overgrown(scene))
+    links = EndLinks(scene).links
     return links.weight - links.lift
 
 
@@ -55,7 +55,7 @@ def end_force_vectors(
     t: np.ndarray | None = None,
 ) -> dict[str, np.ndarray]:
     """The same as vectors (k, 2, 3) [N]."""
-    links = EndLinks(overgrown(scene), waves=t is not None)
+    links = EndLinks(scene, waves=t is not None)
     times = np.zeros(len(positions)) if t is None else t
     found = {}
     for line in lines:
@@ -65,7 +65,7 @@ def end_force_vectors(
 
 
 def fixed_point_loads(
-    scene: Scene, positions: np.ndarray, tension: np.ndarray, t: float | None = None
+    scene: Scene, positions: np.ndarray, tension: np.ndarray, t: float = 0.0
 ) -> dict[str, np.ndarray]:
     """Force (3,) [N] of all lines on each fixed point in a static configuration, by name (see `run.end_links`).
 
@@ -73,13 +73,9 @@ def fixed_point_loads(
         positions: nodes of all lines (nodes, 3) [m]; tension: of their links (n,) [N].
         t: time [s], for the level.
     """
-    links = EndLinks(overgrown(scene), waves=False)
-    times = np.array([0.0 if t is None else t])
-    loads = {name: np.zeros(3) for name in scene.fixed_points}
-    for point, end in line_ends(scene):
-        if point in loads:
-            loads[point] += links.force(end, positions[None, end.nodes], tension[None], times)[0]
-    return loads
+    times = np.array([t])
+    loads = point_loads(Motion(scene, times, positions[None], times, tension[None]), waves=False)
+    return {name: load[0] for name, load in loads.items()}
 
 
 def end_angles(positions: np.ndarray, lines: Sequence[WholeLine | LineSlice]) -> dict[str, np.ndarray]:
@@ -111,35 +107,33 @@ def line_weights(scene: Scene) -> list[Table]:
     sea = scene.sea
     if sea is None:
         return []
-    bare = scene
-    scene = overgrown(scene)
-    diameter = displaced_diameter(scene.line, scene)
+    grown = overgrown(scene)
+    diameter = displaced_diameter(grown.line, grown)
     if diameter is None:
         return []
-    volume = 0.25 * np.pi * diameter**2 * scene.line.length
-    weights = wet_weights(scene)
-    types = {line.get("name"): str(line.get("type", "")) for line in bare.as_written()["line"]}
-    rows: dict[tuple[float, ...], Table] = {}
-    for line, own in zip(whole_lines(scene), whole_lines(bare), strict=True):
-        length = line.spec.total
-        mass = float(np.sum(line.spec.mass))
-        displaced = sea.density * float(np.sum(volume[line.links]))
-        wet = float(np.sum(weights[line.links]))
-        key = tuple(float(f"{value / length:.6g}") for value in (mass, displaced, wet))
+    volume = 0.25 * np.pi * diameter**2 * grown.line.length
+    weights = wet_weights(grown)
+    types = {line.get("name"): str(line.get("type", "")) for line in scene.as_written()["line"]}
+    rows: dict[tuple[str, ...], Table] = {}
+    for line, bare in zip(whole_lines(grown), whole_lines(scene), strict=True):
+        totals = np.array(
+            [np.sum(line.spec.mass), sea.density * np.sum(volume[line.links]), np.sum(weights[line.links])]
+        )
+        mass, displaced, wet = (totals / line.spec.total).tolist()
         row = {
             "lines": [],
-            "mass_kg_per_m": mass / length,
-            "displaced_kg_per_m": displaced / length,
-            "wet_weight_n_per_m": wet / length,
+            "mass_kg_per_m": mass,
+            "displaced_kg_per_m": displaced,
+            "wet_weight_n_per_m": wet,
             "density_kg_per_m3": sea.density * mass / displaced,
             "meant_heavy": False,
         }
-        row = rows.setdefault(key, row)
+        row = rows.setdefault(tuple(f"{value:.6g}" for value in (mass, displaced, wet)), row)
         row["lines"].append(line.name)
         words = f"{line.name} {types.get(line.name, '')}".lower()
         thick = float(np.max(diameter[line.links])) >= THICK
-        grown = own.spec.growth is not None or bare.season is not None
-        row["meant_heavy"] |= thick or grown or any(word in words for word in HEAVY)
+        has_mussels = bare.spec.growth is not None or scene.season is not None
+        row["meant_heavy"] |= thick or has_mussels or any(word in words for word in HEAVY)
     return list(rows.values())
 
 

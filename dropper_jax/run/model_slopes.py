@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.load.scene import Scene
@@ -46,7 +47,7 @@ def model_slopes(scene: Scene, model: Model, path: str, idle: bool = False) -> d
     return slopes
 
 
-def shift_model(model: Model, moving: Sequence[int], rows: Sequence[jax.Array | np.ndarray], shift: jax.Array) -> Model:
+def shift_model(model: Model, moving: Sequence[int], rows: Sequence[Array | np.ndarray], shift: Array) -> Model:
     """The model with leaves of the numbers `moving` changed by `shift` (p,) times `rows` (p, ...) of each;
     differentiable."""
     leaves, tree = jax.tree.flatten(model)

@@ -67,10 +67,10 @@ def fastest_current(scene: Scene) -> float:
         speeds = np.abs(current.speed)
     factor = 1.0
     if current.amplitude is not None:
-        factor = float(np.sum(np.abs(current.amplitude)))
+        factor = np.sum(np.abs(current.amplitude))
     elif current.factor is not None:
-        factor = float(np.max(np.abs(current.factor)))
-    return factor * float(np.max(speeds))
+        factor = np.max(np.abs(current.factor))
+    return float(factor * np.max(speeds))
 
 
 def _check_current(scene: Scene) -> Iterator[str]:

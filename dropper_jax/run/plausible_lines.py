@@ -58,111 +58,110 @@ def check_masses(scene: Scene) -> Iterator[str]:
         else:
             density = 4.0 * per_metre / (np.pi * spec.diameter**2)
             wrong = density > DENSEST
-        if not np.any(wrong):
-            continue
         worst = int(np.argmax(np.where(wrong, spec.mass, 0.0)))
-        link = f"{spec.mass[worst]:.4g} kg in a link of {spec.length[worst]:.4g} m, {per_metre[worst]:.4g} kg/m"
+        if not wrong[worst]:
+            continue
         if spec.diameter is None:
             what = f"as much as a bar of steel {thickness[worst]:.2g} m thick; check the unit of its mass, kg"
         else:
             what = f"{density[worst]:.3g} kg/m^3, denser than any metal; check mass, kg, and diameter, m"
+        link = f"{spec.mass[worst]:.4g} kg in a link of {spec.length[worst]:.4g} m, {per_metre[worst]:.4g} kg/m"
         yield f"{line.name}: {link}: {what}"
 
 
-#: A connection to a point: its name, the length [m], numbers of the lines.
-Connection = tuple[str, float, tuple[int, ...]]
-
-
 class _Path(NamedTuple):
-    """The shortest way along lines between two fixed points: their distance [m], its length [m], numbers of lines."""
+    """A way along lines between points, rigid bodies included: its length [m], where it ends, numbers of its lines."""
 
-    ends: tuple[str, str]
-    distance: float
     length: float
+    end: str
     lines: tuple[int, ...]
+
+
+class _Overload(NamedTuple):
+    """A path that is too short, from `start`: its tension at rest [N], the largest that it bears, whether it breaks."""
+
+    start: str
+    path: _Path
+    distance: float
+    tension: float
+    limit: float
+    breaks: bool
 
 
 def check_spans(scene: Scene, only_broken: bool) -> Iterator[str]:
     """Lines too short for the distance of the fixed points that they connect; only those that break."""
-    worst = None
+    found = []
     names: dict[str, None] = {}
-    for path in _taut_paths(scene):
-        tension, limit = _rest_tension(scene, path)
-        if tension <= limit[0] or (only_broken and not limit[1]):
-            continue
-        names |= dict.fromkeys(scene.lines[i].piece_of or scene.lines[i].name for i in path.lines)
-        if worst is None or tension / limit[0] > worst[0] / worst[1][0]:
-            worst = tension, limit, path
-    if worst is None:
+    for overload in _overloads(scene):
+        if overload.breaks or not only_broken:
+            found.append(overload)
+            lines = [scene.lines[i] for i in overload.path.lines]
+            names |= dict.fromkeys(line.piece_of or line.name for line in lines)
+    if not found:
         return
-    tension, (strong, broken), path = worst
-    short = []
+    worst = max(found, key=lambda one: one.tension / one.limit)
+    short = {}
     for line in whole_lines(scene):
-        if line.name in names and line.spec.total < _distance(scene, line.spec):
-            short.append((line.name, line.spec.total, _distance(scene, line.spec)))
+        distance = _distance(scene, line.spec)
+        if line.name in names and line.spec.total < distance:
+            short[line.name] = (distance / line.spec.total, line.spec.total, distance)
     if short:
-        which = max(short, key=lambda row: row[2] / row[1])
-        what = f"{lines_in_words([row[0] for row in short])}: {which[1]:.4g} m between points {which[2]:.4g} m apart"
+        _, length, distance = max(short.values())
+        what = f"{lines_in_words(list(short))}: {length:.4g} m between points {distance:.4g} m apart"
     else:
         what = (
-            f"{lines_in_words(list(names))}: {path.length:.4g} m of lines between {path.ends[0]!r} and "
-            f"{path.ends[1]!r}, {path.distance:.4g} m apart"
+            f"{lines_in_words(list(names))}: {worst.path.length:.4g} m of lines between {worst.start!r} and "
+            f"{worst.path.end!r}, {worst.distance:.4g} m apart"
         )
-    if broken:
-        above = f"above the breaking load of {strong:.4g} N"
-    else:
-        above = f"stretched by more than {LARGEST_STRAIN:.0%}"
-    yield f"{what}: about {tension:.3g} N at rest, {above}; check lengths and positions"
+    above = f"stretched by more than {LARGEST_STRAIN:.0%}"
+    if worst.breaks:
+        above = f"above the breaking load of {worst.limit:.4g} N"
+    yield f"{what}: about {worst.tension:.3g} N at rest, {above}; check lengths and positions"
 
 
-def _rest_tension(scene: Scene, path: _Path) -> tuple[float, tuple[float, bool]]:
-    """Tension [N] that stretches a path to the distance of its ends, the largest that it bears, and whether that is a
-    breaking load."""
-    lines = [scene.lines[i] for i in path.lines]
-    flexibility = sum(float(np.sum(line.length / line.EA)) for line in lines if line.EA is not None)
-    tension = (path.distance - path.length) / flexibility
-    limits = [(float(np.min(line.breaking_load)), True) for line in lines if line.breaking_load is not None]
-    limits += [(LARGEST_STRAIN * float(np.min(line.EA)), False) for line in lines if line.EA is not None]
-    return tension, min(limits)
-
-
-def _taut_paths(scene: Scene) -> Iterator[_Path]:
-    """Shortest paths between fixed points, not of rigid lines alone, that are shorter than the points' distance."""
+def _overloads(scene: Scene) -> Iterator[_Overload]:
+    """Shortest paths between fixed points, not of rigid lines alone, with more tension at rest than they bear."""
     points = {point.name: point for point in scene.points}
     fixed = {name for name, point in points.items() if not point.is_free or scene.start.kind == "points"}
     along = _neighbours(scene)
     for start in sorted(fixed):
-        for end, (total, way) in _shortest_ways(start, along, fixed).items():
-            distance = float(np.linalg.norm(points[end].position - points[start].position))
-            if start < end and total < distance and any(not scene.lines[i].rigid for i in way):
-                yield _Path((start, end), distance, total, way)
+        for path in _shortest_paths(start, along, fixed):
+            distance = float(np.linalg.norm(points[path.end].position - points[start].position))
+            lines = [scene.lines[i] for i in path.lines]
+            flexibility = sum(float(np.sum(line.length / line.EA)) for line in lines if line.EA is not None)
+            if start >= path.end or path.length >= distance or not flexibility:
+                continue
+            tension = (distance - path.length) / flexibility
+            limits = [(float(np.min(line.breaking_load)), True) for line in lines if line.breaking_load is not None]
+            limits += [(LARGEST_STRAIN * float(np.min(line.EA)), False) for line in lines if line.EA is not None]
+            limit, breaks = min(limits)
+            if tension > limit:
+                yield _Overload(start, path, distance, tension, limit, breaks)
 
 
-def _neighbours(scene: Scene) -> dict[str, list[Connection]]:
-    """Points that a line, or a rigid body, connects with each point: their names, the length [m], the line."""
-    found: dict[str, list[Connection]] = {point.name: [] for point in scene.points}
+def _neighbours(scene: Scene) -> dict[str, list[_Path]]:
+    """The lines and rigid bodies that connect each point with others."""
+    found: dict[str, list[_Path]] = {point.name: [] for point in scene.points}
     for i, line in enumerate(scene.lines):
-        found[line.start].append((line.end, line.total, (i,)))
-        found[line.end].append((line.start, line.total, (i,)))
+        found[line.start].append(_Path(line.total, line.end, (i,)))
+        found[line.end].append(_Path(line.total, line.start, (i,)))
     for body in scene.bodies:
         for one, other in permutations(body.attachments, 2):
             size = float(np.linalg.norm(body.attachments[one] - body.attachments[other]))
-            found[one].append((other, size, ()))
+            found[one].append(_Path(size, other, ()))
     return found
 
 
-def _shortest_ways(
-    start: str, along: dict[str, list[Connection]], fixed: set[str]
-) -> dict[str, tuple[float, tuple[int, ...]]]:
-    """Length and lines of the shortest way from a point to each fixed point reached without another (Dijkstra)."""
-    found: dict[str, tuple[float, tuple[int, ...]]] = {}
-    open_ways: list[tuple[float, str, tuple[int, ...]]] = [(0.0, start, ())]
-    while open_ways:
-        length, here, way = heapq.heappop(open_ways)
-        if here in found:
+def _shortest_paths(start: str, along: dict[str, list[_Path]], fixed: set[str]) -> list[_Path]:
+    """The shortest path from a point to each fixed point that is reached without another (Dijkstra)."""
+    found: dict[str, _Path] = {}
+    ahead = [_Path(0.0, start, ())]
+    while ahead:
+        path = heapq.heappop(ahead)
+        if path.end in found:
             continue
-        found[here] = length, way
-        for there, more, line in along[here] if here == start or here not in fixed else ():
-            if there not in found:
-                heapq.heappush(open_ways, (length + more, there, (*way, *line)))
-    return {name: pair for name, pair in found.items() if name in fixed and name != start}
+        found[path.end] = path
+        if path.end == start or path.end not in fixed:
+            for more in along[path.end]:
+                heapq.heappush(ahead, _Path(path.length + more.length, more.end, path.lines + more.lines))
+    return [path for name, path in found.items() if name in fixed and name != start]

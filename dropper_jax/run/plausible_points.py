@@ -10,7 +10,7 @@ import numpy as np
 from dropper_jax.load.checks_water import bed_height
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.line_weights import lines_in_words, wet_weights
-from dropper_jax.scene import BodySpec, LineSpec, PointSpec, line_slices
+from dropper_jax.scene import LineSpec, PointSpec, line_slices
 from dropper_jax.sea.spec import SeaSpec
 
 #: Height of an anchor above the seabed that a block or a screw may have: at least 1 m, or this fraction of the depth.
@@ -27,14 +27,16 @@ class Connected(NamedTuple):
 
     Attributes:
         lines: numbers of the lines.
-        held, free: the fixed points at their ends, and the free ones.
-        bodies: the rigid bodies to which they are attached.
+        points: the points at their ends by name.
     """
 
     lines: list[int]
-    held: list[PointSpec]
-    free: list[PointSpec]
-    bodies: list[BodySpec]
+    points: dict[str, PointSpec]
+
+    @property
+    def held(self) -> list[PointSpec]:
+        """The fixed points."""
+        return [point for point in self.points.values() if not point.is_free]
 
 
 def _connected(scene: Scene) -> list[Connected]:
@@ -51,38 +53,31 @@ def _connected(scene: Scene) -> list[Connected]:
     for line in scene.lines:
         if points[line.start].is_free and points[line.end].is_free:
             parent[root(label[line.start])] = root(label[line.end])
-    bodies = {body.name: body for body in scene.bodies}
-    found: dict[str, Connected] = {}
+    systems: dict[str, Connected] = {}
     for i, line in enumerate(scene.lines):
-        ends = [points[line.start], points[line.end]]
-        free = next((point for point in ends if point.is_free), None)
-        key = f"line {i}" if free is None else root(label[free.name])
-        system = found.setdefault(key, Connected([], [], [], []))
+        free = [name for name in (line.start, line.end) if points[name].is_free]
+        key = root(label[free[0]]) if free else f"line {i}"
+        system = systems.setdefault(key, Connected([], {}))
         system.lines.append(i)
-        for point in ends:
-            own = system.held
-            if point.is_free:
-                own = system.free
-            if point not in own:
-                own.append(point)
-            body = bodies.get(point.on)
-            if body is not None and body not in system.bodies:
-                system.bodies.append(body)
-    return list(found.values())
+        system.points.update({name: points[name] for name in (line.start, line.end)})
+    return list(systems.values())
 
 
 def _lifts(scene: Scene, sea: SeaSpec, system: Connected) -> list[tuple[float, float]]:
     """Height [m] and lift under water, buoyancy less weight [N], of each float, mass, buoy and body of a system."""
-    names = {point.name: point for point in system.free}
-    items = [(p.position[2], p.volume or 0.0, p.mass or 0.0) for p in system.free if p.body]
+    free = [point for point in system.points.values() if point.is_free]
+    items = [(point.position, point.volume or 0.0, point.mass or 0.0) for point in free if point.body]
     for buoy in scene.buoys:
-        if buoy.point in names:
-            items.append((names[buoy.point].position[2], 0.25 * np.pi * buoy.diameter**2 * buoy.height, buoy.mass))
-    for body in system.bodies:
-        volume = sum(0.25 * np.pi * c.diameter**2 * c.length for c in body.cylinders)
-        volume += sum(np.pi / 6.0 * s.diameter**3 for s in body.spheres)
-        items.append((body.position[2], volume, body.mass))
-    return [(float(z), sea.gravity * (sea.density * float(volume) - float(mass))) for z, volume, mass in items]
+        if buoy.point in system.points:
+            volume = 0.25 * np.pi * buoy.diameter**2 * buoy.height
+            items.append((system.points[buoy.point].position, volume, buoy.mass))
+    carriers = {point.on for point in free}
+    for body in scene.bodies:
+        if body.name in carriers:
+            volume = sum(0.25 * np.pi * c.diameter**2 * c.length for c in body.cylinders)
+            volume += sum(np.pi / 6.0 * s.diameter**3 for s in body.spheres)
+            items.append((body.position, volume, body.mass))
+    return [(float(at[2]), sea.gravity * float(sea.density * volume - mass)) for at, volume, mass in items]
 
 
 def _moved_points(scene: Scene) -> set[str]:
@@ -99,26 +94,28 @@ def check_fixed_points(scene: Scene) -> Iterator[str]:
     if scene.sea is None:
         return
     moved = _moved_points(scene)
-    held = {point.name: point for point in scene.points if not point.is_free and point.name not in moved}
+    held = {point.name: point.position for point in scene.points if not point.is_free and point.name not in moved}
     depth = scene.sea.depth
-    heights = _heights(scene, list(held.values()), -depth)
+    positions = np.array(list(held.values())).reshape(-1, 3)
+    bed = bed_height(scene, positions)
+    heights = dict(zip(held, positions[:, 2] - (-depth if bed is None else bed), strict=True))
     allowed = max(ANCHOR_HEIGHT, ANCHOR_SHARE * depth)
     high = {name for name, height in heights.items() if height > allowed}
     entries = {anchor.point for anchor in scene.anchors}
     doubtful = {name for name in high if "anchor" in name.lower() or name in entries}
     for system in _connected(scene):
-        names = [point.name for point in system.held]
-        if not any(lift > 0.0 for _, lift in _lifts(scene, scene.sea, system)) or not set(names) <= set(held):
+        names = {point.name for point in system.held}
+        if not any(lift > 0.0 for _, lift in _lifts(scene, scene.sea, system)) or not names <= held.keys():
             continue
-        doubtful |= {name for name in names if held[name].position[2] > HIGH_IN_THE_AIR * depth}
-        if set(names) <= high:  # floats on mooring lines from mid-water
-            doubtful |= {name for name in names if held[name].position[2] < -0.5 * depth}
-    above = [name for name in held if name in doubtful and held[name].position[2] > 0.0]
+        doubtful |= {name for name in names if held[name][2] > HIGH_IN_THE_AIR * depth}
+        if names <= high:  # floats on mooring lines from mid-water
+            doubtful |= {name for name in names if held[name][2] < -0.5 * depth}
+    above = [name for name in held if name in doubtful and held[name][2] > 0.0]
     below = [name for name in held if name in doubtful and name not in above]
     if above:
         yield (
-            f"{lines_in_words(above)}: fixed {_range([held[name].position[2] for name in above])} m above the surface "
-            f"of water {depth:.4g} m deep; z is upwards from the surface, check the sign"
+            f"{lines_in_words(above)}: fixed {_range([held[name][2] for name in above])} m above the surface of water "
+            f"{depth:.4g} m deep; z is upwards from the surface, check the sign"
         )
     if below:
         yield (
@@ -127,20 +124,9 @@ def check_fixed_points(scene: Scene) -> Iterator[str]:
         )
 
 
-def _heights(scene: Scene, points: list[PointSpec], flat: float) -> dict[str, float]:
-    """Height [m] of points above the seabed, by name; without [effects.seabed] it is flat at that z [m]."""
-    positions = np.array([point.position for point in points]).reshape(-1, 3)
-    bed = bed_height(scene, positions)
-    bed = np.full(len(points), flat) if bed is None else bed
-    return {point.name: float(z) for point, z in zip(points, positions[:, 2] - bed, strict=True)}
-
-
 def _range(values: list[float]) -> str:
-    low = f"{min(values):.3g}"
-    high = f"{max(values):.3g}"
-    if low == high:
-        return low
-    return f"{low} to {high}"
+    ends = dict.fromkeys((f"{min(values):.3g}", f"{max(values):.3g}"))
+    return " to ".join(ends)
 
 
 def check_lift(scene: Scene) -> Iterator[str]:
@@ -163,10 +149,9 @@ def check_lift(scene: Scene) -> Iterator[str]:
             sinking.append((own, lines))
     if sinking:
         own, lines = min(sinking, key=lambda pair: pair[0] - pair[1])
+        more = ""
         if len(sinking) > 1:
             more = f" (and {len(sinking) - 1} more systems)"
-        else:
-            more = ""
         yield (
             f"floats: their net lift with all masses is {own:.4g} N, and lines of {lines:.4g} N hang on them{more}: "
             "the system sinks until it lies on the seabed; check volumes and masses"

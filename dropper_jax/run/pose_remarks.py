@@ -7,11 +7,12 @@ from collections.abc import Iterator
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.numerics import unit_vectors
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.line_weights import lines_in_words
 from dropper_jax.run.plausibility import fastest_current, with_cause
 from dropper_jax.scene import WholeLine, sliced_lines, whole_lines
-from dropper_jax.scene.data import point_nodes
+from dropper_jax.scene.data import link_differences, point_nodes
 
 #: Static strain of a line above which it is warned of, and above which a scene is an error: a rope breaks before.
 STRETCHED = 0.1
@@ -38,11 +39,10 @@ def check_stretch(scene: Scene, positions: np.ndarray) -> None:
     Raises:
         SceneError: a strain of 50 % or more.
     """
-    for line, strain in _strains(scene, positions):
+    for line, strain in _strains(scene, positions).items():
         if strain >= TORN:
-            speed = fastest_current(scene)
             flow = ""
-            if speed:
+            if speed := fastest_current(scene):
                 flow = f", and the current of {speed:.4g} m/s"
             error = SceneError(
                 f"line {line!r}: is stretched by {strain:.0%} at rest, more than {TORN:.0%}. Check its length "
@@ -51,19 +51,18 @@ def check_stretch(scene: Scene, positions: np.ndarray) -> None:
             raise with_cause(error, scene)
 
 
-def _strains(scene: Scene, positions: np.ndarray) -> Iterator[tuple[str, float]]:
+def _strains(scene: Scene, positions: np.ndarray) -> dict[str, float]:
     """Maximum strain of a link of each elastic line."""
-    for line, where in sliced_lines(scene):
-        if not line.rigid:
-            size = np.linalg.norm(np.diff(np.asarray(positions)[where.nodes], axis=0), axis=1)
-            yield line.name, float(np.max(size / line.length - 1.0))
+    links = link_differences(scene, np.asarray(positions)[None])[0]
+    strain = np.linalg.norm(links, axis=1) / scene.line.length - 1.0
+    return {line.name: float(np.max(strain[where.links])) for line, where in sliced_lines(scene) if not line.rigid}
 
 
 def _check_stretch(scene: Scene, positions: np.ndarray) -> Iterator[str]:
     """One warning of all lines that are stretched by more than 10 %, with the largest strain."""
-    strains = {line: strain for line, strain in _strains(scene, positions) if strain > STRETCHED}
-    if strains:
-        names = sorted(strains, key=lambda name: -strains[name])
+    strains = _strains(scene, positions)
+    names = sorted((name for name in strains if strains[name] > STRETCHED), key=lambda name: -strains[name])
+    if names:
         yield f"{lines_in_words(names)}: is stretched by {strains[names[0]]:.0%} at rest; check its length and EA"
 
 
@@ -71,10 +70,8 @@ def _check_bends(scene: Scene, positions: np.ndarray, tension: np.ndarray) -> It
     """One warning of all elastic lines whose links are too few for the forces at their ends."""
     bends = {}
     for line in whole_lines(scene):
-        if line.spec.rigid:
-            continue
         bend = _largest_bend(line, positions[line.nodes], tension[line.links])
-        if bend >= _allowed_bend(line.spec.links):
+        if not line.spec.rigid and bend >= _allowed_bend(line.spec.links):
             bends[line.name] = bend
     if bends:
         yield (
@@ -96,8 +93,7 @@ def _allowed_bend(links: int) -> float:
 
 def _largest_bend(line: WholeLine, positions: np.ndarray, tension: np.ndarray) -> float:
     """Maximum angle [degrees] between neighbouring links that carry tension, without attached points."""
-    along = np.diff(positions, axis=0)
-    along = along / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-300)
+    along = unit_vectors(np.diff(positions, axis=0))
     turns = np.degrees(np.arccos(np.clip(np.sum(along[1:] * along[:-1], axis=1), -1.0, 1.0)))
     turns[[node - 1 for node in line.stops if 0 < node < line.spec.links]] = 0.0
     return float(np.max(turns * (np.maximum(tension[1:], tension[:-1]) > 0.01 * np.max(tension)), initial=0.0))
@@ -107,15 +103,14 @@ def _check_loads(scene: Scene, tension: np.ndarray) -> Iterator[str]:
     """One warning of all lines above their breaking load, with the one that is most above it."""
     above = {}
     for line, where in sliced_lines(scene):
-        if line.breaking_load is None:
-            continue
-        share = tension[where.links] / line.breaking_load
-        worst = int(np.argmax(share))
-        if share[worst] > 1.0:
-            above[line.name] = share[worst], tension[where.links][worst], line.breaking_load[worst]
-    if above:
-        names = sorted(above, key=lambda name: -above[name][0])
-        _, load, limit = above[names[0]]
+        if line.breaking_load is not None:
+            load = tension[where.links]
+            worst = int(np.argmax(load / line.breaking_load))
+            above[line.name] = load[worst], line.breaking_load[worst]
+    names = [name for name, (load, limit) in above.items() if load > limit]
+    if names:
+        names.sort(key=lambda name: -above[name][0] / above[name][1])
+        load, limit = above[names[0]]
         yield f"{lines_in_words(names)}: {load:.4g} N at rest, above its breaking load of {limit:.4g} N"
 
 

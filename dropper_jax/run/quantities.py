@@ -15,19 +15,19 @@ They are differentiable functions of saved states. One table serves all commands
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.fields import component, option
 from dropper_jax.base.numerics import horizontal_norm, safe_norm
 from dropper_jax.model import Model, Parted, State, state
-from dropper_jax.model.geometry import Member
 from dropper_jax.model.slots import LengthOverTime, Stateful
 from dropper_jax.run.end_links import load_on_fixed_point
 from dropper_jax.run.statistics import NAMES, OVER_STEPS, PERIOD, START, statistic
@@ -56,15 +56,15 @@ OF_ALL = ("tension", "excursion", "energy")
 DIRECTIONS = ("horizontal", "vertical", "total", "uplift")
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Quantity:
     """A named number of a motion.
 
     Attributes:
         name: `SIGNAL[.WHERE].STATISTIC`.
         signal, statistic: its first and last part.
-        members: links, modes, or nodes that it refers to, from 0; None for all. Nodes are free ones, then those of
-            `Model.nodes`. Of an anchor these are its links.
+        members: links, modes, or nodes that it refers to, from 0; None for all. Nodes are numbered as in
+            `Graph.everywhere`, the free ones first. Of an anchor these are its links.
         signs: of an anchor, 1 for links that start there, -1 for links that end there; of an angle, those of links.
         direction: of an anchor.
         point: number of the point, of an offset.
@@ -94,7 +94,7 @@ class Quantity:
         """Whether it depends on the start alone."""
         return self.statistic == START
 
-    def __call__(self, model: Model, start: jax.Array, run: Trajectory, t: jax.Array) -> jax.Array:
+    def __call__(self, model: Model, start: Array, run: Trajectory, t: Array) -> Array:
         """The number for saved states at times t (k,) [s] of a run from the free nodes `start` (nodes, 3)."""
         if self.signal == PERIOD:
             pose = state(model, start, tension=run.tension[0], t=t[0])
@@ -103,31 +103,30 @@ class Quantity:
         return statistic(self.statistic, samples, t[-1] / len(t) if len(t) < 2 else t[1] - t[0])
 
     @partial(jax.jit, static_argnums=0, inline=True)
-    def in_time(self, model: Model, start: jax.Array, *saved: jax.Array | Parted | None) -> jax.Array:
+    def in_time(self, model: Model, start: Array, *saved: Array | Parted | None) -> Array:
         """The signal (times, members) of saved instants, given as in `instant`."""
         return jax.vmap(lambda *now: self.instant(model, start, *now))(*saved)
 
     @partial(jax.jit, static_argnums=0, inline=True)
-    def of_pose(self, model: Model, s: State) -> jax.Array:
+    def of_pose(self, model: Model, s: State) -> Array:
         """The number at one instant, a static pose."""
         if self.signal == PERIOD:
             return natural_periods(model, s, self.modes)[-1]
-        if model.sea is None:
-            still = model
-        else:
-            still = dataclasses.replace(model, sea=model.sea.without_waves())
+        still = model
+        if model.sea is not None:
+            still = replace(model, sea=model.sea.without_waves())
         return statistic(self.statistic, self.instant(still, s.r, s.r, s.v, s.tension, s.t, s.parted)[None], 1.0)
 
     def instant(
         self,
         model: Model,
-        start: jax.Array,
-        r: jax.Array,
-        v: jax.Array,
-        tension: jax.Array,
-        t: jax.Array,
+        start: Array,
+        r: Array,
+        v: Array,
+        tension: Array,
+        t: Array,
         parted: Parted | None = None,
-    ) -> jax.Array:
+    ) -> Array:
         """The signal (members,) of one instant: free nodes (nodes, 3) and tensions (n,) at time t [s]."""
         if self.signal == "energy":
             if any(isinstance(effect, Stateful) for effect in model.having(LengthOverTime)):
@@ -157,10 +156,11 @@ class Quantity:
             return found * np.array(self.signs)
         return found
 
-    def _of_nodes(self, model: Model, start: jax.Array, r: jax.Array, t: jax.Array) -> jax.Array:
+    def _of_nodes(self, model: Model, start: Array, r: Array, t: Array) -> Array:
         if self.members is not None and max(self.members) >= len(r):
-            r = jnp.concatenate([r, model.nodes(r, model.ends(t))])
-            start = jnp.concatenate([start, model.nodes(start, model.ends(t))])
+            held = model.ends(t).positions
+            r = model.geometry.everywhere(r, held)
+            start = model.geometry.everywhere(start, held)
         if self.signal == "excursion":
             return safe_norm(r - start)
         if self.signal == "offset":
@@ -169,14 +169,17 @@ class Quantity:
             return -r[:, 2]
         return r[:, "xyz".index(self.signal)]
 
-    def _anchor_load(self, model: Model, r: jax.Array, tension: jax.Array, t: jax.Array) -> jax.Array:
+    def _anchor_load(self, model: Model, r: Array, tension: Array, t: Array) -> Array:
         """Force of the lines on a fixed point [N], or its angle [rad]."""
         force = load_on_fixed_point(model, self.members or (), self.signs, r, tension, t)
+        if self.direction == "vertical":
+            return force[2]
+        if self.direction == "total":
+            return safe_norm(force)
         across = horizontal_norm(force)
-        up = force[2]
         if self.direction == "uplift":
-            return jnp.arctan2(up, across)
-        return {"horizontal": across, "vertical": up, "total": safe_norm(force)}[self.direction]
+            return jnp.arctan2(force[2], across)
+        return across
 
 
 @component
@@ -187,22 +190,22 @@ class QuantitySignals:
     maximum is that of the steps. See `stepping.extremes`.
     """
 
-    start: jax.Array
+    start: Array
     quantities: tuple[Quantity, ...] = option("maxima and minima")
 
-    def __call__(self, model: Model, before: State, after: State) -> tuple[jax.Array, jax.Array]:
+    def __call__(self, model: Model, before: State, after: State) -> tuple[Array, Array]:
         now = after.r, after.v, after.tension, after.t, after.parted
         found = [OVER_STEPS[one.statistic](one.instant(model, self.start, *now))[None] for one in self.quantities]
         return jnp.concatenate([after.tension, *found]), after.t
 
-    def over_steps(self, extremes: Extremes) -> dict[Quantity, jax.Array]:
+    def over_steps(self, extremes: Extremes) -> dict[Quantity, Array]:
         """The extreme of each quantity since the last saved time (k,), from rows (k, n + q)."""
         sides = {"max": extremes.largest, "min": extremes.least}
         first = extremes.least.shape[-1] - len(self.quantities)
         return {one: sides[one.statistic][..., first + i] for i, one in enumerate(self.quantities)}
 
 
-def quantity_signals(quantities: Sequence[Quantity], start: jax.Array) -> QuantitySignals:
+def quantity_signals(quantities: Sequence[Quantity], start: Array) -> QuantitySignals:
     """The signals of those of the quantities that are maxima and minima, of runs from the free nodes `start`."""
     return QuantitySignals(start, tuple(one for one in quantities if one.statistic in OVER_STEPS))
 
@@ -216,16 +219,7 @@ def quantity(name: str, model: Model, option: str = "of") -> Quantity:
     Raises:
         SceneError: an unknown signal, statistic, line or point, or a link or node that does not exist.
     """
-    signal, *middle, wanted = name.split(".") if "." in name else (name, "")
-    for what, word, known in (("signal", signal, SIGNALS), ("statistic", wanted, NAMES)):
-        if word not in known:
-            raise SceneError(
-                f"{option}: {name!r}: {word!r} is not a {what}; {nearest(word, known)}; allowed: "
-                "SIGNAL[.WHERE].STATISTIC, such as tension.max"
-            )
-    if signal == PERIOD and wanted != START:
-        raise SceneError(f"{option}: {name!r}: a natural period belongs to the static pose; allowed: period.1.start")
-    return _Parser(name, model, option).quantity(signal, middle, wanted)
+    return _Name(name, model, option).read()
 
 
 def static_quantity(name: str, model: Model, option: str) -> Quantity:
@@ -234,105 +228,116 @@ def static_quantity(name: str, model: Model, option: str) -> Quantity:
     return quantity(name if last in NAMES else f"{name}.{START}", model, option)
 
 
-class _Parser:
-    """Finds what a name refers to in a model."""
+class _Name:
+    """The name of a quantity, read in a model."""
 
-    def __init__(self, name: str, model: Model, option: str) -> None:
-        self.name, self.model, self.option = name, model, option
+    def __init__(self, text: str, model: Model, option: str) -> None:
+        self.text, self.model, self.option = text, model, option
+        self.graph = model.geometry
         self.points = [point.name for point in model.points]
 
-    def quantity(self, signal: str, where: list[str], statistic: str) -> Quantity:
+    def read(self) -> Quantity:
+        signal, *where, wanted = self.text.split(".") if "." in self.text else (self.text, "")
+        for what, word, known in (("signal", signal, SIGNALS), ("statistic", wanted, NAMES)):
+            if word not in known:
+                hint = f"{nearest(word, known)}; allowed: SIGNAL[.WHERE].STATISTIC, such as tension.max"
+                raise self._error(f"{word!r} is not a {what}; {hint}")
+        if signal == PERIOD and wanted != START:
+            raise self._error("a natural period belongs to the static pose; allowed: period.1.start")
         counted = SIGNALS[signal][1]
+        found = Quantity(self.text, signal, wanted)
         if not where:
             if signal not in OF_ALL:
-                known = {"anchor": "west.horizontal", "node": "buoy", "end": "leg.first.angle", "line": "leg"}
-                where_ = known.get(counted, "1")
-                raise self._error(f"has no {counted}; allowed: such as {signal}.{where_}.{statistic}")
-            return Quantity(self.name, signal, statistic)
+                example = {"anchor": "west.horizontal", "node": "buoy", "end": "leg.first.angle", "line": "leg"}
+                raise self._error(f"has no {counted}; allowed: such as {signal}.{example.get(counted, '1')}.{wanted}")
+            return found
         if counted == "anchor":
-            return self._anchor(signal, where, statistic)
+            return self._at_anchor(found, where)
         if counted == "end":
-            signal = where[-1]
-            if len(where) != 3 or signal not in ("tension", "angle"):
-                raise self._error(f"has no end and signal; allowed: such as line.leg.fairlead.angle.{statistic}")
-            links, sign = self._end(*where[:2])
-            return Quantity(self.name, signal, statistic, links, (sign,) if signal == "angle" else ())
+            return self._at_end(found, where)
         if counted == "line":
-            last = {span.stop - 1 for _, span in self._members()}
-            joints = tuple(i for i in self._links(*where[:1]) if i not in last)
+            last = [span.stop - 1 for span in self.graph.spans]
+            joints = tuple(link for link in self._links(where[0]) if link not in last)
             if len(where) > 1 or not joints:
-                raise self._error(f"allowed: a line of two links or more, such as {signal}.leg.{statistic}")
-            return Quantity(self.name, signal, statistic, joints)
+                raise self._error(f"allowed: a line of two links or more, such as {signal}.leg.{wanted}")
+            return replace(found, members=joints)
         if where[0].isdecimal() or counted in ("mode", None):
-            return Quantity(self.name, signal, statistic, (self._number(where, counted),))
+            return replace(found, members=(self._number(where, counted),))
         if counted == "link":
-            return Quantity(self.name, signal, statistic, self._links(*where))
+            return replace(found, members=self._links(*where))
         if len(where) > 1:
             raise self._error(f"{'.'.join(where)!r} is not a point; {nearest(where[0], self.points)}")
-        point = self._number_of(where[0], self.points, "point")
-        return Quantity(self.name, signal, statistic, (self._node(point),), point=point)
+        point = self._index(where[0], self.points, "point")
+        return replace(found, members=(int(self.graph.point_node[point]),), point=point)
+
+    def _at_anchor(self, found: Quantity, where: list[str]) -> Quantity:
+        held = [self.points[i] for i in self.graph.held_points]
+        self._index(where[0], held, "fixed point")
+        if len(where) != 2:
+            raise self._error(f"has no direction; allowed: {', '.join(DIRECTIONS)}")
+        self._index(where[1], DIRECTIONS, "direction")
+        point = self.points.index(where[0])
+        links = {}
+        for member, span in zip(self.graph.members, self.graph.spans, strict=True):
+            if member.start == point:
+                links[span.start, 1.0] = True
+            if member.end == point:
+                links[span.stop - 1, -1.0] = True
+        members, signs = zip(*links, strict=True)
+        return replace(found, members=members, signs=signs, direction=where[1])
+
+    def _at_end(self, found: Quantity, where: list[str]) -> Quantity:
+        signal = where[-1]
+        if len(where) != 3 or signal not in ("tension", "angle"):
+            raise self._error(f"has no end and signal; allowed: such as line.leg.fairlead.angle.{found.statistic}")
+        link, sign = self._end(*where[:2])
+        found = replace(found, signal=signal, members=(link,))
+        if signal == "angle":
+            return replace(found, signs=(sign,))
+        return found
 
     def _number(self, where: list[str], counted: str | None) -> int:
-        model = self.model
-        most = {"link": model.line.links, "node": model.free_nodes, "mode": 3 * model.free_nodes, None: 0}[counted]
+        free = self.model.free_nodes
+        most = {"link": self.model.line.links, "node": free, "mode": 3 * free, None: 0}[counted]
         if len(where) > 1 or not where[0].isdecimal() or not 1 <= int(where[0]) <= most:
             raise self._error(f"{'.'.join(where)!r} is not a {counted or 'part'}; allowed: 1 to {most}")
         return int(where[0]) - 1
 
-    def _number_of(self, word: str, names: Sequence[str], what: str) -> int:
+    def _index(self, word: str, names: Sequence[str], what: str) -> int:
         if word not in names:
             raise self._error(f"{word!r} is not a {what}; {nearest(word, names)}")
-        return list(names).index(word)
+        return names.index(word)
 
-    def _links(self, line: str, end: str | None = None, *more: str) -> tuple[int, ...]:
-        """Links of a line, or those at one of its ends or points."""
-        if end is not None:
-            return self._end(line, ".".join((end, *more)))[0]
-        self._number_of(line, self.model.geometry.line_names(), "line")
-        return tuple(map(int, self.model.geometry.line_links([line])[line]))
+    def _links(self, line: str, *end: str) -> tuple[int, ...]:
+        """Links of a line, or the one at one of its ends or points."""
+        if end:
+            return (self._end(line, ".".join(end))[0],)
+        self._index(line, self.graph.line_names(), "line")
+        return tuple(self.graph.line_links([line])[line].tolist())
 
-    def _end(self, line: str, end: str) -> tuple[tuple[int, ...], float]:
+    def _end(self, line: str, end: str) -> tuple[int, float]:
         """The link at an end or point of a line, and 1 if it leads there, -1 if it starts there."""
-        self._number_of(line, self.model.geometry.line_names(), "line")
-        own = self.model.geometry.line_links([line])[line]
-        near = [(member, span) for member, span in self._members() if span.start in own]
-        first = ((int(own[0]),), -1.0)
-        last = ((int(own[-1]),), 1.0)
-        ends = {self.points[near[0][0].start]: first, self.points[near[-1][0].end]: last}
-        held = [name for name in ends if self.model.geometry.held[self.points.index(name)]]
+        own = self._links(line)
+        pieces = [
+            member for member, span in zip(self.graph.members, self.graph.spans, strict=True) if span.start in own
+        ]
+        first = (own[0], -1.0)
+        last = (own[-1], 1.0)
+        ends = {pieces[0].start: first, pieces[-1].end: last}
         named = {"first": first, "last": last}
+        held = [point for point in ends if self.graph.held[point]]
         if len(held) == 1 and len(ends) == 2:
-            named |= {"anchor": ends[held[0]], "fairlead": next(i for name, i in ends.items() if name != held[0])}
-        inner = {self.points[member.start]: ((span.start,), -1.0) for member, span in near[1:]}
-        by_name = {**inner, **ends, **named}
-        if end not in by_name:
-            raise self._error(f"{end!r} is not an end of line {line!r}; {nearest(end, by_name)}")
-        return by_name[end]
-
-    def _members(self) -> list[tuple[Member, slice]]:
-        return list(zip(self.model.geometry.members, self.model.geometry.spans, strict=True))
-
-    def _node(self, point: int) -> int:
-        """Number of a point's node behind the free nodes, in the order of `Model.nodes`."""
-        first = self.model.free_nodes
-        for member, _ in self._members():
-            for end, node in ((member.start, first), (member.end, first + member.links)):
-                if end == point:
-                    return node
-            first += member.links + 1
-        raise self._error(f"point {self.points[point]!r} is not an end of a line")
-
-    def _anchor(self, signal: str, where: list[str], statistic: str) -> Quantity:
-        held = [self.points[i] for i in self.model.geometry.held_points]
-        self._number_of(where[0], held, "fixed point")
-        if len(where) != 2:
-            raise self._error(f"has no direction; allowed: {', '.join(DIRECTIONS)}")
-        self._number_of(where[1], DIRECTIONS, "direction")
-        point = self.points.index(where[0])
-        first = [(span.start, 1.0) for member, span in self._members() if member.start == point]
-        last = [(span.stop - 1, -1.0) for member, span in self._members() if member.end == point]
-        links, signs = zip(*first, *last, strict=True)
-        return Quantity(self.name, signal, statistic, links, signs, where[1])
+            (other,) = ends.keys() - held
+            named |= {"anchor": ends[held[0]], "fairlead": ends[other]}
+        found = {}
+        start = own[0]
+        for piece in pieces:
+            found[self.points[piece.start]] = (start, -1.0)
+            start += piece.links
+        found |= {self.points[point]: link for point, link in ends.items()} | named
+        if end not in found:
+            raise self._error(f"{end!r} is not an end of line {line!r}; {nearest(end, found)}")
+        return found[end]
 
     def _error(self, reason: str) -> SceneError:
-        return SceneError(f"{self.option}: {self.name!r}: {reason}")
+        return SceneError(f"{self.option}: {self.text!r}: {reason}")

@@ -57,12 +57,11 @@ def killed_run(folder: Path) -> Solution:
     stepper = stepper_of(model, scene.run, **stepper_fields(settings))
     if rows.last:
         first = restore_end(stepper, model, scene.run, rows.first)
-        end = restore_end(stepper, model, scene.run, rows.last)
         since = TimeOrigin(*rows.about["since"])
-        carry = end.carry
+        carry = restore_end(stepper, model, scene.run, rows.last).carry
+    elif rows.about.get("went_on"):
+        raise SceneError("it continued another run. Use --continue from that run again")
     else:
-        if rows.about.get("went_on"):
-            raise SceneError("it continued another run. Use --continue from that run again")
         first, since = initial_carry(stepper, model, scene, None)
         carry = first.carry
     progress = first.carry
@@ -76,11 +75,8 @@ def killed_run(folder: Path) -> Solution:
         plain = plain._replace(extremes=Extremes(*(0.0,) * len(Extremes._fields)))
     rows.with_structure((plain, beside))
     outcome = RunOutcome(*rows.read(scene.run.rows), carry, 0.0, interrupted=True)
-    prepared = PreparedRun(scene, stepper, model, first, since, rows, dict(settings))
-    solution = build_solution(Solution, prepared, outcome)
-    if rows.last:
-        return solution
-    return replace(solution, last={})
+    solution = build_solution(Solution, PreparedRun(scene, stepper, model, first, since, rows, settings), outcome)
+    return solution if rows.last else replace(solution, last={})
 
 
 def _free_name(path: Path) -> Path:
@@ -88,6 +84,7 @@ def _free_name(path: Path) -> Path:
     found = path
     number = 1
     while found.exists():
-        found = path.with_name(f"{path.stem}-killed{'' if number == 1 else f'-{number}'}{path.suffix}")
+        ending = "" if number == 1 else f"-{number}"
+        found = path.with_name(f"{path.stem}-killed{ending}{path.suffix}")
         number += 1
     return found

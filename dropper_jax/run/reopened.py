@@ -14,19 +14,22 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.memory import available_memory, in_words
 from dropper_jax.base.read import Plain, Table, Values
 from dropper_jax.load.scene import Scene
-from dropper_jax.run.samples import BODIES, RUN_FORMAT, WITHIN, Kind, Samples
-from dropper_jax.run.step_extremes import ARRAYS_OF, signal_shapes
-from dropper_jax.scene import line_slices
+from dropper_jax.run.end_links import held_points
+from dropper_jax.run.samples import RUN_FORMAT, Kind, Samples
+from dropper_jax.run.step_extremes import LOADS
+from dropper_jax.run.variables import SOME, VARIABLES
+from dropper_jax.scene import line_slices, whole_lines
 
+NUMBER = (int, float)
 #: Types of the provenance entries.
 KINDS: dict[str, type | tuple[type, ...]] = {
     "status": str,
     "failed_steps": int,
     "retried_steps": int,
-    "max_residual": (int, float),
-    "max_closure_error": (int, float),
-    "compile_s": (int, float),
-    "run_s": (int, float),
+    "max_residual": NUMBER,
+    "max_closure_error": NUMBER,
+    "compile_s": NUMBER,
+    "run_s": NUMBER,
     "versions": dict,
     "warnings": list,
     "broken": list,
@@ -34,6 +37,8 @@ KINDS: dict[str, type | tuple[type, ...]] = {
     "settings": dict,
     "scene": dict,
 }
+#: Entries that are None if the run failed: they were not finite.
+MAY_BE_NONE = ("max_residual", "max_closure_error")
 #: Required settings; numbers (and whether they may be zero) and texts are checked if present.
 NEEDED = ("dt", "duration", "integrator")
 NUMBERS = {"dt": False, "duration": False, "save_every": False, "residual_tolerance": True, "steps": True}
@@ -86,21 +91,15 @@ def reopen_run(path: str | Path, meta: Plain, arrays: Table, kind: type[Kind]) -
 
 
 def _wrong_about(meta: Values) -> Iterator[str]:
-    """The error in the provenance, in words."""
+    """The errors in the provenance, in words; those that follow one are found only where it is not there."""
     for key, kind in KINDS.items():
         value = meta.get(key)
-        if value is None and key in ("max_residual", "max_closure_error"):  # not finite if the run failed
-            continue
-        if not isinstance(value, kind) or isinstance(value, bool):
+        if not _is(value, kind) and not (value is None and key in MAY_BE_NONE):
             yield f"{key} is {type(value).__name__} in its provenance"
-    if isinstance(meta.get("settings"), dict):
-        settings = meta["settings"]
-    else:
-        settings = {}
+    settings = meta["settings"]
     for key, may_be_zero in NUMBERS.items():
         value = settings.get(key, 1)
-        known = isinstance(value, int | float) and not isinstance(value, bool) and 0 <= value < math.inf
-        if not known or (value == 0 and not may_be_zero):
+        if not (_is(value, NUMBER) and 0 <= value < math.inf and (value or may_be_zero)):
             yield f"settings.{key} is {value!r:.40}"
     for key in TEXTS:
         if not isinstance(settings.get(key, ""), str):
@@ -111,55 +110,46 @@ def _wrong_about(meta: Values) -> Iterator[str]:
     for key in ("warnings", "work_names"):
         if not all(isinstance(item, str) for item in meta[key]):
             yield f"{key} contains an entry that is not text"
-    bad = meta.get("first_bad")
-    if bad is not None and not (isinstance(bad, dict) and {"step", "time_s", "residual", "reason"} <= bad.keys()):
+    if not (meta.get("first_bad") is None or _has(meta["first_bad"], "step", "time_s", "residual", "reason")):
         yield "first_bad lacks its step, time, residual or reason"
-    for row in meta["broken"]:
-        if not (isinstance(row, dict) and {"line", "link", "time_s"} <= row.keys()):
-            yield "broken lacks a line, link or time"
+    if not all(_has(row, "line", "link", "time_s") for row in meta["broken"]):
+        yield "broken lacks a line, link or time"
+
+
+def _is(value: Plain, kind: type | tuple[type, ...]) -> bool:
+    """Whether a value is of a type; a truth value is not a number."""
+    return isinstance(value, kind) and not isinstance(value, bool)
+
+
+def _has(row: Plain, *keys: str) -> bool:
+    return isinstance(row, dict) and row.keys() >= set(keys)
 
 
 def _wrong_arrays(solution: Samples) -> Iterator[str]:
-    """The error in the arrays, in words: types, shapes, times that do not increase, impossible values."""
-    lines = line_slices(solution.scene)
-    nodes = lines[-1].nodes.stop
-    links = lines[-1].links.stop
+    """The errors in the arrays, in words: types, shapes, times that do not increase, impossible values."""
     t = solution.t
     if t.ndim != 1 or not t.size or t.dtype.kind != "f":
         yield f"t has the shape {t.shape} and kind {t.dtype}"
-        return
-    k = len(t)
-    shapes = {
-        "positions": (k, nodes, 3),
-        "velocities": (k, nodes, 3),
-        "tension": (k, links),
-        "t_tension": (k,),
-        "kinetic": (k,),
-        "potential": (k,),
-        "work": (k, len(solution.work_names)),
-        "tension_square": (k, links),
-        **{
-            f"{signal}_{name}": (k, *shape)
-            for signal, shape in signal_shapes(solution.scene).items()
-            for name in ARRAYS_OF
-        },
-        **{name: (k, len(solution.scene.bodies), 3) for name in BODIES},
-    }
-    for name, shape in shapes.items():
-        value = getattr(solution, name)
-        if value is None and name in (*WITHIN, *BODIES):
+    scene = solution.scene
+    last = line_slices(scene)[-1]
+    sizes = {"time": len(t), "axis": 3, "end": 2, "load": len(LOADS), "contribution": len(solution.work_names)}
+    sizes |= {"node": last.nodes.stop, "link": last.links.stop, "line": len(whole_lines(scene))}
+    sizes |= {"held_point": len(held_points(scene)), "body": len(scene.bodies)}
+    for key, variable in VARIABLES.items():
+        value = getattr(solution, key)
+        if key == "step_status" or (value is None and key in SOME):
             continue
+        shape = tuple(sizes[dimension] for dimension in variable.dimensions)
         if value.shape != shape or value.dtype.kind != "f":
-            yield f"{name} has the shape {value.shape} and kind {value.dtype}, but its scene requires {shape} floats"
-            return
+            yield f"{key} has the shape {value.shape} and kind {value.dtype}, but its scene requires {shape} floats"
         if solution.status == "ok" and not np.all(np.isfinite(value)):
-            yield f"{name} is not finite, although its status is ok"
-    if solution.step_status.shape != (k,) or solution.step_status.dtype.kind not in "iu":
+            yield f"{key} is not finite, although its status is ok"
+    if solution.step_status.shape != t.shape or solution.step_status.dtype.kind not in "iu":
         yield f"step_status has the shape {solution.step_status.shape} and kind {solution.step_status.dtype}"
-    if solution.scene.bodies and solution.body_position is None:
+    if scene.bodies and solution.body_position is None:
         yield "the motion of its bodies is missing"
     if not np.all(np.isfinite(t)) or np.any(np.diff(t) <= 0.0):
         yield "its times do not increase"
     for name, value in solution.own.items():
-        if value.shape[:1] != (k,):
+        if value.shape[:1] != t.shape:
             yield f"own.{name} has the shape {value.shape}"

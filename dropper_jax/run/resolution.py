@@ -19,6 +19,8 @@ from dropper_jax.scene import sliced_lines
 MOST_WARNINGS = 3
 
 
+#: Energy error [J] per weight times length of all lines that is ignored: rounding of runs at rest.
+RESTING_ERROR = 1e-6
 #: Energy of unresolved axial vibrations, as a fraction of all dissipated work and of the energy scale, above which it
 #: is warned of: on a mass that bounces on a rope peaks and deviations are then 2 % too low ...
 RINGING_WARNED = 0.1
@@ -39,13 +41,16 @@ def with_quality_checks(solution: Kind) -> Kind:
     found += limit_warnings(_snatches(solution))
     found += winch_warnings(solution)
     drift = solution.energy_drift
-    scale = max(solution.energy_scale, _negligible(solution))
+    line = solution.scene.line
+    negligible = RESTING_ERROR * GRAVITY * float(np.sum(line.mass)) * float(np.sum(line.length))
+    scale = max(solution.energy_scale, negligible)
     status = solution.status
     if used.get("track_work", True) and drift > failing * scale:
         found.insert(0, f"energy balance error {drift:.3g} J (reference {scale:.3g} J). Use a smaller step")
         # a scheme with numerical damping (implicit Euler: 90 % of a lab dropper's energy) warns; it fails if it gains
-        # as much, or loses more than the energy scale
-        by_design = _dissipates(solution) and max(drift, _gain(solution) / failing) <= scale
+        # as much, from any time to a later one, or loses more than the energy scale
+        gain = np.max(solution.balance - np.minimum.accumulate(solution.balance))
+        by_design = _dissipates(solution) and max(drift, gain / failing) <= scale
         if status == "ok" and not by_design:
             status = "energy_drift"
     share = solution.axial_ringing_share
@@ -72,29 +77,9 @@ def without_push(scene: Scene, tension: np.ndarray, tolerance: float) -> np.ndar
     return tension
 
 
-#: Energy error [J] per weight times length of all lines that is ignored: rounding of runs at rest.
-RESTING_ERROR = 1e-6
-
-
-def _negligible(solution: Samples) -> float:
-    lines = solution.scene.lines
-    return (
-        RESTING_ERROR
-        * GRAVITY
-        * sum(float(np.sum(x.mass)) for x in lines)
-        * sum(float(np.sum(x.length)) for x in lines)
-    )
-
-
 def _dissipates(solution: Samples) -> bool:
     scheme = INTEGRATORS[solution.settings["integrator"]]
     return scheme(**{name: solution.settings[name] for name in scheme.options()}).dissipates
-
-
-def _gain(solution: Samples) -> float:
-    """Maximum rise of the energy balance [J] from any time to a later one."""
-    balance = solution.balance
-    return float(np.max(balance - np.minimum.accumulate(balance)))
 
 
 def limit_warnings(found: Iterator[tuple[str, float, str]]) -> list[str]:
@@ -136,6 +121,11 @@ def _tensions(solution: Samples) -> Iterator[tuple[str, float, str]]:
 
 #: Ratio to the static tension below which a link is slack, or in compression.
 SLACK = 1e-3
+#: High tensions after it, of ropes and of rigid lines: name of the fault, what came before, and the peaks in words.
+SNATCHES = {
+    False: ("snatch loads", "slack", "peaks are snatch loads and"),
+    True: ("high tensions after compression", "compression", "peaks"),
+}
 
 
 def _snatches(solution: Samples) -> Iterator[tuple[str, float, str]]:
@@ -147,20 +137,17 @@ def _snatches(solution: Samples) -> Iterator[tuple[str, float, str]]:
     for line, where in sliced_lines(solution.scene):
         rest = float(np.max(solution.tension[0, where.links]))
         slack = np.any(least[1:, where.links] < SLACK * rest, axis=0)
-        worst = float(np.max(np.where(slack, np.max(largest[1:, where.links], axis=0, initial=0.0), 0.0)))
+        top = np.max(largest[1:, where.links], axis=0, initial=0.0)
+        worst = float(np.max(np.where(slack, top, 0.0)))
         # ratio to the static tension above which a previously slack line has a snatch load
         if rest > 0.0 and worst > 10.0 * rest:
-            if line.rigid:
-                before = "compression"
-                what = "peaks"
-            else:
-                before = "slack"
-                what = "peaks are snatch loads and"
-            text = (
+            fault, before, what = SNATCHES[line.rigid]
+            yield (
+                fault,
+                worst,
                 f"{line.name}: changes from {before} to {worst:.4g} N, {worst / rest:.3g} times its static tension: "
-                f"{what} may be chaotic. Use --errors"
+                f"{what} may be chaotic. Use --errors",
             )
-            yield "high tensions after compression" if line.rigid else "snatch loads", worst, text
 
 
 def unresolved_peak(tension: np.ndarray) -> tuple[int, int] | None:

@@ -18,10 +18,11 @@ import struct
 from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import jax
 import numpy as np
+from jax import Array
 
 from dropper_jax.base.read import Table
 from dropper_jax.base.store import Store, read_archive, write_archive
@@ -52,7 +53,7 @@ def take_every(array: np.ndarray, every: int) -> np.ndarray:
 
 
 #: Rows of a run (k, ...), of JAX in a chunk, of NumPy in a store.
-Rows = jax.Array | np.ndarray
+Rows = Array | np.ndarray
 
 
 class InMemory(Store):
@@ -93,8 +94,13 @@ class OnDisk(InMemory):
 
     def __init__(self, folder: Path, about: Table, first: dict[str, np.ndarray]) -> None:
         super().__init__()
-        self.path, self.about, self.first, self.last = folder, about, first, {}
-        self._kinds, self._tree, self._numbers = [], None, itertools.count()
+        self.path = folder
+        self.about = about
+        self.first = first
+        self.last: dict[str, np.ndarray] = {}
+        self._kinds: list[tuple[tuple[int, ...], np.dtype]] = []
+        self._tree: Any = None
+        self._numbers = itertools.count()
 
     @classmethod
     def resume(cls, folder: Path) -> OnDisk:
@@ -120,9 +126,10 @@ class OnDisk(InMemory):
             kinds = [[list(shape), kind.str] for shape, kind in self._kinds]
             write_archive(self.path / ABOUT, self.first, {**self.about, "kinds": kinds}, sync=False)
         for number, leaf in enumerate(leaves):
-            with open(self.path / f"rows.{number}", "ab", buffering=0) as file:
+            # buffered: a disk that is nearly full takes only some bytes of an unbuffered write, silently
+            with open(self.path / f"rows.{number}", "ab") as file:
                 file.truncate(key * leaf[:1].nbytes)  # without what a failed write left
-                _write(file, np.ascontiguousarray(leaf).tobytes())
+                file.write(leaf.tobytes())
         self.count = key + len(leaves[0])
         write_archive(self.path / MARK, {**found[1], "count": np.array(self.count)}, sync=False)
 
@@ -153,13 +160,6 @@ class OnDisk(InMemory):
         except (OSError, AttributeError):
             return np.empty(shape, dtype)
         return np.memmap(path, dtype, "r+", shape=shape)
-
-
-def _write(file: BinaryIO, data: bytes) -> None:
-    """Write all bytes: a disk that is nearly full silently writes only some of them."""
-    left = memoryview(data)
-    while left:
-        left = left[file.write(left) :]
 
 
 def read_mark(folder: Path) -> tuple[int, dict[str, np.ndarray]]:

@@ -17,9 +17,11 @@ from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.read import Table
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.bends import bending_moment, bends, curvature, torque
+from dropper_jax.run.end_links import Motion
 from dropper_jax.run.line_weights import end_angles
 from dropper_jax.run.row_store import BLOCK_STATES, release_pages
-from dropper_jax.run.step_extremes import ARRAYS_OF, STEP_EXTREMES, saved_signal
+from dropper_jax.run.step_extremes import saved_signal
+from dropper_jax.run.variables import ARRAYS, BODIES, EXTREMES, SOME
 from dropper_jax.scene import LineSlice, line_slices, whole_lines
 from dropper_jax.scene.data import point_nodes
 from dropper_jax.stepping.extremes import Extremes
@@ -32,23 +34,10 @@ RUN_FORMAT = 1
 TOO_LONG = "step_too_long"
 
 
-ARRAYS = (
-    "t",
-    "positions",
-    "velocities",
-    "tension",
-    "t_tension",
-    "kinetic",
-    "potential",
-    "work",
-    "step_status",
-)
-#: Arrays of runs that save fewer states than they take steps; mean squares only with an accuracy.
-WITHIN = (*STEP_EXTREMES, "tension_square")
-#: Arrays of runs with rigid bodies.
-BODIES = ("body_position", "body_attitude", "body_velocity", "body_rates")
 #: Motion of a body: reference point [m] and attitude [rad].
 MOTIONS = ("x_m", "y_m", "z_m", "roll_rad", "pitch_rad", "yaw_rad")
+#: The ends of a line.
+ENDS = ("first", "last")
 
 
 @dataclasses.dataclass
@@ -128,8 +117,12 @@ class Samples:
 
     def body_summary(self) -> dict[str, Table]:
         """Minimum, mean, maximum and final x, y, z [m], roll, pitch and yaw [rad] of each body."""
-        moved = {body.name: self.body(body.name) for body in self.scene.bodies}
-        return {name: body_extents(one["body_position"], one["body_attitude"]) for name, one in moved.items()}
+        found = {}
+        for body in self.scene.bodies:
+            moved = self.body(body.name)
+            values = np.concatenate([moved["body_position"], moved["body_attitude"]], axis=1)
+            found[body.name] = {key: extent(values[:, [i]]) for i, key in enumerate(MOTIONS)}
+        return found
 
     @property
     def energy(self) -> np.ndarray:
@@ -170,17 +163,22 @@ class Samples:
     @property
     def max_speed(self) -> float:
         """Maximum speed of a node [m/s]."""
-        return largest_size(self.velocities)
+        largest = []
+        with np.errstate(over="ignore", invalid="ignore"):  # a failed run may contain any value
+            for first in range(0, len(self.velocities), BLOCK_STATES):
+                block = self.velocities[first : first + BLOCK_STATES]
+                largest.append(np.max(np.linalg.norm(block, axis=-1)))
+                release_pages([self.velocities])
+            return float(np.max(largest))
 
     @cached_property
     def angles(self) -> tuple[np.ndarray, np.ndarray]:
         """Polar angle from the horizontal and azimuth of each link, (k, n) [rad] each, continuous in time."""
         parts = []
         for line in self.lines:
-            parts.append(link_angles(self.positions[:, line.nodes], zero="horizontal"))
+            parts.append(np.stack(link_angles(self.positions[:, line.nodes], zero="horizontal")))
             release_pages([self.positions])
-        polar, azimuth = zip(*parts, strict=True)
-        return np.concatenate(polar, axis=1), np.concatenate(azimuth, axis=1)
+        return tuple(np.concatenate(parts, axis=2))
 
     @property
     def polar(self) -> np.ndarray:
@@ -195,9 +193,8 @@ class Samples:
     def angle_rates(self, zero: str = "horizontal") -> tuple[np.ndarray, np.ndarray]:
         """Rates of the angles (k, n) [rad/s]."""
         nodes = [line.nodes for line in self.lines]
-        parts = [angle_rates(self.positions[:, own], self.velocities[:, own], zero) for own in nodes]
-        polar, azimuth = zip(*parts, strict=True)
-        return np.concatenate(polar, axis=1), np.concatenate(azimuth, axis=1)
+        parts = [np.stack(angle_rates(self.positions[:, own], self.velocities[:, own], zero)) for own in nodes]
+        return tuple(np.concatenate(parts, axis=2))
 
     @cached_property
     def curvature(self) -> np.ndarray | None:
@@ -278,43 +275,45 @@ class Samples:
         as far as it is in the water.
         """
         rows = self.signal("end_force")
-        extremes = self._extremes_or("end_force", rows)
+        extremes = self.step_extremes("end_force", rows)
         found = {}
         for i, line in enumerate(whole_lines(self.scene)):
-            own = found[line.name] = {}
-            for j, end in enumerate(("first", "last")):
-                own[end] = extent(rows[:, i, [j]], Extremes(*(a[:, i, [j]] for a in extremes)))
+            found[line.name] = {end: extent(rows[:, i, [j]], extremes.of(i, [j])) for j, end in enumerate(ENDS)}
         return found
 
     def end_angles(self) -> dict[str, dict[str, Extent]]:
         """min, mean, max and final angle [deg] of the end links above the horizontal at the saved times: the uplift at
         an anchor."""
-        found = end_angles(self.positions, whole_lines(self.scene))
-        rows = {}
-        for name, both in found.items():
-            rows[name] = {end: extent(both[:, [i]]) for i, end in enumerate(("first", "last"))}
-        return rows
+        found = {}
+        for name, both in end_angles(self.positions, whole_lines(self.scene)).items():
+            found[name] = {end: extent(both[:, [j]]) for j, end in enumerate(ENDS)}
+        return found
 
     def signal(self, signal: str) -> np.ndarray:
         """Tensions of links (`tension`, (k, n)), forces on the end points of lines (`end_force`, (k, lines, 2)) or the
         horizontal, vertical and total load of fixed points (`point_load`, (k, points, 3)) at the saved times [N]."""
-        return saved_signal(signal, self.scene, self.t, self.positions, self.t_tension, self.tension)
+        return saved_signal(signal, self.motion)
 
-    def step_extremes(self, signal: str) -> Extremes:
+    @property
+    def motion(self) -> Motion:
+        """The saved nodes and tensions."""
+        return Motion(self.scene, self.t, self.positions, self.t_tension, self.tension)
+
+    def step_extremes(self, signal: str, values: np.ndarray | None = None) -> Extremes:
         """Minima and maxima of a signal over the steps since the last saved time (k, ...) [N], and their times [s].
 
         They are the saved values if every step is saved, and in files of earlier versions that have no extremes.
-        """
-        if all(getattr(self, f"{signal}_{name}") is not None for name in ARRAYS_OF):
-            return Extremes(*(getattr(self, f"{signal}_{name}") for name in ARRAYS_OF))
-        return self._extremes_or(signal, self.signal(signal))
 
-    def _extremes_or(self, signal: str, values: np.ndarray) -> Extremes:
-        """The extremes of a signal over all steps as far as they are stored, else its saved values (k, ...)."""
-        stored = [getattr(self, f"{signal}_{name}") for name in ARRAYS_OF]
-        times = np.broadcast_to(self.t_tension.reshape(-1, *[1] * (values.ndim - 1)), values.shape)
-        saved = Extremes(values, values, times, times)
-        return Extremes(*(given if a is None else a for a, given in zip(stored, saved, strict=True)))
+        Args:
+            values: the signal at the saved times, if it is known already.
+        """
+        stored = [getattr(self, f"{signal}_{name}") for name in EXTREMES]
+        if any(array is None for array in stored):
+            values = self.signal(signal) if values is None else values
+            times = np.broadcast_to(self.t_tension.reshape(-1, *[1] * (values.ndim - 1)), values.shape)
+            saved = (values, values, times, times)
+            stored = [given if array is None else array for array, given in zip(stored, saved, strict=True)]
+        return Extremes(*stored)
 
     @property
     def tension_range(self) -> tuple[np.ndarray, np.ndarray]:
@@ -333,14 +332,11 @@ class Samples:
 
     def _tension_extents(self, parts: dict[str, slice]) -> dict[str, Extent]:
         found = self.step_extremes("tension")
-        rows = {}
-        for name, links in parts.items():
-            rows[name] = extent(self.tension[:, links], Extremes(*(a[:, links] for a in found)))
-        return rows
+        return {name: extent(self.tension[:, links], found.of(links)) for name, links in parts.items()}
 
     def provenance(self) -> Table:
         """Everything but the arrays, as plain values: scene, settings, status, versions."""
-        arrays = (*ARRAYS, *WITHIN, *BODIES, "own", "last")
+        arrays = (*ARRAYS, *SOME, "own", "last")
         names = [f.name for f in dataclasses.fields(self) if f.name not in (*arrays, "scene")]
         meta = {"format": RUN_FORMAT, "scene": self.scene.as_written(), **{name: getattr(self, name) for name in names}}
         return json.loads(json.dumps(meta, default=methodcaller("tolist")))
@@ -367,19 +363,3 @@ def extent(values: np.ndarray, extremes: Extremes | None = None) -> Extent:
         found |= {"min": extremes.least.flat[low], "max": extremes.largest.flat[high]}
         found |= {"min_s": extremes.least_at.flat[low], "max_s": extremes.largest_at.flat[high]}
     return {key: float(value) + 0.0 for key, value in found.items()}
-
-
-def body_extents(position: np.ndarray, attitude: np.ndarray) -> dict[str, Extent]:
-    """The same of each of the `MOTIONS` of a body, from positions (k, 3) [m] and roll, pitch and yaw (k, 3) [rad]."""
-    values = np.concatenate([position, attitude], axis=1)
-    return {key: extent(values[:, i : i + 1]) for i, key in enumerate(MOTIONS)}
-
-
-def largest_size(vectors: np.ndarray) -> float:
-    """Maximum length of vectors (k, n, 3), which may be mapped from a file; a failed run may contain any value."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        found = []
-        for first in range(0, len(vectors), BLOCK_STATES):
-            found.append(np.max(np.linalg.norm(vectors[first : first + BLOCK_STATES], axis=-1)))
-            release_pages([vectors])
-        return float(np.max(found))

@@ -24,7 +24,7 @@ from dropper_jax.run.assembly import PreparedRun, TimeOrigin, build_solution, le
 from dropper_jax.run.build import SceneLike, build_model, initial_state, stepper_of
 from dropper_jax.run.chunks import check_memory, compile_run, first_carry, run_chunks
 from dropper_jax.run.companion import with_stated_errors
-from dropper_jax.run.end_of_run import Last, first_row, may_go_on, name_leaves, restore_carry, same_scene
+from dropper_jax.run.end_of_run import RUN, Last, first_row, name_leaves, restore_carry, same_scene
 from dropper_jax.run.plausibility import with_cause
 from dropper_jax.run.pose_remarks import check_stretch
 from dropper_jax.run.resolution import check_skip
@@ -271,7 +271,8 @@ def simulate(
 
 def _check_continued(scene: Scene, start: Solution, errors: bool) -> None:
     """Reject a run that cannot continue another one."""
-    may_go_on(start.status, start.failure)
+    if start.status not in ("ok", "interrupted"):
+        raise SceneError(f"{RUN} failed, {start.failure}. Use a run with status ok or interrupted")
     same_scene(scene, start.scene)
     check_changing_lengths_until(scene, float(start.t[-1]) + scene.run.duration)
     if errors:
@@ -289,12 +290,11 @@ def _prepare(
     first, since = initial_carry(stepper, model, scene, start)
     folder = None if scratch is None else Path(scratch)
     check_memory(model, first.row, scene.run, folder)
-    if folder is None:
-        rows = InMemory()
-    else:
+    rows = InMemory()
+    if folder is not None:
         about = {"scene": scene.as_written(), "settings": settings, "since": list(since)}
         rows = OnDisk(folder, about, name_leaves(first))
-    return PreparedRun(scene, stepper, model, first, since, rows, dict(settings))
+    return PreparedRun(scene, stepper, model, first, since, rows, settings)
 
 
 def stepper_fields(settings: Table) -> Table:
@@ -320,18 +320,17 @@ def initial_carry(stepper: Stepper, model: Model, scene: Scene, before: Solution
         if scene.start.is_static:
             check_stretch(scene, np.asarray(node_positions(model, s)))
         return _end_at(stepper, model, s, run), TimeOrigin()
-    last = restore_end(stepper, model, run, before.last)
     used = before.settings
-    since = TimeOrigin(*(before.continues or {"origin_s": 0.0, "saves": 0}).values())
-    since = since._replace(saves=since.saves + len(before.t) - 1)
-    if (run.interval, run.save_every) != (used["dt"] * used["save_every"], used["save_every"]):
-        since = TimeOrigin(float(before.t[-1]))
-    return last, since
+    since = TimeOrigin(float(before.t[-1]))
+    if (run.interval, run.save_every) == (used["dt"] * used["save_every"], used["save_every"]):
+        since = TimeOrigin(**(before.continues or {}))
+        since = since._replace(saves=since.saves + len(before.t) - 1)
+    return restore_end(stepper, model, run, before.last), since
 
 
 def _end_at(stepper: Stepper, model: Model, s: State, run: RunSpec) -> Last:
-    names = ledger(stepper, model, run)
-    return Last(first_row(s, len(names)), first_carry(stepper, model, s, run))
+    row = first_row(s, len(ledger(stepper, model, run)))
+    return Last(row, first_carry(stepper, model, s, run))
 
 
 def restore_end(stepper: Stepper, model: Model, run: RunSpec, saved: dict[str, np.ndarray]) -> Last:

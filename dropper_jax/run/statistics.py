@@ -7,17 +7,18 @@ from collections.abc import Callable
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.base.numerics import trace_once
 
 
-def _root(x: jax.Array, power: float = 0.5) -> jax.Array:
+def _root(x: Array, power: float = 0.5) -> Array:
     """`x**power`, with derivative 0 at 0."""
     return jnp.where(x > 0, jnp.where(x > 0, x, 1.0) ** power, 0.0)
 
 
 @trace_once
-def _fatigue(x: jax.Array) -> jax.Array:
+def _fatigue(x: Array) -> Array:
     # slope of the S-N curve in `fatigue`; 3 is usual for ropes and chains (DNV-OS-E301)
     slope = 3.0
     size = jnp.abs(x - jnp.mean(x, axis=0))
@@ -25,35 +26,32 @@ def _fatigue(x: jax.Array) -> jax.Array:
 
 
 @trace_once
-def _peak(x: jax.Array) -> jax.Array:
+def _peak(x: Array) -> Array:
     weight = 1 - jnp.cos(2 * jnp.pi * jnp.arange(len(x)) / len(x))
     lines = jnp.fft.rfft((x - jnp.mean(x, axis=0)) * weight[:, None], axis=0)
     return 2 * _root(jnp.max(lines.real**2 + lines.imag**2)) / jnp.sum(weight)
 
 
 @trace_once
-def _highest(x: jax.Array) -> jax.Array:
+def _highest(x: Array) -> Array:
     """The maximum value (times, members): the vertex of the parabola through it and its two neighbours in time.
 
     The derivative of the largest sample alone is that at a fixed time. Away from the maximum it has an error from the
     slope there, of first order in the step, and of several hundred per cent for short peaks.
     """
-    # the member with the highest value, and its time
-    member = jnp.argmax(jnp.max(x, axis=0))
-    x = x[:, member]
+    x = x[:, jnp.argmax(jnp.max(x, axis=0))]  # the member with the highest value
     k = jnp.argmax(x)
+    # a maximum at an end has no two neighbours: there the vertex is that sample
+    around = x[jnp.clip(k + jnp.arange(-1, 2), 0, len(x) - 1)]
+    before, top, after = around
     inside = (k > 0) & (k < len(x) - 1)
-    near = jnp.clip(k, 1, max(len(x) - 2, 1))
-    before = x[jnp.clip(near - 1, 0, len(x) - 1)]
-    top = x[jnp.clip(near, 0, len(x) - 1)]
-    after = x[jnp.clip(near + 1, 0, len(x) - 1)]
     bend = 2.0 * top - before - after
     rise = jnp.where(bend > 0, (after - before) ** 2 / (8.0 * jnp.where(bend > 0, bend, 1.0)), 0.0)
-    return jnp.where(inside, top + rise, x[k])
+    return top + jnp.where(inside, rise, 0.0)
 
 
 @trace_once
-def _std(x: jax.Array) -> jax.Array:
+def _std(x: Array) -> Array:
     return _root(jnp.mean((x - jnp.mean(x, axis=0)) ** 2))
 
 
@@ -63,7 +61,7 @@ STORM_TIME = 10800.0
 
 
 @trace_once
-def _sustained(x: jax.Array, interval: jax.Array | float) -> jax.Array:
+def _sustained(x: Array, interval: Array | float) -> Array:
     """The maximum over time and members of the means over `SUSTAINED_TIME` of samples (times, members)."""
     end = interval * (1.0 + jnp.arange(len(x)))
     begin = jnp.maximum(end - SUSTAINED_TIME, 0.0)
@@ -77,7 +75,7 @@ def _sustained(x: jax.Array, interval: jax.Array | float) -> jax.Array:
 
 
 @trace_once
-def _most_probable_maximum(x: jax.Array, interval: jax.Array | float) -> jax.Array:
+def _most_probable_maximum(x: Array, interval: Array | float) -> Array:
     """The highest of the members' most probable maxima in a storm, `mean + s sqrt(2 log N)`.
 
     N is the number of upward crossings of the mean in `STORM_TIME` by a Gaussian process, `s'/(2 pi s)` per second
@@ -85,10 +83,9 @@ def _most_probable_maximum(x: jax.Array, interval: jax.Array | float) -> jax.Arr
     """
     mean = jnp.mean(x, axis=0)
     variance = jnp.mean((x - mean) ** 2, axis=0)
+    rate = jnp.zeros_like(mean)
     if len(x) > 1:
         rate = jnp.mean((jnp.diff(x, axis=0) / interval) ** 2, axis=0)
-    else:
-        rate = jnp.zeros_like(mean)
     varies = (variance > 0.0) & (rate > 0.0)
     crossings = STORM_TIME / (2.0 * jnp.pi) * _root(jnp.where(varies, rate / jnp.where(varies, variance, 1.0), 1.0))
     height = _root(2.0 * jnp.log(jnp.maximum(crossings, 1.0)))
@@ -117,7 +114,7 @@ PERIOD = "period"
 #: Statistics of a signal (times, members). `max` and `min` are vertices of parabolas through three samples; `start`
 #: refers to the state at t = 0; `fatigue` is `(mean |x - mean x|^3)^(1/3)`, the amplitude of equal damage at an equal
 #: rate of cycles; `peak` is the height of the highest line of the amplitude spectrum (Hann window).
-STATISTICS: dict[str, Callable[[jax.Array], jax.Array]] = {
+STATISTICS: dict[str, Callable[[Array], Array]] = {
     "max": _highest,
     "min": lambda x: -_highest(-x),
     "mean": jnp.mean,
@@ -129,7 +126,7 @@ STATISTICS: dict[str, Callable[[jax.Array], jax.Array]] = {
 }
 #: Statistics that need the time between samples: the maximum of the means over 0.2 s, and the most probable maximum in
 #: three hours.
-IN_TIME: dict[str, Callable[[jax.Array, jax.Array | float], jax.Array]] = {
+IN_TIME: dict[str, Callable[[Array, Array | float], Array]] = {
     "sustained": _sustained,
     "mpm": _most_probable_maximum,
 }
@@ -140,17 +137,18 @@ OF_SAMPLES = ("std", "fatigue", "peak", *IN_TIME)
 
 
 #: Maxima and minima of rows that are extremes over steps already.
-OVER_STEPS: dict[str, Callable[[jax.Array], jax.Array]] = {"max": jnp.max, "min": jnp.min}
+OVER_STEPS: dict[str, Callable[[Array], Array]] = {"max": jnp.max, "min": jnp.min}
 
 
-def statistic(name: str, x: jax.Array, interval: jax.Array | float, over_steps: bool = False) -> jax.Array:
+def statistic(name: str, x: Array, interval: Array | float, over_steps: bool = False) -> Array:
     """The statistic of samples (times, members) of a signal at times `interval` [s] apart.
 
     Args:
         over_steps: maxima and minima are those of samples that are extremes over steps (see `OVER_STEPS`).
     """
-    if over_steps and name in OVER_STEPS:
-        return OVER_STEPS[name](x)
     if name in IN_TIME:
         return IN_TIME[name](x, interval)
-    return STATISTICS[name](x)
+    known = STATISTICS
+    if over_steps:
+        known = STATISTICS | OVER_STEPS
+    return known[name](x)

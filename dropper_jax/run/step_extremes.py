@@ -7,26 +7,28 @@ the rows of the run here.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import chain
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.base.numerics import horizontal_norm, safe_norm
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model, State
-from dropper_jax.run.bends import held_points, point_load
-from dropper_jax.run.end_links import EndLinks, end_forces_of_model, ends_of
-from dropper_jax.run.growth import overgrown
-from dropper_jax.scene import line_slices, whole_lines
+from dropper_jax.run.end_links import (
+    EndLinks,
+    Motion,
+    end_forces_of_model,
+    ends_of,
+    held_points,
+    line_ends,
+    point_loads,
+)
+from dropper_jax.run.variables import SIGNALS
+from dropper_jax.scene import whole_lines
 from dropper_jax.stepping.extremes import Extremes
 
-#: Signals whose extremes a run keeps, in this order, and the arrays of each.
-SIGNALS = ("tension", "end_force", "point_load")
-ARRAYS_OF = ("min", "max", "min_time", "max_time")
-#: Names of the arrays of a solution.
-STEP_EXTREMES = tuple(f"{signal}_{name}" for signal in SIGNALS for name in ARRAYS_OF)
 #: Components of the force of the lines on a fixed point.
 LOADS = ("horizontal", "vertical", "total")
 
@@ -35,7 +37,7 @@ LOADS = ("horizontal", "vertical", "total")
 class StepSignals:
     """Signals (m,) of a step: tensions of the links, forces on the end points of lines, loads of fixed points, in N.
 
-    They are those of `growth.end_forces` and `bends.point_load`, at the time of the step's tension.
+    They are those of `end_links.Motion.end_force` and `end_links.point_loads`, at the time of the step's tension.
 
     Attributes:
         links: end links (2 lines,), the first and then the last of each of the scene's lines.
@@ -49,7 +51,7 @@ class StepSignals:
     points: tuple[tuple[int, ...], ...]
     tension_time: float
 
-    def __call__(self, model: Model, before: State, after: State) -> tuple[jax.Array, jax.Array]:
+    def __call__(self, model: Model, before: State, after: State) -> tuple[Array, Array]:
         share = self.tension_time
         t = before.t + share * (after.t - before.t)
         # linear over the step, as `end_links.positions_at` between saved times
@@ -72,67 +74,46 @@ def step_signals(scene: Scene, tension_time: float) -> StepSignals | None:
     """The signals of a run whose saved states are farther apart than its steps; None if every step is saved."""
     if scene.run.save_every == 1 and scene.run.accuracy is None:
         return None
-    slices = line_slices(scene)
-    first = [where.links.start for where in slices]
-    last = [where.links.stop - 1 for where in slices]
-    lines = [line.links for line in whole_lines(scene)]
-    whole = [(first.index(own.start), len(first) + last.index(own.stop - 1)) for own in lines]
-    names = [line.start for line in scene.lines] + [line.end for line in scene.lines]
+    ends = list(line_ends(scene))
+    ends = [*ends[::2], *ends[1::2]]
+    links = [(end.link, end.last) for _, end in ends]
+    whole = []
+    for line in whole_lines(scene):
+        whole += [links.index((end.link, end.last)) for end in ends_of(line)]
     points = []
     for point in held_points(scene):
-        points.append(tuple(i for i, name in enumerate(names) if name == point))
-    return StepSignals((*first, *last), tuple(chain.from_iterable(whole)), tuple(points), float(tension_time))
+        points.append(tuple(i for i, (name, _) in enumerate(ends) if name == point))
+    return StepSignals(tuple(link for link, _ in links), tuple(whole), tuple(points), float(tension_time))
 
 
-def saved_signal(
-    signal: str,
-    scene: Scene,
-    t: np.ndarray,
-    positions: np.ndarray,
-    t_tension: np.ndarray,
-    tension: np.ndarray,
-) -> np.ndarray:
+def saved_signal(signal: str, motion: Motion) -> np.ndarray:
     """One of the `SIGNALS` at the saved times: (k, n), (k, lines, 2) or (k, fixed points, 3) [N]."""
     if signal == "tension":
-        return tension
+        return motion.tension
+    scene = motion.scene
     with np.errstate(invalid="ignore", over="ignore"):  # a failed run may end with infinite positions
         if signal == "end_force":
-            return _end_forces(scene, t, positions, t_tension, tension)
-        loads = [point_load(scene, name, t, positions, t_tension, tension) for name in held_points(scene)]
-        if loads:
-            vectors = np.stack(loads, axis=1)
-        else:
-            vectors = np.zeros((len(tension), 0, 3))
+            links = EndLinks(scene)
+            sizes = []
+            for line in whole_lines(scene):
+                for end in ends_of(line):
+                    sizes.append(np.linalg.norm(motion.end_force(links, end), axis=1))
+            return np.stack(sizes, axis=1).reshape(len(motion.tension), -1, 2)
+        loads = point_loads(motion)
+        vectors = np.zeros((len(motion.tension), 0, 3))
+        if names := held_points(scene):
+            vectors = np.stack([loads[name] for name in names], axis=1)
         parts = np.hypot(vectors[..., 0], vectors[..., 1]), vectors[..., 2], np.linalg.norm(vectors, axis=-1)
         return np.stack(parts, axis=-1)
 
 
-def _end_forces(
-    scene: Scene, t: np.ndarray, positions: np.ndarray, t_tension: np.ndarray, tension: np.ndarray
-) -> np.ndarray:
-    """Forces (k, lines, 2) [N] of the lines on their points, from the nodes of the end links alone: the positions of a
-    run may be larger than memory."""
-    links = EndLinks(overgrown(scene))
-    found = []
-    for line in whole_lines(scene):
-        for end in ends_of(line):
-            found.append(np.linalg.norm(links.force_between(end, t, positions, t_tension, tension), axis=1))
-    return np.stack(found, axis=1).reshape(len(tension), -1, 2)
-
-
 def extremes_by_signal(scene: Scene, extremes: Extremes) -> dict[str, Extremes]:
     """Rows (k, m) of the run by signal, each (k, n), (k, lines, 2) or (k, fixed points, 3)."""
-    shapes = signal_shapes(scene)
-    cuts = np.cumsum([int(np.prod(shape)) for shape in shapes.values()])[:-1]
-    parts = zip(*(np.split(np.asarray(rows), cuts, axis=1) for rows in extremes), strict=True)
+    shapes = ((scene.line.links,), (len(whole_lines(scene)), 2), (len(held_points(scene)), len(LOADS)))
     found = {}
-    for (signal, shape), own in zip(shapes.items(), parts, strict=True):
-        found[signal] = Extremes(*(rows.reshape(len(rows), *shape) for rows in own))
+    first = 0
+    for signal, shape in zip(SIGNALS, shapes, strict=True):
+        own = slice(first, first + int(np.prod(shape)))
+        found[signal] = Extremes(*(np.asarray(rows)[:, own].reshape(len(rows), *shape) for rows in extremes))
+        first = own.stop
     return found
-
-
-def signal_shapes(scene: Scene) -> dict[str, tuple[int, ...]]:
-    """The shape of each of the `SIGNALS` at one time."""
-    lines = len(whole_lines(scene))
-    points = len(held_points(scene))
-    return {"tension": (scene.line.links,), "end_force": (lines, 2), "point_load": (points, len(LOADS))}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from dropper_jax.base.numerics import unit_vectors
 from dropper_jax.load.periods import periods
 from dropper_jax.run.samples import Samples
 
@@ -19,26 +20,23 @@ def step_facts(solution: Samples) -> dict[str, float | int | None]:
             slack to taut, and a rigid one from compression to tension. None unless every step is saved.
     """
     used = solution.settings
+    keys = ("axial_period_s", "steps_per_axial_period", "axial_step_s", "largest_turn_rad")
+    facts = dict.fromkeys((*keys, "slack_to_taut_steps", "compression_to_tension_steps"))
     period = periods(solution.scene).get("axial")
-    # steps per period with which the midpoint rule has the frequency to 0.1 %: `(2 pi/n)^2/12`
-    facts: dict[str, float | int | None] = {
-        "axial_period_s": period,
-        "steps_per_axial_period": None if period is None or "dt" not in used else period / used["dt"],
-        "axial_step_s": None if period is None else period / 60,
-        "largest_turn_rad": None,
-        "slack_to_taut_steps": None,
-        "compression_to_tension_steps": None,
-    }
+    if period is not None:
+        facts["axial_period_s"] = period
+        # steps per period with which the midpoint rule has the frequency to 0.1 %: `(2 pi/n)^2/12`
+        facts["axial_step_s"] = period / 60
+        if "dt" in used:
+            facts["steps_per_axial_period"] = period / used["dt"]
     if used.get("save_every") != 1 or "refused_steps" in used or len(solution.t) < 3:
         return facts
-    turns = [0.0]
+    turn = 0.0
+    for where in solution.lines:
+        links = unit_vectors(np.diff(solution.positions[:, where.nodes], axis=1))
+        turn = max(turn, float(np.max(np.linalg.norm(np.diff(links, axis=0), axis=2))))
+    facts["largest_turn_rad"] = float(2.0 * np.arcsin(min(0.5 * turn, 1.0)))
     taut = solution.tension[1:] > 0.0
-    with np.errstate(invalid="ignore"):  # a run that failed may end with infinite positions
-        for where in solution.lines:
-            links = np.diff(solution.positions[:, where.nodes], axis=1)
-            links = links / np.maximum(np.linalg.norm(links, axis=2, keepdims=True), 1e-300)
-            turns.append(float(np.max(np.linalg.norm(links[1:] - links[:-1], axis=2))))
-    facts["largest_turn_rad"] = float(2.0 * np.arcsin(min(0.5 * max(turns), 1.0)))
     changes = np.sum(taut[1:] & ~taut[:-1], axis=0)
     rigid = np.concatenate([np.full(line.links, line.rigid) for line in solution.scene.lines])
     facts["slack_to_taut_steps"] = int(np.sum(changes[~rigid]))

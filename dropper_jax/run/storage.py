@@ -27,60 +27,12 @@ from dropper_jax.run import labelled
 from dropper_jax.run.end_of_run import LAST, units
 from dropper_jax.run.reopened import check_archive, reopen_run
 from dropper_jax.run.row_store import release_pages
-from dropper_jax.run.samples import ARRAYS, BODIES, WITHIN, Kind, Samples
+from dropper_jax.run.samples import Kind, Samples
+from dropper_jax.run.variables import ARRAYS, DERIVED, SOME, VARIABLES
 
 if TYPE_CHECKING:
     import xarray
 
-#: Name in the dataset, dimensions, units and meaning of each array of a solution.
-VARIABLES: dict[str, tuple[str, tuple[str, ...], str, str]] = {
-    "positions": ("position", ("time", "node", "axis"), "m", "position of the nodes"),
-    "velocities": ("velocity", ("time", "node", "axis"), "m s-1", "velocity of the nodes"),
-    "tension": ("tension", ("time", "link"), "N", "tension of the links"),
-    "t_tension": ("tension_time", ("time",), "s", "time to which the tension belongs"),
-    "kinetic": ("kinetic_energy", ("time",), "J", "kinetic energy"),
-    "potential": ("potential_energy", ("time",), "J", "potential energy"),
-    "work": ("work", ("time", "contribution"), "J", "work done since the start"),
-    "step_status": ("step_status", ("time",), "1", "0 where every step up to this time is good"),
-    "tension_square": ("tension_square", ("time", "link"), "N2", "mean square of the tension since the last time"),
-}
-#: Dimensions of the signals whose extremes over all steps are saved, and their names.
-SIGNAL_AXES = {
-    "tension": (("time", "link"), "tension"),
-    "end_force": (("time", "line", "end"), "force of a line on its end point"),
-    "point_load": (("time", "held_point", "load"), "load of a fixed point"),
-}
-#: What is saved of them.
-EXTREME_WORDS = {
-    "min": ("N", "minimum {} over the steps since the last time"),
-    "max": ("N", "maximum {} over the steps since the last time"),
-    "min_time": ("s", "time of the minimum {}"),
-    "max_time": ("s", "time of the maximum {}"),
-}
-VARIABLES |= {
-    f"{signal}_{key}": (f"{signal}_{key}", axes, unit, text.format(words))
-    for signal, (axes, words) in SIGNAL_AXES.items()
-    for key, (unit, text) in EXTREME_WORDS.items()
-}
-BODY_AXES = ("time", "body", "axis")
-BODY_VARIABLES: dict[str, tuple[str, tuple[str, ...], str, str]] = {
-    "body_position": ("body_position", BODY_AXES, "m", "position of the bodies' reference points"),
-    "body_attitude": ("body_attitude", BODY_AXES, "rad", "roll, pitch and yaw of the bodies: about x, y and z"),
-    "body_velocity": ("body_velocity", BODY_AXES, "m s-1", "velocity of the bodies' reference points"),
-    "body_rates": ("body_angular_velocity", BODY_AXES, "rad s-1", "angular velocity of the bodies"),
-}
-VARIABLES |= BODY_VARIABLES
-#: Quantities derived from the arrays, for convenience; None of a run that has none.
-DERIVED = {
-    "polar": ("polar_angle", ("time", "link"), "rad", "angle of the links from the horizontal, positive downwards"),
-    "azimuth": ("azimuth", ("time", "link"), "rad", "azimuth of the links"),
-    "curvature": ("curvature", ("time", "node"), "m-1", "curvature of the lines"),
-    "bending_moment": ("bending_moment", ("time", "node"), "N m", "bending moment of the lines"),
-    "twist": ("twist", ("time", "node"), "rad", "twist of the lines"),
-    "torque": ("torque", ("time", "link"), "N m", "torque of the links"),
-}
-#: Optional arrays.
-SOME = (*WITHIN, *BODIES)
 #: Prefix of the names of internal states of effects.
 TAG = "own."
 #: Group of a netCDF file with the final state.
@@ -147,14 +99,14 @@ def read_run(path: str | Path, kind: type[Kind]) -> Kind:
             pass  # raised below: here it would hold the library's objects until complaints are heard again
         if found is None:
             gc.collect()  # those in circles complain when they are deleted
-    if found is None:
-        raise SceneError(f"{path}: {NOT_A_RUN}")
+            raise SceneError(f"{path}: {NOT_A_RUN}")
     return reopen_run(path, *found, kind)
 
 
 def _write_npz(solution: Samples, path: Path) -> Path:
     """Write arrays and provenance to an `.npz` file."""
-    arrays = {name: getattr(solution, name) for name in (*ARRAYS, *_present_fields(solution))}
+    arrays = {name: getattr(solution, name) for name in (*ARRAYS, *SOME)}
+    arrays = {name: values for name, values in arrays.items() if values is not None}
     arrays |= {TAG + name: values for name, values in solution.own.items()} | solution.last
     return write_archive(path, arrays, solution.provenance())
 
@@ -183,18 +135,14 @@ def extra(module: str, name: str) -> Any:
         raise SceneError(f"{module} is not installed; needed: pip install 'dropper-jax[{name}]'") from None
 
 
-def _present_fields(solution: Samples) -> list[str]:
-    return [name for name in SOME if getattr(solution, name) is not None]
-
-
 def to_xarray(solution: Samples) -> xarray.Dataset:
     """The run as a dataset: time, node, link and axis are coordinates; angles [rad] are added for convenience."""
     xr = extra("xarray", "io")
-    found: labelled.Variables = {
-        name: (dimensions, values, {"units": units, "long_name": meaning})
-        for key, (name, dimensions, units, meaning) in {**VARIABLES, **DERIVED}.items()
-        if (values := getattr(solution, key)) is not None
-    }
+    found: labelled.Variables = {}
+    for key, one in (VARIABLES | DERIVED).items():
+        values = getattr(solution, key)
+        if values is not None:
+            found[one.name] = (one.dimensions, values, {"units": one.unit, "long_name": one.meaning})
     for name, values in solution.own.items():
         inner = [f"{TAG}{name}.axis{i}" for i in range(1, values.ndim)]
         found[TAG + name] = (("time", *inner), values, {"long_name": f"internal state of effect {name}"})
@@ -202,59 +150,17 @@ def to_xarray(solution: Samples) -> xarray.Dataset:
     for name, values in solution.last.items():
         inner = [f"{name}_axis{i}" for i in range(values.ndim)]
         found[name] = (inner, values, {"units": units(name), "long_name": "part of the final state"})
-    coordinates = {
-        "time": ("time", solution.t, {"units": "s", "long_name": "simulated time", "axis": "T"}),
-        **_node_coordinates(solution),
-        **labelled.coordinates(solution),
-        "axis": ("axis", ["x", "y", "z"], {"long_name": "z is positive upwards"}),
-        **_bodies(solution),
-        "contribution": ("contribution", np.array(solution.work_names, dtype=str), {"long_name": "source of the work"}),
-    }
-    return labelled.add_attributes(xr.Dataset(found, coordinates, _attributes(solution)))
-
-
-def _node_coordinates(solution: Samples) -> dict[str, Any]:
-    """Nodes and links by number; for several lines with the name of the line and the number in the line."""
-    nodes = np.arange(solution.positions.shape[1])
-    if len(solution.lines) == 1:
-        return {
-            "node": ("node", nodes, {"long_name": "node, both ends included"}),
-            "link": ("link", nodes[1:], {"long_name": "link j joins nodes j - 1 and j"}),
-        }
-    counts = [line.links.stop - line.links.start for line in solution.lines]
-    names = np.repeat([line.name for line in solution.lines], counts)
-    inside = np.concatenate([np.arange(n + 1) for n in counts])
-    of_line = inside[inside > 0]
-    whole = np.array([f"{name}/{j}" for name, j in zip(names, of_line, strict=True)])
-    return {
-        "node": ("node", nodes, {"long_name": "node, line after line, both ends of each included"}),
-        "link": ("link", whole, {"long_name": "line/link: link j of a line joins its nodes j - 1 and j"}),
-        "line_of_node": (
-            "node",
-            np.repeat([line.name for line in solution.lines], np.array(counts) + 1),
-            {"long_name": "line to which a node belongs"},
-        ),
-        "node_of_line": ("node", inside, {"long_name": "number of a node in its line"}),
-        "line_of_link": ("link", names, {"long_name": "line to which a link belongs"}),
-        "link_of_line": ("link", of_line, {"long_name": "number of a link in its line"}),
-    }
-
-
-def _bodies(solution: Samples) -> dict[str, Any]:
-    names = np.array([body.name for body in solution.scene.bodies], dtype=str)
-    if names.size:
-        return {"body": ("body", names, {"long_name": "rigid body"})}
-    return {}
+    return labelled.add_attributes(xr.Dataset(found, labelled.coordinates(solution), _attributes(solution)))
 
 
 def _attributes(solution: Samples) -> dict[str, Any]:
     used = solution.settings
+    made_by = f"dropper-jax {solution.versions.get('dropper-jax', '?')}"
     return {
         "Conventions": "CF-1.11",
         "title": f"{solution.scene.name}: {solution.scene.description}".rstrip(": "),
-        "source": f"dropper-jax {solution.versions.get('dropper-jax', '?')}, {used.get('integrator')}, "
-        f"dt = {used.get('dt')} s, {used.get('dtype')}",
-        "history": f"written by dropper-jax {solution.versions.get('dropper-jax', '?')}",
+        "source": f"{made_by}, {used.get('integrator')}, dt = {used.get('dt')} s, {used.get('dtype')}",
+        "history": f"written by {made_by}",
         "status": solution.status,
         PROVENANCE: json.dumps(solution.provenance()),
     }
@@ -262,7 +168,7 @@ def _attributes(solution: Samples) -> dict[str, Any]:
 
 def _from_xarray(dataset: xarray.Dataset) -> tuple[Plain, Table]:
     """Provenance and arrays of a dataset made by `to_xarray`."""
-    columns = {key: name for key, (name, *_) in VARIABLES.items()} | {"t": "time"}
+    columns = {key: one.name for key, one in VARIABLES.items()} | {"t": "time"}
     arrays = _by_field(columns, list(map(str, dataset.data_vars)), lambda name: np.asarray(dataset[name].values))
     return json.loads(dataset.attrs[PROVENANCE]), arrays
 
@@ -319,18 +225,14 @@ def _open_zarr(path: Path) -> tuple[Plain, Table]:
 
 
 def _open_netcdf(path: Path) -> tuple[Plain, Table]:
-    with extra("xarray", "io").open_dataset(path, engine="h5netcdf", decode_times=False) as dataset:
-        return _from_xarray(_with_restart(dataset, path))
-
-
-def _with_restart(dataset: xarray.Dataset, path: str | Path) -> xarray.Dataset:
-    """The dataset with the group of the final state, which older files store among their other variables."""
     xr = extra("xarray", "io")
-    try:
-        restart = xr.load_dataset(path, engine="h5netcdf", group=RESTART)
-    except (OSError, KeyError):  # a failed run has no final state
-        return dataset
-    return dataset.assign(restart.data_vars)
+    with xr.open_dataset(path, engine="h5netcdf", decode_times=False) as dataset:
+        try:
+            # the group of the final state, which older files store among their other variables
+            restart = xr.load_dataset(path, engine="h5netcdf", group=RESTART)
+        except (OSError, KeyError):  # a failed run has no final state
+            return _from_xarray(dataset)
+        return _from_xarray(dataset.assign(restart.data_vars))
 
 
 @contextmanager

@@ -36,19 +36,6 @@ def summary(run: Samples) -> Table:
         "residual_tolerance",
         "save_every",
     )
-    of_some = {}
-    if run.continues:
-        of_some["continued_from_s"] = run.t[0]
-    if run.scene.branched:
-        of_some["tension_of_lines_n"] = run.line_tensions()
-        of_some["lines"] = line_offsets(run.scene)
-    if run.body_position is not None:
-        of_some["bodies"] = run.body_summary()
-    if run.curvature is not None and run.bending_moment is not None:
-        of_some["bending"] = bending_summary(run.scene, run.t, run.curvature, run.bending_moment)
-    for key in ("accuracy", "error_tolerance", "refused_steps", "shortest_steps", "load_errors"):
-        if key in run.settings:
-            of_some[key] = run.settings[key]
     found = {
         "schema": SCHEMA,
         "status": run.status,
@@ -72,7 +59,6 @@ def summary(run: Samples) -> Table:
         "final_positions_m": run.positions[-1],
         "saved_rows": run.saved_rows or "every step is saved",
         "tension_n": run.tension_summary(),
-        **of_some,
         "step_facts": step_facts(run),
         "end_forces_n": run.end_forces(),
         "end_angles_deg": run.end_angles(),
@@ -83,6 +69,18 @@ def summary(run: Samples) -> Table:
         "warnings": run.warnings,
         "versions": run.versions,
     }
+    if run.continues:
+        found["continued_from_s"] = run.t[0]
+    if run.scene.branched:
+        found["tension_of_lines_n"] = run.line_tensions()
+        found["lines"] = line_offsets(run.scene)
+    if run.body_position is not None:
+        found["bodies"] = run.body_summary()
+    if run.curvature is not None and run.bending_moment is not None:
+        found["bending"] = bending_summary(run.scene, run.t, run.curvature, run.bending_moment)
+    for key in ("accuracy", "error_tolerance", "refused_steps", "shortest_steps", "load_errors"):
+        if key in run.settings:
+            found[key] = run.settings[key]
     if run.failure:
         found["error"] = run.failure
     return jsonable(found)
@@ -100,54 +98,52 @@ def write_angles(solution: Samples, path: str | Path, zero: str = "horizontal") 
         zero: "horizontal" (positive downwards) or "down", see `link_angles`.
     """
     lines = [line.nodes for line in solution.lines]
-    columns = {"theta": np.concatenate([link_angles(solution.positions[:, nodes], zero)[0] for nodes in lines], axis=1)}
-    columns["omega"] = solution.angle_rates(zero)[0]
+    theta = np.concatenate([link_angles(solution.positions[:, nodes], zero)[0] for nodes in lines], axis=1)
+    columns = {"theta": theta, "omega": solution.angle_rates(zero)[0]}
     error = (solution.settings.get("stated_errors") or {}).get("angles_rad") or 0.0
     # no angle from 1 rad on: such a step follows no motion
     stated = ""
     if 0.0 < error < 1.0:
         stated = f", model_error={error:.2g}"
-    return _write(solution, path, f"zero={zero}, sign=1, unit=rad{stated}", solution.t, columns)
+    return _write_links(solution, path, f"zero={zero}, sign=1, unit=rad{stated}", solution.t, columns)
 
 
 def write_tensions(solution: Samples, path: str | Path) -> Path:
     """Tensions: columns `t [s], tension_1..n [N]` (`tension_LINE/1` for several lines); t is the time of the
     tension. A comment says which steps the rows are, if not all."""
+    stated = "unit=N"
     if solution.saved_rows:
         stated = f"unit=N; {solution.saved_rows}"
-    else:
-        stated = "unit=N"
-    return _write(solution, path, stated, solution.t_tension, {"tension": solution.tension})
+    return _write_links(solution, path, stated, solution.t_tension, {"tension": solution.tension})
 
 
 def write_bodies(solution: Samples, path: str | Path) -> Path:
     """Motion of rigid bodies: columns `t [s], x_BODY, y_BODY, z_BODY [m], roll_BODY, pitch_BODY, yaw_BODY [rad]`."""
-    names = [body.name for body in solution.scene.bodies]
-    heads = [f"{key}_{name}" for name in names for key in ("x", "y", "z", "roll", "pitch", "yaw")]
+    heads = []
+    for body in solution.scene.bodies:
+        heads += [f"{key}_{body.name}" for key in ("x", "y", "z", "roll", "pitch", "yaw")]
     both = np.concatenate([solution.body_position, solution.body_attitude], axis=-1)
-    return _rows(solution, path, "unit=m, rad", heads, solution.t, [both.reshape(len(both), -1)])
+    return _write(solution, path, "unit=m, rad", heads, [solution.t[:, None], both.reshape(len(both), -1)])
 
 
-def _names(solution: Samples) -> list[str]:
-    """Names of the links: their numbers, with the name of the line if there are several lines."""
-    lines = solution.lines
-    numbers = [(line.name, j + 1) for line in lines for j in range(line.links.stop - line.links.start)]
-    return [str(j) if len(lines) == 1 else f"{name}/{j}" for name, j in numbers]
-
-
-def _write(solution: Samples, path: str | Path, comment: str, t: np.ndarray, columns: dict[str, np.ndarray]) -> Path:
-    heads = [f"{stem}_{name}" for stem in columns for name in _names(solution)]
-    return _rows(solution, path, comment, heads, t, list(columns.values()))
-
-
-def _rows(
-    solution: Samples, path: str | Path, comment: str, heads: list[str], t: np.ndarray, columns: list[np.ndarray]
+def _write_links(
+    solution: Samples, path: str | Path, comment: str, t: np.ndarray, columns: dict[str, np.ndarray]
 ) -> Path:
-    text = io.StringIO()
+    """Columns of the links: their numbers, with the name of the line if there are several lines."""
+    names = []
+    for line in solution.scene.lines:
+        stem = f"{line.name}/" if len(solution.scene.lines) > 1 else ""
+        names += [f"{stem}{j + 1}" for j in range(line.links)]
+    heads = [f"{stem}_{name}" for stem in columns for name in names]
+    return _write(solution, path, comment, heads, [t[:, None], *columns.values()])
+
+
+def _write(solution: Samples, path: str | Path, comment: str, heads: list[str], columns: list[np.ndarray]) -> Path:
     used = solution.settings
+    text = io.StringIO()
     text.write(f"# {comment}\n# {solution.scene.name}: {used.get('integrator')} with steps of {used.get('dt')} s\n")
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(["t", *heads])
-    for row in np.concatenate([t[:, None], *columns], axis=1).tolist():
+    for row in np.concatenate(columns, axis=1).tolist():
         writer.writerow(["" if x != x else repr(x) for x in row])
     return atomic_write(path, text.getvalue())

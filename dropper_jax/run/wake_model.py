@@ -83,9 +83,7 @@ class Wakes:
         dense."""
         total = float(np.sum(self.drag))
         end = float(np.max(self.elements.x)) + 10.0 * float(np.max(self.elements.diameter))
-        if total > 0.0:
-            return self.plane(end).momentum / total
-        return 1.0
+        return self.plane(end).momentum / total if total > 0.0 else 1.0
 
     def _phases(self, widest: float) -> tuple[float, np.ndarray]:
         """Step of the wave number [1/m] and cos, sin (n, 2, modes) of the phase of each element in the Fourier modes.
@@ -118,10 +116,7 @@ class Wakes:
         first = first[order]
         wide = wide[order]
         high = np.sqrt(grown[order] + e.high[first] ** 2 / (2 * np.pi))
-        y = e.y[first]
-        z = e.z[first]
-        u = self.met[first]
-        thrust = self.drag[first]
+        y, z, u, thrust = (values[first] for values in (e.y, e.z, self.met, self.drag))
         step, phases = self._phases(wide[-1] if len(wide) else 1.0)
         narrow = int(np.searchsorted(wide, self.reach / (step * self.modes)))
         nodes, weight = _heights(self.heights, self.depth)
@@ -153,19 +148,16 @@ class Wakes:
         # with U_s = b sum_i c_i a_i g_i h_i, b = 1/U_c, momentum is a quadratic equation of b
         wanted = float(np.sum(share * one))
         left = (self.speed * wanted) ** 2 - 4.0 * square * wanted
+        scale = 1.0
         if square > 0.0:
             scale = (self.speed * wanted - np.sqrt(max(left, 0.0))) / (2.0 * square)
-        else:
-            scale = 1.0
         momentum = self.speed * scale * wanted - scale**2 * square
         return Plane(y, z, wide, high, scale * share, self.depth, momentum)
 
     def _pair_sum(self, y: np.ndarray, wide: np.ndarray, profile: np.ndarray) -> float:
         """`int U_s^2 dA` of wakes with profiles (n, nz) over the depth, over all pairs within reach across it."""
         order = np.argsort(y)
-        y = y[order]
-        wide = wide[order]
-        profile = profile[order]
+        y, wide, profile = (values[order] for values in (y, wide, profile))
         total = 0.0
         for start in range(0, len(y), self.chunk):
             stop = min(start + self.chunk, len(y))

@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.numerics import spread
 from dropper_jax.base.read import Table
 from dropper_jax.effects.buoyancy import drag_diameter
 from dropper_jax.effects.cylinder import steady_drag
@@ -21,7 +22,7 @@ from dropper_jax.load.scene import Scene
 from dropper_jax.run.arrays import bare_model, static_pose
 from dropper_jax.run.wake_model import Elements, Wakes, solve_wakes
 from dropper_jax.scene import LineSlice, line_slices
-from dropper_jax.scene.data import first_nodes
+from dropper_jax.scene.data import first_nodes, link_differences
 
 
 @dataclasses.dataclass(frozen=True)
@@ -64,9 +65,9 @@ def scene_wakes(scene: Scene) -> SceneWakes:
     model = bare_model(bare, "float64")
     sea = model.needed_sea
     nodes = static_pose(bare, model).positions
-    links = first_nodes(scene)
-    middle = 0.5 * (nodes[links] + nodes[links + 1])
-    along = nodes[links + 1] - nodes[links]
+    first = nodes[first_nodes(scene)]
+    along = link_differences(scene, nodes[None])[0]
+    middle = first + 0.5 * along
     weight = np.linalg.norm(along, axis=1) * drag_diameter(scene)
     height = float(np.sum(weight * middle[:, 2]) / np.sum(weight))
     stream = np.zeros(2)
@@ -79,6 +80,9 @@ def scene_wakes(scene: Scene) -> SceneWakes:
         )
     course = stream / speed
     side = np.array([-course[1], course[0]])
+    coefficient = drag["cdn"]
+    if coefficient is None:
+        coefficient = steady_drag(relative_roughness(scene))
     elements = Elements(
         x=middle[:, :2] @ course,
         y=middle[:, :2] @ side,
@@ -86,41 +90,27 @@ def scene_wakes(scene: Scene) -> SceneWakes:
         wide=np.abs(along[:, :2] @ side),
         high=np.abs(along[:, 2]),
         diameter=drag_diameter(scene) * np.ones(len(middle)),
-        drag=_coefficient(scene) * np.ones(len(middle)),
+        drag=coefficient * np.ones(len(middle)),
     )
     # default turbulence intensity of the current (assumed)
-    if drag["turbulence"] is None:
-        turbulence = 0.05
-    else:
+    turbulence = 0.05
+    if drag["turbulence"] is not None:
         turbulence = float(drag["turbulence"])
     wakes = solve_wakes(elements, speed, scene.sea.depth, turbulence)
     return SceneWakes(wakes, wakes.met / speed, line_slices(scene), float(np.arctan2(stream[1], stream[0])), middle)
 
 
-def _coefficient(scene: Scene) -> np.ndarray:
-    drag = scene.effects["morison_drag"]
-    if drag["cdn"] is None:
-        return steady_drag(relative_roughness(scene))
-    return np.asarray(drag["cdn"], float)
-
-
 def wake_facts(found: SceneWakes) -> Table:
     """Fractions of the current by line, total drag over that without wakes, and the momentum balance."""
-    e = found.wakes.elements
     wakes = found.wakes
-    alone = 0.5 * np.sum(e.drag * e.area) * wakes.speed**2
-    drag_over_unsheltered = 1.0
-    if alone > 0.0:
-        drag_over_unsheltered = float(np.sum(wakes.drag) / alone)
+    alone = 0.5 * np.sum(wakes.elements.drag * wakes.elements.area) * wakes.speed**2
     lines = []
     for line in found.lines:
-        own = found.share[line.links]
-        share = {"min": float(own.min()), "mean": float(own.mean()), "max": float(own.max())}
-        lines.append({"line": line.name, "share": share})
+        lines.append({"line": line.name, "share": spread(found.share[line.links], ("min", "mean", "max"))})
     return {
         "current_m_per_s": wakes.speed,
         "turbulence": wakes.turbulence,
         "lines": lines,
-        "drag_over_unsheltered": drag_over_unsheltered,
+        "drag_over_unsheltered": float(np.sum(wakes.drag) / alone) if alone > 0.0 else 1.0,
         "balance": wakes.balance,
     }

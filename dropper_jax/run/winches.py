@@ -28,11 +28,10 @@ def winch_warnings(solution: Samples) -> Iterator[str]:
         for entry in line.length_in_time:
             if entry.control is None:
                 continue
-            length, rate = (
-                solution.own[f"length_in_time.{len(LEAVES) * number + LEAVES.index(leaf)}"]
-                for leaf in ("length", "rate")
-            )
-            number += 1
+            series = [solution.own[f"length_in_time.{number + i}"] for i in range(len(LEAVES))]
+            number += len(LEAVES)
+            length = series[LEAVES.index("length")]
+            rate = series[LEAVES.index("rate")]
             swings = _swings_from(rate, entry.control)
             if swings is not None:
                 low, high = entry.control.limits
@@ -50,7 +49,7 @@ def winch_warnings(solution: Samples) -> Iterator[str]:
 def _swings_from(rate: np.ndarray, control: WinchSpec) -> int | None:
     """Saved state from which the rate (k,) [m/s] goes from one limit to the other again and again; None if not."""
     low, high = control.limits
-    side = np.where(rate >= AT_LIMIT * high, 1, 0) - np.where(rate <= AT_LIMIT * low, 1, 0)
+    side = (rate >= AT_LIMIT * high).astype(int) - (rate <= AT_LIMIT * low)
     at = np.flatnonzero(side)
     changes = at[1:][side[at[1:]] != side[at[:-1]]]
     if len(changes) < CHANGES:

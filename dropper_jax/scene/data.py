@@ -223,6 +223,12 @@ def first_nodes(scene: SceneData) -> np.ndarray:
     return np.concatenate([np.arange(line.nodes.start, line.nodes.stop - 1) for line in line_slices(scene)])
 
 
+def link_differences(scene: SceneData, nodal: np.ndarray) -> np.ndarray:
+    """Values at the last node of each link less those at its first (k, n, ...), from those of all nodes."""
+    first = first_nodes(scene)
+    return nodal[:, first + 1] - nodal[:, first]
+
+
 def sliced_lines(scene: SceneData) -> list[tuple[LineSpec, LineSlice]]:
     """The lines of a scene, each with its index ranges."""
     return list(zip(scene.lines, line_slices(scene), strict=True))

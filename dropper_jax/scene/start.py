@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import field, replace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -135,12 +135,15 @@ def rows_of_pieces(lines: Sequence[LineSpec]) -> np.ndarray:
     return np.array(found)
 
 
-def directions(polar: np.ndarray, azimuth: np.ndarray, zero: str) -> np.ndarray:
-    """Unit vectors of links (n, 3) from their angles [rad] (see `StartSpec`)."""
-    if zero == "horizontal":
-        along = np.cos(polar)
-        down = np.sin(polar)
-    else:
-        along = np.sin(polar)
-        down = np.cos(polar)
-    return np.stack([along * np.cos(azimuth), along * np.sin(azimuth), -down], axis=-1)
+def directions(polar: Any, azimuth: Any, zero: str) -> Any:
+    """Unit vectors of links (n, 3) from their angles [rad], arrays of NumPy or JAX.
+
+    horizontal: (cos p cos a, cos p sin a, -sin p), the thesis' (4.3)-(4.5); down: (sin p cos a, sin p sin a, -cos p).
+    """
+    xp = polar.__array_namespace__()
+    along = xp.cos(polar)
+    down = xp.sin(polar)
+    if zero != "horizontal":
+        along = xp.sin(polar)
+        down = xp.cos(polar)
+    return xp.stack([along * xp.cos(azimuth), along * xp.sin(azimuth), -down], axis=-1)

@@ -23,6 +23,10 @@ class Extremes(NamedTuple):
     least_at: Any
     largest_at: Any
 
+    def of(self, *index: Any) -> Extremes:
+        """Those of some signals: of arrays (k, ...) the parts `[:, *index]`."""
+        return Extremes(*(values[:, *index] for values in self))
+
 
 #: Signals (m,) of a step and their time [s], from the model and the states before and after the step.
 Watch = Callable[[Model, State, State], tuple[Array, Array]]

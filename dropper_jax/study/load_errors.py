@@ -200,12 +200,13 @@ def line_loads(found: Record, like: list[Table] | None = None) -> list[Table]:
     rows = []
     for i, where in enumerate(found.written_lines):
         s = arc(where.spec.length)
+        extremes = found.extremes["tension"].of(where.links)
         if like is None:
-            at = s[int(np.argmax(found.largest[:, where.links].max(axis=0)))]
+            at = s[int(np.argmax(extremes.largest.max(axis=0)))]
         else:
             at = like[i]["at_m"]
-        parts = (_at(a[:, where.links], s, at) for a in (found.tension, found.least, found.largest, within))
-        row = {"line": where.name, "at_m": at, **_statistics(found, *parts)}
+        arrays = (found.tension[:, where.links], extremes.least, extremes.largest, within[:, where.links])
+        row = {"line": where.name, "at_m": at, **_statistics(found, *(_at(values, s, at) for values in arrays))}
         rows.append({**row, "snaps": (snaps[i]["most_events"], 0.0)})
     return rows
 

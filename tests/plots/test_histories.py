@@ -12,7 +12,7 @@ from dropper_jax.cli.outputs import draw
 from dropper_jax.plots import motion, panels, style, tension
 from dropper_jax.plots.run import chosen_links, readable
 from dropper_jax.plots.style import force_unit
-from dropper_jax.run.bends import end_tensions, held_points, point_load
+from dropper_jax.run.end_links import Motion, held_points, point_loads
 
 
 def test_envelope_of_a_long_record_holds_every_sample():
@@ -115,19 +115,11 @@ def test_loads_of_a_point_are_the_pull_of_its_lines_along_them():
     t = np.array([0.0, 1.0])
     r = np.array([[0.0, 0, 0], [3, 0, 4], [3, 0, 4], [0, 0, 0]])
     positions = np.stack([r, r + [[0, 0, 0], [2.0, 0, 0], [2, 0, 0], [0, 0, 0]]])
-    load = point_load(scene, "a", t, positions, np.array([0.0, 0.5]), np.array([[10.0, 20.0], [1.0, 2.0]]))
+    motion = Motion(scene, t, positions, np.array([0.0, 0.5]), np.array([[10.0, 20.0], [1.0, 2.0]]))
+    load = point_loads(motion)["a"]
     np.testing.assert_allclose(load[0], 30.0 * np.array([0.6, 0.0, 0.8]))
     np.testing.assert_allclose(load[1], 3.0 * np.array([1.0, 0.0, 1.0]) / np.sqrt(2.0))  # half way: (4, 0, 4)
     assert held_points(scene) == ["a"]
-
-
-def test_ends_of_a_line_are_its_first_and_last_link(longline):
-    solution = longline()
-    ends = end_tensions(solution.scene, solution.tension)
-    for line in solution.scene.lines:
-        where = next(w for w in solution.lines if w.name == line.name)
-        if line.name in ends:
-            np.testing.assert_array_equal(ends[line.name][:, 0], solution.tension[:, where.links.start])
 
 
 @pytest.mark.parametrize("name", ["tension_history", "motion_history"])

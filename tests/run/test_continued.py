@@ -4,27 +4,23 @@ import dataclasses
 
 import numpy as np
 import pytest
+from hard_scenes import free, line_of, scene_of
 
 import dropper_jax as dj
 from dropper_jax import SceneError, Solution
 from dropper_jax.cli import main
-from dropper_jax.run.step_extremes import STEP_EXTREMES
+from dropper_jax.run.variables import STEP_EXTREMES
 
 ARRAYS = ("t", "t_tension", "positions", "velocities", "tension", "work", "kinetic")
 PENDULUM = "conical-pendulum-damped"
 #: A line that hangs and snaps taut, with its drag: steps that follow, work, a held end that moves.
-ROPE = {
-    "run": {"dt": 0.02, "duration": 0.4, "accuracy": 0.01},
-    "point": [{"name": "top", "position": [0.0, 0.0, 0.0]}, {"name": "load", "position": [0.85, 0, 0], "kind": "free"}],
-    "line": [
-        {
-            **{"name": "rope", "from": "top", "to": "load", "links": 3, "length": 0.3, "mass": 0.5},
-            **{"axial": {"law": "rope", "EA": 2000.0, "damping": 5.0}, "nodes": "shared"},
-        }
-    ],
-    "effects": {"weight": {}, "end_motion": {"point": "top", "amplitude": [0.05, 0.0, 0.0], "period": 0.5}},
-    "start": {"kind": "points"},
-}
+ROPE = scene_of(
+    {"top": [0.0, 0.0, 0.0], "load": free([0.85, 0, 0])},
+    line_of("rope", "top", "load", 3, 0.3, mass=0.5, nodes="shared", axial={"law": "rope", "EA": 2e3, "damping": 5.0}),
+    run={"dt": 0.02, "duration": 0.4, "accuracy": 0.01},
+    effects={"weight": {}, "end_motion": {"point": "top", "amplitude": [0.05, 0.0, 0.0], "period": 0.5}},
+    start={"kind": "points"},
+)
 
 
 def halves(scene, tmp_path, suffix, **settings):

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hard_scenes import line_of, scene_of
 
 import dropper_jax as dj
 from dropper_jax import SceneError, SimulationError
@@ -15,18 +16,12 @@ DOC = Path(__file__).parents[2] / "docs" / "python.md"
 ENDS = ("left", "right")
 TIMES = np.linspace(0.0, 0.5, 6)
 #: A loop of rope between two ends, links' masses in halves on their nodes.
-LOOP = {
-    "run": {"dt": 0.01, "duration": 0.5},
-    "point": [{"name": "left", "position": [0.0, 0.0, 0.0]}, {"name": "right", "position": [1.0, 0.0, 0.2]}],
-    "line": [
-        {
-            **{"name": "loop", "from": "left", "to": "right", "links": 4, "length": 0.35, "mass": 0.2},
-            **{"axial": {"law": "rope", "EA": 500.0, "damping": 2.0}, "nodes": "shared"},
-        }
-    ],
-    "effects": {"weight": {}},
-    "start": {"kind": "static"},
-}
+LOOP = scene_of(
+    {"left": [0.0, 0.0, 0.0], "right": [1.0, 0.0, 0.2]},
+    line_of("loop", *ENDS, 4, 0.35, mass=0.2, nodes="shared", axial={"law": "rope", "EA": 500.0, "damping": 2.0}),
+    run={"dt": 0.01, "duration": 0.5},
+    start={"kind": "static"},
+)
 
 
 def moved():

@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
+from hard_scenes import free, line_of, scene_of
 from scipy.integrate import solve_ivp
 from scipy.optimize import fsolve
 
 import dropper_jax as dj
-from dropper_jax import as_toml, report_run
+from dropper_jax import report_run
 from dropper_jax.decks.writing.outputs import write_out
 from dropper_jax.run.line_weights import end_force_vectors, end_forces
 from dropper_jax.run.quantities import static_quantity
@@ -19,16 +20,12 @@ G, RHO, EA = 9.81, 1025.0, 2e6
 
 def scene(first, last, length, links, mass=20.0, diameter=0.3, **more):
     """A hose by the metre between two points."""
-    return {
-        "name": "hose",
-        "run": {"dt": 0.01, "duration": 0.1},
-        "line_type": [{"name": "hose", "mass": mass, "diameter": diameter, "EA": EA, "damping_ratio": 0.9}],
-        "point": [{"name": "a", "position": first}, {"name": "b", "position": last}],
-        "line": [{"name": "line", "from": "a", "to": "b", "type": "hose", "length": length, "links": links}],
-        "sea": {"depth": 30.0, "density": RHO},
-        "effects": {"weight": {}, "buoyancy": {}},
-        **more,
-    }
+    return scene_of(
+        {"a": first, "b": last},
+        line_of("line", "a", "b", links, length, type="hose"),
+        line_type=[{"name": "hose", "mass": mass, "diameter": diameter, "EA": EA, "damping_ratio": 0.9}],
+        **{"sea": {"depth": 30.0, "density": RHO}, "effects": {"weight": {}, "buoyancy": {}}, **more},
+    )
 
 
 def shoot(first, last, length, mass, diameter, guess):
@@ -67,10 +64,8 @@ def dry():
     return float(np.linalg.norm(exact[0]))
 
 
-def test_every_table_has_the_force_of_a_line_in_air_on_its_points(hose, dry, tmp_path, json_of):
-    file = tmp_path / "hose.toml"
-    file.write_text(as_toml(hose))
-    found = json_of(["equilibrium", str(file), "--json"])
+def test_every_table_has_the_force_of_a_line_in_air_on_its_points(hose, dry, tmp_path, json_of, file_of):
+    found = json_of(["equilibrium", file_of(hose), "--json"])
     assert found["end_forces_n"]["line"]["first"] == pytest.approx(dry, rel=0.003)
     run = dj.simulate(hose)
     row = offset_curves(dj.load_scene(hose), ["b"], [0.0], [0.0])[0]
@@ -108,16 +103,15 @@ def test_a_light_cable_in_air_pulls_as_the_catenary_does():
 HEAVY = {"mass": 90.0, "diameter": 0.3, "links": 44}
 
 
+WET_AND_DRY = {
+    "dry and wet": ([0.0, 0.0, 8.0], [14.0, 0.0, -9.0], 22.0, HEAVY),
+    "dry, down to the surface": ([0.0, 0.0, 8.0], [4.0, 0.0, 0.0], 9.2, {"mass": 20.0, "diameter": 0.1, "links": 40}),
+    "half wet": ([0.0, 0.0, 0.1], [14.0, 0.0, -9.0], 17.6, HEAVY),
+}
+
+
 @pytest.mark.check
-@pytest.mark.parametrize(
-    ("first", "last", "length", "kind"),
-    [
-        ([0.0, 0.0, 8.0], [14.0, 0.0, -9.0], 22.0, HEAVY),
-        ([0.0, 0.0, 8.0], [4.0, 0.0, 0.0], 9.2, {"mass": 20.0, "diameter": 0.1, "links": 40}),
-        ([0.0, 0.0, 0.1], [14.0, 0.0, -9.0], 17.6, HEAVY),
-    ],
-    ids=["dry and wet", "dry, down to the surface", "half wet"],
-)
+@pytest.mark.parametrize(("first", "last", "length", "kind"), WET_AND_DRY.values(), ids=WET_AND_DRY.keys())
 def test_a_line_out_of_the_water_has_its_weight_above_the_surface_only(first, last, length, kind):
     exact = shoot(first, last, length, kind["mass"], kind["diameter"], (6000.0, -12000.0))
     line = dj.load_scene(scene(first, last, length, **kind))
@@ -131,7 +125,7 @@ def test_a_line_out_of_the_water_has_its_weight_above_the_surface_only(first, la
 def test_ropes_of_a_float_at_the_surface_pull_with_their_weight_in_water():
     anchors = [-8.0, 0.0, -5.0], [8.0, 0.0, -5.0]
     ropes = scene(*anchors, 14.0, 28, mass=12.0, diameter=0.06)
-    buoy = {"name": "float", "kind": "free", "position": [0.0, 0.0, -0.1], "mass": 20.0, "volume": 0.2}
+    buoy = {"name": "float", **free([0.0, 0.0, -0.1], mass=20.0, volume=0.2)}
     rope = ropes["line"][0]
     ropes["line"] = [rope | {"name": "left", "to": "float"}, rope | {"name": "right", "from": "float"}]
     ropes["point"] += [buoy]

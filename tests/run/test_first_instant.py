@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hard_scenes import hung_line
+from hard_scenes import hung_line, line_of, scene_of
 
 import dropper_jax as dj
 
@@ -23,15 +23,8 @@ def test_a_run_from_points_begins_with_the_tension_of_its_lines_length():
 
 
 def test_held_points_with_nothing_free_between_them_are_refused():
-    table = {
-        "run": {"dt": 0.01, "duration": 0.1},
-        "point": [{"name": "a", "position": [0.0, 0.0, 0.0]}, {"name": "b", "position": [1.0, 0.0, 0.0]}],
-        "line": [
-            {"name": "rope", "from": "a", "to": "b", "links": 1, "length": 0.9, "mass": 0.1, "nodes": "shared"}
-            | {"axial": {"law": "elastic", "EA": 5000.0}}
-        ],
-        "effects": {"weight": {}},
-    }
+    line = line_of("rope", "a", "b", 1, 0.9, mass=0.1, nodes="shared", axial={"law": "elastic", "EA": 5000.0})
+    table = scene_of({"a": [0.0, 0.0, 0.0], "b": [1.0, 0.0, 0.0]}, line)
     with pytest.raises(dj.SceneError, match="line.0.links: 1 leaves no free node between fixed points"):
         dj.load_scene(table)
 

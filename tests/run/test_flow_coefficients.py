@@ -6,24 +6,24 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from hard_scenes import free, line_of, scene_of
 
 import dropper_jax as dj
 from dropper_jax.effects.cylinder import amplification, rough_added_mass, rough_drag, steady_drag
 from dropper_jax.run.flow_coefficients import VISCOSITY, flow_table, link_flow
 
-SCENE = {
-    "run": {"dt": 0.02, "duration": 0.2},
-    "point": [{"name": "a", "position": [0, 0, -1.0]}, {"name": "b", "kind": "free", "position": [0, 0, -5.0]}],
-    "line": [{"name": "l", "from": "a", "to": "b", "links": 4, "length": 1.0, "mass": 40.0, "diameter": 0.15}],
-    "effects": {
-        "weight": {},
-        "buoyancy": {},
-        "morison_drag": {"coefficients": "rough_cylinder", "roughness": 0.03},
-        "morison_inertia": {"coefficients": "rough_cylinder", "cat": 0.1},
-    },
-    "start": {"kind": "angles", "zero": "down", "polar": [0.0] * 4},
-    "sea": {"depth": 20.0, "waves": {"kind": "regular", "amplitude": 0.2, "period": 6.0}},
+ROUGH = {
+    "morison_drag": {"coefficients": "rough_cylinder", "roughness": 0.03},
+    "morison_inertia": {"coefficients": "rough_cylinder", "cat": 0.1},
 }
+SCENE = scene_of(
+    {"a": [0, 0, -1.0], "b": free([0, 0, -5.0])},
+    line_of("l", "a", "b", 4, 1.0, mass=40.0, diameter=0.15),
+    run={"dt": 0.02, "duration": 0.2},
+    effects={"weight": {}, "buoyancy": {}, **ROUGH},
+    start={"kind": "angles", "zero": "down", "polar": [0.0] * 4},
+    sea={"depth": 20.0, "waves": {"kind": "regular", "amplitude": 0.2, "period": 6.0}},
+)
 
 
 def test_the_numbers_that_a_public_practice_states():
@@ -111,11 +111,12 @@ def test_tables_of_ones_own_are_taken_between_their_rows():
     np.testing.assert_allclose(flow.coefficients["morison_drag"], 1.0 + flow.kc / 20.0)
 
 
+TABLE = {"coefficients": "table"}
 BAD = [
-    ({"coefficients": "table", "table_kc": [0.0, 2.0], "table_cdn": [1.0, 1.0]}, "morison_drag.table_kc: KC = 7."),
-    ({"coefficients": "table", "table_kc": [0.0, 2.0]}, "morison_drag.table_kc: needs at least 2 rising values"),
+    ({**TABLE, "table_kc": [0.0, 2.0], "table_cdn": [1.0, 1.0]}, "morison_drag.table_kc: KC = 7."),
+    ({**TABLE, "table_kc": [0.0, 2.0]}, "morison_drag.table_kc: needs at least 2 rising values"),
     (
-        {"coefficients": "table", "table_kc": [0.0, 90.0], "table_cdn": [1.0, 1.0], "table_re": [1e5, 1e6]},
+        {**TABLE, "table_kc": [0.0, 90.0], "table_cdn": [1.0, 1.0], "table_re": [1e5, 1e6]},
         "morison_drag.table_re: Re = ",
     ),
     ({}, "morison_drag.cdn: missing; needed: drag coefficient across the link"),
@@ -130,12 +131,11 @@ def test_what_is_outside_of_a_table_or_does_not_fit_is_named(drag, start, refusa
     assert refusal(dj.build, scene).startswith(f"effects.{start}")
 
 
-def test_command_and_table_say_the_numbers(tmp_path, printed, json_of):
+def test_command_and_table_say_the_numbers(printed, json_of, file_of):
     scene = dj.load_scene(SCENE)
     rows = flow_table(scene)
     assert rows[0]["cdn"]["min"] < rows[0]["cdn"]["max"]
     assert not rows[0]["post_critical"]
-    file = tmp_path / "scene.toml"
-    file.write_text(dj.as_toml(scene.to_dict()))
-    assert json_of(["sea", str(file), "--json"])["coefficients"] == json.loads(json.dumps(rows))
-    assert "share of the current" in printed(["sea", str(file)]).out
+    file = file_of(scene)
+    assert json_of(["sea", file, "--json"])["coefficients"] == json.loads(json.dumps(rows))
+    assert "share of the current" in printed(["sea", file]).out

@@ -4,27 +4,22 @@ import shutil
 
 import numpy as np
 import pytest
+from hard_scenes import line_of, scene_of
 
 import dropper_jax as dj
 from dropper_jax import SceneError
 from dropper_jax.run.fmu import plain_names, write_fmu
 
-SCENE = {
-    "run": {"dt": 0.02, "duration": 1.0},
-    "line_type": [{"name": "chain", "mass": 20.0, "diameter": 0.06, "EA": 2e7, "damping_ratio": 0.5, "cdn": 1.2}],
-    "point": [
-        {"name": "anchor", "position": [-60.0, 0.0, -20.0]},
-        {"name": "port side", "position": [0.0, -1.0, -1.0]},
-        {"name": "starboard", "position": [0.0, 1.0, -1.0]},
-    ],
-    "line": [
-        {"name": name, "from": "anchor", "to": name, "type": "chain", "length": 65.0, "links": 5}
-        for name in ("port side", "starboard")
-    ],
-    "effects": {"weight": {}, "buoyancy": {}, "morison_drag": {}, "seabed": {"stiffness": 1e5}},
-    "sea": {"depth": 20.0},
-}
-POINTS = ["port side", "starboard"]
+ENDS = {"port side": [0.0, -1.0, -1.0], "starboard": [0.0, 1.0, -1.0]}
+SCENE = scene_of(
+    {"anchor": [-60.0, 0.0, -20.0], **ENDS},
+    *(line_of(name, "anchor", name, 5, 65.0, type="chain") for name in ENDS),
+    run={"dt": 0.02, "duration": 1.0},
+    line_type=[{"name": "chain", "mass": 20.0, "diameter": 0.06, "EA": 2e7, "damping_ratio": 0.5, "cdn": 1.2}],
+    effects={"weight": {}, "buoyancy": {}, "morison_drag": {}, "seabed": {"stiffness": 1e5}},
+    sea={"depth": 20.0},
+)
+POINTS = list(ENDS)
 NAMES = [f"{name}_{letter}{axis}" for letter in ("", "v") for name in ("port_side", "starboard") for axis in "xyz"]
 FORCES = [f"{name}_f{axis}" for name in ("port_side", "starboard") for axis in "xyz"]
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from hard_scenes import line_of, scene_of
 
 import dropper_jax as dj
 
@@ -15,19 +16,16 @@ END = 0.5
 def loop(sea, nodes=NODES, velocity=(0.0, 0.0, 0.0), **more):
     """An elastic line of four links under water, all nodes with the same velocity at the start."""
     effects = {"weight": {}, "buoyancy": {}, "morison_drag": {"cdn": 1.2, "cdt": 0.1}, "morison_inertia": {"can": 1.0}}
-    rope = {"length": 0.8, "mass": 0.5, "diameter": 0.03, "axial": {"law": "elastic", "EA": 3000.0, "damping": 5.0}}
-    return {
-        "run": {"dt": 0.01, "duration": END},
-        "point": [{"name": name, "position": list(nodes[i])} for name, i in (("a", 0), ("b", -1))],
-        "line": [{"name": "rope", "from": "a", "to": "b", "links": 4, **rope}],
-        "sea": {"depth": 20.0, **sea},
-        "effects": effects | more,
-        "start": {
-            "kind": "positions",
-            "positions": nodes.tolist(),
-            "velocities": np.broadcast_to(velocity, nodes.shape).tolist(),
-        },
-    }
+    rope = {"mass": 0.5, "diameter": 0.03, "axial": {"law": "elastic", "EA": 3000.0, "damping": 5.0}}
+    speeds = np.broadcast_to(velocity, nodes.shape).tolist()
+    return scene_of(
+        {"a": list(nodes[0]), "b": list(nodes[-1])},
+        line_of("rope", "a", "b", 4, 0.8, **rope),
+        run={"dt": 0.01, "duration": END},
+        sea={"depth": 20.0, **sea},
+        effects=effects | more,
+        start={"kind": "positions", "positions": nodes.tolist(), "velocities": speeds},
+    )
 
 
 def current(flow, direction=0.0):

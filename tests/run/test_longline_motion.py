@@ -9,23 +9,13 @@ import pytest
 
 from dropper_jax import build, build_model, equilibrium, integrate, load_scene, make_stepper, settle, simulate
 
-G = 9.81
+FLOW = {"cdn": 1.4, "cdt": 0.2, "can": 1.0, "cat": 1.0}
 
 
 @pytest.mark.check
 @pytest.mark.parametrize("law", ["rope", "damped_rope"])
 def test_a_falling_chain_in_water_at_rest_never_gains_energy(one_line, law):
-    kind = {
-        "law": law,
-        "mass": 10.91,
-        "diameter": 0.042,
-        "EA": 1e6,
-        "damping_ratio": 0.05,
-        "cdn": 1.4,
-        "cdt": 0.2,
-        "can": 1.0,
-        "cat": 1.0,
-    }
+    kind = {"law": law, "mass": 10.91, "diameter": 0.042, "EA": 1e6, "damping_ratio": 0.05} | FLOW
     effects = {"weight": {}, "buoyancy": {}, "morison_drag": {}, "morison_inertia": {}, "seabed": {"depth": 12.0}}
     scene = one_line(16.0, 8, [0.0, 0.0, -2.0], [8.0, 0.0, -2.0], kind, effects, sea={"depth": 12.0})
     scene["point"][1] = {"name": "b", "kind": "free", "position": [8.0, 0.0, -2.0], "mass": 20.0, "volume": 0.01}
@@ -44,8 +34,7 @@ def test_a_falling_chain_in_water_at_rest_never_gains_energy(one_line, law):
 
 def driven_chain(one_line):
     """A chain that hangs free of the bed, taut, its top driven in a current."""
-    kind = {"mass": 10.91, "diameter": 0.042, "EA": 1e5, "damping_ratio": 0.1}
-    kind = {**kind, "cdn": 1.4, "cdt": 0.2, "can": 1.0, "cat": 1.0}
+    kind = {"mass": 10.91, "diameter": 0.042, "EA": 1e5, "damping_ratio": 0.1} | FLOW
     motion = {"point": "b", "amplitude": [0.3, 0.0, 0.1], "period": 4.0, "ramp": 1.0}
     effects = {"weight": {}, "buoyancy": {}, "morison_drag": {}, "morison_inertia": {}, "end_motion": motion}
     sea = {"depth": 20.0, "current": {"kind": "uniform", "speed": 0.5, "direction": 1.0}}

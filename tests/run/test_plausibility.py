@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from hard_scenes import free, line_of, scene_of
 
 from dropper_jax import SceneError, load_scene, packaged_scene, scene_names
 from dropper_jax.cli import main
@@ -17,47 +18,27 @@ def longline(anchors=("west", "east"), **values):
     """A backbone of 40 m with two floats and three hanging ropes, on legs of 60 m to fixed points on the bed."""
     given = {"z": -DEPTH, "depth": DEPTH, "leg": 60.0, "volume": 0.3, "speed": 0.5, "hang": 8.0} | values
     west, east = anchors
-    legs = [("west-leg", west, "b1"), ("east-leg", east, "b2")]
-    hanging = [{"name": f"e{k}", "kind": "free", "mass": 1.0, "position": [10.0 * k, 0.0, -9.0]} for k in (1, 2, 3)]
-    floats = [{"name": f"b{k + 1}", "float": given["volume"], "position": [40.0 * k, 0.0, -0.5]} for k in (0, 1)]
-    return {
-        "run": {"dt": 0.02, "duration": 0.1},
-        "point": [
-            {"name": west, "position": [-50.0, 0.0, given["z"]]},
-            {"name": east, "position": [90.0, 0.0, given["z"]]},
-            *floats,
-            *hanging,
-        ],
-        "line": [
-            *(
-                {"name": name, "from": one, "to": end, "type": "library:chain-studless-0.022", "length": given["leg"]}
-                | {"links": 6}
-                for name, one, end in legs
-            ),
-            {"name": "backbone", "from": "b1", "to": "b2", "type": "library:rope-polypropylene-0.03", "length": 40.0}
-            | {"links": 4, "attach": [{"point": f"t{k}", "at": 10.0 * k} for k in (1, 2, 3)]},
-            *(
-                {"name": f"rope-{k}", "from": f"t{k}", "to": f"e{k}", "type": "library:mussel-dropper-7.53"}
-                | {"length": given["hang"], "links": 2}
-                for k in (1, 2, 3)
-            ),
-        ],
-        "sea": {"depth": given["depth"], "current": {"kind": "power", "speed": given["speed"]}},
-        "effects": {name: {} for name in ("weight", "buoyancy", "morison_drag", "morison_inertia", "seabed")},
-    }
+    points = {west: [-50.0, 0.0, given["z"]], east: [90.0, 0.0, given["z"]]}
+    for k in (0, 1):
+        points[f"b{k + 1}"] = {"float": given["volume"], "position": [40.0 * k, 0.0, -0.5]}
+    lines = [
+        line_of(name, one, end, 6, given["leg"], type="library:chain-studless-0.022")
+        for name, one, end in (("west-leg", west, "b1"), ("east-leg", east, "b2"))
+    ]
+    attached = [{"point": f"t{k}", "at": 10.0 * k} for k in (1, 2, 3)]
+    lines.append(line_of("backbone", "b1", "b2", 4, 40.0, type="library:rope-polypropylene-0.03", attach=attached))
+    for k in (1, 2, 3):
+        points[f"e{k}"] = free([10.0 * k, 0.0, -9.0], mass=1.0)
+        lines.append(line_of(f"rope-{k}", f"t{k}", f"e{k}", 2, given["hang"], type="library:mussel-dropper-7.53"))
+    sea = {"depth": given["depth"], "current": {"kind": "power", "speed": given["speed"]}}
+    effects = {name: {} for name in ("weight", "buoyancy", "morison_drag", "morison_inertia", "seabed")}
+    return scene_of(points, *lines, sea=sea, effects=effects)
 
 
 def hanging(length, mass, apart=0.28, **line):
     """A chain of rigid links between two hooks."""
-    return {
-        "run": {"dt": 0.005, "duration": 0.01},
-        "point": [
-            {"name": "left", "position": [0.0, 0.0, 0.0]},
-            {"name": "right", "position": [apart, 0.0, 0.0]},
-        ],
-        "line": [{"name": "lab", "from": "left", "to": "right", "links": 5, "length": length, "mass": mass, **line}],
-        "effects": {"weight": {}},
-    }
+    ends = {"left": [0.0, 0.0, 0.0], "right": [apart, 0.0, 0.0]}
+    return scene_of(ends, line_of("lab", "left", "right", 5, length, mass=mass, **line))
 
 
 LENGTH, MASS = [0.12, 0.09, 0.15, 0.07, 0.11], [0.04, 0.03, 0.05, 0.024, 0.037]
@@ -116,19 +97,11 @@ def test_no_packaged_scene_is_doubtful(name):
 
 def test_the_tension_of_a_line_that_is_too_short_is_that_of_springs_in_series():
     """A rope of 10 m and one of 20 m between points 36 m apart: T = 6 m/(10 m/EA + 20 m/(2 EA))."""
-    points = {"a": 0.0, "m": 10.0, "b": 36.0}
-    scene = {
-        "run": {"dt": 0.01, "duration": 0.1},
-        "point": [
-            {"name": name, "position": [x, 0.0, 0.0], **({"kind": "free"} if name == "m" else {})}
-            for name, x in points.items()
-        ],
-        "line": [
-            {"name": "one", "from": "a", "to": "m", "links": 2, "length": 5.0, "mass": 1.0, "axial": {"EA": 1e4}},
-            {"name": "two", "from": "m", "to": "b", "links": 2, "length": 10.0, "mass": 1.0, "axial": {"EA": 2e4}},
-        ],
-        "effects": {"weight": {}},
-    }
+    scene = scene_of(
+        {"a": [0.0, 0.0, 0.0], "m": free([10.0, 0.0, 0.0]), "b": [36.0, 0.0, 0.0]},
+        line_of("one", "a", "m", 2, 5.0, mass=1.0, axial={"EA": 1e4}),
+        line_of("two", "m", "b", 2, 10.0, mass=1.0, axial={"EA": 2e4}),
+    )
     (warning,) = plausibility_warnings(load_scene(scene))
     assert warning.startswith("two: 20 m between points 26 m apart: about 3e+03 N at rest, stretched by more than 10%")
     scene["line"][0]["breaking_load"] = 4e3  # stronger, but the strain counts too

@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
+from hard_scenes import free, line_of, scene_of
 
 import dropper_jax as dj
-from dropper_jax import SceneError, as_toml
+from dropper_jax import SceneError
 from dropper_jax.run.bends import curvature
 from dropper_jax.run.line_weights import fixed_point_loads
 from dropper_jax.run.quantities import quantity, quantity_signals, static_quantity
@@ -12,22 +13,15 @@ from dropper_jax.scene import line_slices
 from dropper_jax.stepping.extremes import Extremes
 from dropper_jax.study.design import solve_design
 
-SCENE = {
-    "name": "mooring",
-    "run": {"dt": 0.02, "duration": 1.0},
-    "line_type": [{"name": "rope", "mass": 1.2, "diameter": 0.03, "EA": 5e4, "damping_ratio": 0.3}],
-    "point": [
-        {"name": "west", "position": [-8.0, 0.0, -10.0]},
-        {"name": "east", "position": [8.0, 1.0, -10.0]},
-        {"name": "buoy", "kind": "free", "position": [0.5, 0.0, -4.0], "mass": 20.0, "volume": 0.2},
-    ],
-    "line": [
-        {"name": "west-leg", "from": "west", "to": "buoy", "type": "rope", "length": 10.0, "links": 3},
-        {"name": "east-leg", "from": "buoy", "to": "east", "type": "rope", "length": 10.0, "links": 3},
-    ],
-    "sea": {"depth": 10.0},
-    "effects": {"weight": {}, "buoyancy": {}},
-}
+SCENE = scene_of(
+    {"west": [-8.0, 0.0, -10.0], "east": [8.0, 1.0, -10.0], "buoy": free([0.5, 0.0, -4.0], mass=20.0, volume=0.2)},
+    line_of("west-leg", "west", "buoy", 3, 10.0, type="rope"),
+    line_of("east-leg", "buoy", "east", 3, 10.0, type="rope"),
+    run={"dt": 0.02, "duration": 1.0},
+    line_type=[{"name": "rope", "mass": 1.2, "diameter": 0.03, "EA": 5e4, "damping_ratio": 0.3}],
+    sea={"depth": 10.0},
+    effects={"weight": {}, "buoyancy": {}},
+)
 
 
 def _angle(positions, end, inner):
@@ -105,13 +99,10 @@ def test_a_wrong_name_shows_the_near_ones(posed, name, words, refusal):
 
 
 def test_the_anchor_of_a_single_line_is_its_fixed_end_also_if_the_free_end_is_listed_first():
-    low = {"name": "low", "kind": "free", "position": [0.0, 0.0, -1.2]}
-    line = {"name": "chain", "from": "top", "to": "low", "links": 4, "length": 0.3, "mass": 0.1}
-    points = [low, {"name": "top", "position": [0.0, 0.0, 0.0]}]
-    scene = {"run": {"dt": 0.01, "duration": 1.0}, "point": points, "line": [line], "effects": {"weight": {}}}
-    model = dj.build_model(dj.load_scene(scene))
-    found = {end: quantity(f"tension.chain.{end}.max", model, "to").members for end in ("anchor", "fairlead")}
-    assert found == {"anchor": (0,), "fairlead": (3,)}
+    line = line_of("chain", "top", "low", 4, 0.3, mass=0.1)
+    model = dj.build_model(scene_of({"low": free([0.0, 0.0, -1.2]), "top": [0.0, 0.0, 0.0]}, line))
+    assert quantity("tension.chain.anchor.max", model).members == (0,)
+    assert quantity("tension.chain.fairlead.max", model).members == (3,)
 
 
 def test_a_static_target_needs_no_statistic(posed):
@@ -158,17 +149,16 @@ def test_design_refuses_systems_without_a_unique_solution(paths, targets, words)
         solve_design(SCENE, paths, [0.1, 9.0], [0.3, 11.0], targets, [-4.5 if t == "z.buoy" else 4.5 for t in targets])
 
 
-def test_the_command_prints_values_targets_and_angles(tmp_path, printed, json_of):
-    file = tmp_path / "mooring.toml"
-    file.write_text(as_toml(SCENE))
+def test_the_command_prints_values_targets_and_angles(printed, json_of, file_of):
+    file = file_of(SCENE)
     vary = [f"--vary={path}={low}:{high}" for path, low, high in zip(*TWO[:3], strict=True)]
     wanted = [f"--target={TWO[3][0]}", "--value=0.65", f"--target={TWO[3][1]}", "--value=3.6"]
-    found = json_of(["design", str(file), *vary, *wanted, "--json"])
+    found = json_of(["design", file, *vary, *wanted, "--json"])
     assert [row["path"] for row in found["values"]] == TWO[0]
     assert [row["reached"] for row in found["targets"]] == pytest.approx([0.65, 3.6], rel=1e-6)
     assert (found["path"], found["target"]) == (TWO[0][0], TWO[3][0])
     one = [vary[0], "--target=line.west-leg.anchor.angle", "--value=0.65"]
-    assert "angles of the line there, upwards" in printed(["design", str(file), *one]).out
+    assert "angles of the line there, upwards" in printed(["design", file, *one]).out
 
 
 def test_extremes_over_steps_are_those_of_the_members_of_each_quantity():

@@ -4,10 +4,10 @@ import json
 
 import numpy as np
 import pytest
-from hard_scenes import hung_line
+from hard_scenes import free, hung_line, line_of, scene_of
 
 import dropper_jax as dj
-from dropper_jax import SceneError, as_toml, load_scene
+from dropper_jax import SceneError, load_scene
 from dropper_jax.load.checks_system import motion_warnings
 from dropper_jax.run.line_weights import end_forces
 from dropper_jax.run.pose_remarks import pose_remarks
@@ -15,28 +15,21 @@ from dropper_jax.run.pose_remarks import pose_remarks
 
 def moored(**motion):
     """A spar on a rope from the bed, 30 m below, and friction there."""
-    return {
-        "run": {"dt": 0.02, "duration": 1.0},
-        "line_type": [{"name": "rope", "mass": 1.0, "diameter": 0.02, "EA": 1e5}],
-        "point": [
-            {"name": "anchor", "position": [0.0, 0.0, -30.0]},
-            {"name": "buoy", "kind": "free", "position": [0.0, 0.0, -2.5]},
-        ],
-        "line": [{"name": "rope", "from": "anchor", "to": "buoy", "type": "rope", "length": 40.0, "links": 4}],
-        "buoy": [{"name": "spar", "point": "buoy", "mass": 1200.0, "diameter": 0.79, "height": 8.0, "attachment": 1.0}],
-        "sea": {"depth": 30.0},
-        "effects": {
-            "weight": {},
-            "seabed": {},
-            "seabed_friction": {"kinetic": 0.5},
-            **({"end_motion": {"point": "anchor", **motion}} if motion else {}),
-        },
-    }
+    kind = {"name": "rope", "mass": 1.0, "diameter": 0.02, "EA": 1e5}
+    spar = {"name": "spar", "point": "buoy", "mass": 1200.0, "diameter": 0.79, "height": 8.0, "attachment": 1.0}
+    effects = {"weight": {}, "seabed": {}, "seabed_friction": {"kinetic": 0.5}}
+    return scene_of(
+        {"anchor": [0.0, 0.0, -30.0], "buoy": free([0.0, 0.0, -2.5])},
+        line_of("rope", "anchor", "buoy", 4, 40.0, type="rope"),
+        line_type=[kind],
+        buoy=[spar],
+        sea={"depth": 30.0},
+        effects=effects | ({"end_motion": {"point": "anchor", **motion}} if motion else {}),
+    )
 
 
 @pytest.mark.parametrize(
-    ("z", "said"),
-    [(-2.5, []), (-7.5, ["under water"]), (-29.0, ["under water", "on the seabed"])],
+    ("z", "said"), [(-2.5, []), (-7.5, ["under water"]), (-29.0, ["under water", "on the seabed"])]
 )
 def test_buoys_under_water_or_on_the_bed_are_remarked(z, said):
     positions = np.zeros((5, 3))
@@ -53,29 +46,28 @@ def rope(breaking_load):
     return line | {"run": {"dt": 0.01, "duration": 0.02}}
 
 
-def test_a_line_beyond_its_breaking_load_at_rest_is_remarked(tmp_path, printed):
+def test_a_line_beyond_its_breaking_load_at_rest_is_remarked(printed, file_of):
     """It carries 196.2 N."""
     weak = load_scene(rope(190.0))
     assert any("196.2 N at rest, above its breaking load of 190 N" in w for w in dj.simulate(weak).warnings)
     assert not any("breaking load" in w for w in dj.simulate(rope(200.0)).warnings)
-    toml = tmp_path / "scene.toml"
-    toml.write_text(as_toml(weak.to_dict()), encoding="utf-8")
-    shown = printed(["equilibrium", str(toml), "--json"])
+    shown = printed(["equilibrium", file_of(weak), "--json"])
     assert "above its breaking load" in json.loads(shown.out)["warnings"][0]
     assert "warning: rope" in shown.err
+
+
+RISING = {"time": [0.0, 0.5, 1.0], "displacement": [[0.0, 0.0, 0.0], [0.4, 0.3, 0.0], [0.8, 0.6, 0.0]]}
+SINE = {"amplitude": [0.5, 0.0, 0.0], "period": 5.0}
 
 
 @pytest.mark.parametrize(
     ("motion", "speed"),
     [
-        ({"amplitude": [0.5, 0.0, 0.0], "period": 5.0}, "0.628 m/s"),
-        ({"time": [0.0, 0.5, 1.0], "displacement": [[0.0, 0.0, 0.0], [0.4, 0.3, 0.0], [0.8, 0.6, 0.0]]}, "1 m/s"),
-        ({"amplitude": [0.5, 0.0, 0.0], "period": 5.0, "ramp": 5.0}, None),
-        ({"time": [0.0, 0.5, 1.0], "displacement": [[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.8, 0.6, 0.0]]}, None),
-        (
-            {"time": [0.0, 0.5, 1.0], "displacement": [[0.0, 0.0, 0.0], [0.4, 0.3, 0.0], [0.8, 0.6, 0.0]], "ramp": 1.0},
-            None,
-        ),
+        (SINE, "0.628 m/s"),
+        (RISING, "1 m/s"),
+        (SINE | {"ramp": 5.0}, None),
+        (RISING | {"displacement": [[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.8, 0.6, 0.0]]}, None),
+        (RISING | {"ramp": 1.0}, None),
     ],
 )
 def test_an_end_that_starts_at_once_over_a_bed_with_friction_is_warned_of(motion, speed):
@@ -86,7 +78,7 @@ def test_an_end_that_starts_at_once_over_a_bed_with_friction_is_warned_of(motion
 
 
 def test_without_friction_on_the_bed_nothing_is_said():
-    scene = moored(amplitude=[0.5, 0.0, 0.0], period=5.0)
+    scene = moored(**SINE)
     del scene["effects"]["seabed_friction"]
     assert not list(motion_warnings(load_scene(scene)))
 
@@ -100,13 +92,8 @@ def test_a_start_whose_shock_is_small_beside_friction_is_not_warned_of(speed, wa
 
 @pytest.mark.parametrize(("reach", "words"), [(20.5, None), (23.0, "stretched by 15%"), (41.0, "torn")])
 def test_a_line_that_is_much_too_short_is_warned_of_or_refused(reach, words):
-    line = {"name": "rope", "from": "a", "to": "b", "links": 2, "length": 10.0, "mass": 10.0}
-    scene = {
-        "run": {"dt": 0.01, "duration": 0.02},
-        "point": [{"name": "a", "position": [0.0, 0.0, 0.0]}, {"name": "b", "position": [reach, 0.0, 0.0]}],
-        "line": [line | {"nodes": "shared", "axial": {"law": "rope", "EA": 1e6}}],
-        "effects": {"weight": {}},
-    }
+    line = line_of("rope", "a", "b", 2, 10.0, mass=10.0, nodes="shared", axial={"law": "rope", "EA": 1e6})
+    scene = scene_of({"a": [0.0, 0.0, 0.0], "b": [reach, 0.0, 0.0]}, line)
     if words == "torn":
         with pytest.raises(SceneError, match=r"line 'rope': is stretched by 105% at rest, more than 50%"):
             dj.simulate(scene)
@@ -117,17 +104,14 @@ def test_a_line_that_is_much_too_short_is_warned_of_or_refused(reach, words):
 
 def sock(links, length=30.0):
     """A mussel sock between two points 10 m apart, in a current across it."""
-    kind = {"name": "sock", "mass": 19.1, "diameter": 0.15, "EA": 1e6, "cdn": 1.3, "cdt": 0.05}
-    return load_scene(
-        {
-            "run": {"dt": 0.05, "duration": 1.0},
-            "line_type": [kind],
-            "point": [{"name": "a", "position": [0.0, 0.0, -5.0]}, {"name": "b", "position": [10.0, 0.0, -5.0]}],
-            "line": [{"name": "sock", "from": "a", "to": "b", "type": "sock", "length": length, "links": links}],
-            "sea": {"depth": 50.0, "current": {"kind": "uniform", "speed": 0.5, "direction": 1.5}},
-            "effects": {"weight": {}, "buoyancy": {}, "morison_drag": {}},
-        }
+    table = scene_of(
+        {"a": [0.0, 0.0, -5.0], "b": [10.0, 0.0, -5.0]},
+        line_of("sock", "a", "b", links, length, type="sock"),
+        line_type=[{"name": "sock", "mass": 19.1, "diameter": 0.15, "EA": 1e6, "cdn": 1.3, "cdt": 0.05}],
+        sea={"depth": 50.0, "current": {"kind": "uniform", "speed": 0.5, "direction": 1.5}},
+        effects={"weight": {}, "buoyancy": {}, "morison_drag": {}},
     )
+    return load_scene(table)
 
 
 def test_links_that_are_too_few_for_the_forces_at_the_ends_are_warned_of():
@@ -153,25 +137,14 @@ def test_a_sag_of_three_links_is_warned_of(links, sag, warned):
 
 def bent_rope(law):
     """A line with bending stiffness that stands on a clamp."""
-    return {
-        "run": {"accuracy": 0.01, "duration": 0.3},
-        "point": [
-            {"name": "wall", "position": [0.0, 0.0, 0.0]},
-            {"name": "tip", "kind": "free", "position": [0.5, 0.0, 0.5]},
-        ],
-        "line": [
-            {
-                **{"name": "rod", "from": "wall", "to": "tip", "links": 4, "length": 0.2, "mass": 0.1},
-                "axial": {"law": law, "EA": 1e5, "damping": 100.0},
-            }
-        ],
-        "start": {"kind": "angles", "polar": [3.0] * 4},
-        "effects": {
-            "weight": {},
-            "linear_damping": {"b_l": 0.1},
-            "bending": {"EI": 20.0, "clamped": ["wall"], "directions": [[0.0, 0.0, 1.0]]},
-        },
-    }
+    bending = {"EI": 20.0, "clamped": ["wall"], "directions": [[0.0, 0.0, 1.0]]}
+    return scene_of(
+        {"wall": [0.0, 0.0, 0.0], "tip": free([0.5, 0.0, 0.5])},
+        line_of("rod", "wall", "tip", 4, 0.2, mass=0.1, axial={"law": law, "EA": 1e5, "damping": 100.0}),
+        run={"accuracy": 0.01, "duration": 0.3},
+        start={"kind": "angles", "polar": [3.0] * 4},
+        effects={"weight": {}, "linear_damping": {"b_l": 0.1}, "bending": bending},
+    )
 
 
 @pytest.mark.parametrize(("law", "warned"), [("rope", True), ("elastic", False)])

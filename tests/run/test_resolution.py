@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from hard_scenes import free, line_of, scene_of
 
 import dropper_jax as dj
 from dropper_jax.run.resolution import MOST_WARNINGS, limit_warnings, with_quality_checks, without_push
@@ -103,16 +104,13 @@ def test_a_farm_names_its_worst_lines_and_counts_the_others():
 
 def hoisted(amplitude):
     """500 kg on 20 m of rope whose top heaves every 3 s."""
-    rope = {"law": "rope", "EA": 1e6}
-    places = [{"name": "top", "position": [0.0, 0.0, 0.0]}, {"name": "mass", "kind": "free", "position": [0, 0, -20.0]}]
-    line = {"name": "rope", "from": "top", "to": "mass", "links": 1, "length": 20.0, "mass": 500.0, "axial": rope}
     motion = {"point": "top", "amplitude": [0.0, 0.0, amplitude], "period": 3.0, "ramp": 3.0}
-    return {
-        "run": {"dt": 0.005, "duration": 9.0},
-        "point": places,
-        "line": [line],
-        "effects": {"weight": {}, "end_motion": motion},
-    }
+    return scene_of(
+        {"top": [0.0, 0.0, 0.0], "mass": free([0, 0, -20.0])},
+        line_of("rope", "top", "mass", 1, 20.0, mass=500.0, axial={"law": "rope", "EA": 1e6}),
+        run={"dt": 0.005, "duration": 9.0},
+        effects={"weight": {}, "end_motion": motion},
+    )
 
 
 def test_a_line_that_snatches_is_reported_as_chaotic_and_one_that_stays_taut_is_not():

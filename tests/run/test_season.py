@@ -5,6 +5,7 @@ import dataclasses
 import jax
 import numpy as np
 import pytest
+from hard_scenes import free, line_of, scene_of
 
 import dropper_jax as dj
 from dropper_jax import build_model, report_run
@@ -24,25 +25,20 @@ GROWTH = {
 
 
 def scene(**growth):
-    points = [{"name": f"top-{i}", "position": [3.0 * i, 0.0, -2.0]} for i in range(3)]
-    points += [
-        {"name": f"end-{i}", "kind": "free", "position": [3.0 * i, 0.0, -6.0], "mass": 30.0, "volume": 0.01}
-        for i in range(3)
-    ]
-    names = ("dropper-1", "dropper-2", "mooring")
-    lines = [
-        {"name": name, "from": f"top-{i}", "to": f"end-{i}", "type": "rope", "length": 4.0, "links": 4}
-        for i, name in enumerate(names)
-    ]
-    return {
-        "run": {"dt": 0.05, "duration": 2.0},
-        "sea": {"depth": 20.0, "waves": {"kind": "regular", "amplitude": 0.5, "period": 6.0}},
-        "line_type": [ROPE],
-        "point": points,
-        "line": lines,
-        "effects": {"weight": {}, "buoyancy": {}, "morison_drag": {"cdn": 1.2}},
-        "growth": {**GROWTH, **growth},
-    }
+    points, lines = {}, []
+    for i, name in enumerate(("dropper-1", "dropper-2", "mooring")):
+        points[f"top-{i}"] = [3.0 * i, 0.0, -2.0]
+        points[f"end-{i}"] = free([3.0 * i, 0.0, -6.0], mass=30.0, volume=0.01)
+        lines.append(line_of(name, f"top-{i}", f"end-{i}", 4, 4.0, type="rope"))
+    return scene_of(
+        points,
+        *lines,
+        run={"dt": 0.05, "duration": 2.0},
+        sea={"depth": 20.0, "waves": {"kind": "regular", "amplitude": 0.5, "period": 6.0}},
+        line_type=[ROPE],
+        effects={"weight": {}, "buoyancy": {}, "morison_drag": {"cdn": 1.2}},
+        growth={**GROWTH, **growth},
+    )
 
 
 #: Depth of the middles of the links, which hang straight down, to the stretch of the rope.

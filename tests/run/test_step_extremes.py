@@ -4,27 +4,23 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hard_scenes import free, line_of, scene_of
 
 import dropper_jax as dj
 from dropper_jax.cli.run_text import text, with_gaps
 from dropper_jax.report.build import report_run
 from dropper_jax.report.cells import largest_table
-from dropper_jax.run.step_extremes import STEP_EXTREMES
 from dropper_jax.run.step_facts import step_facts
+from dropper_jax.run.variables import STEP_EXTREMES
 
 #: A rope that goes slack and snaps taut under its moved end, and its load.
-ROPE = {
-    "run": {"dt": 0.005, "duration": 0.8},
-    "point": [{"name": "top", "position": [0.0, 0.0, 0.0]}, {"name": "load", "position": [0.85, 0, 0], "kind": "free"}],
-    "line": [
-        {
-            **{"name": "rope", "from": "top", "to": "load", "links": 3, "length": 0.3, "mass": 0.5, "nodes": "shared"},
-            "axial": {"law": "rope", "EA": 2000.0, "damping": 5.0},
-        }
-    ],
-    "effects": {"weight": {}, "end_motion": {"point": "top", "amplitude": [0.05, 0.0, 0.0], "period": 0.5}},
-    "start": {"kind": "points"},
-}
+ROPE = scene_of(
+    {"top": [0.0, 0.0, 0.0], "load": free([0.85, 0, 0])},
+    line_of("rope", "top", "load", 3, 0.3, mass=0.5, nodes="shared", axial={"law": "rope", "EA": 2e3, "damping": 5.0}),
+    run={"dt": 0.005, "duration": 0.8},
+    effects={"weight": {}, "end_motion": {"point": "top", "amplitude": [0.05, 0.0, 0.0], "period": 0.5}},
+    start={"kind": "points"},
+)
 #: What a companion states.
 STATED = {"companion": "a run with steps of 0.01 s", "lines": [], "positions": 0.01, "chaotic_from_s": None}
 PENDULUM = "conical-pendulum-damped"

@@ -3,19 +3,9 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from hard_scenes import hung_line
+from hard_scenes import free, hung_line, line_of, scene_of
 
-from dropper_jax import (
-    Line,
-    Model,
-    Point,
-    SceneError,
-    build_model,
-    equilibrium,
-    load_scene,
-    simulate,
-    state,
-)
+from dropper_jax import Line, Model, Point, SceneError, build_model, equilibrium, load_scene, simulate, state
 from dropper_jax.axial import Rope
 from dropper_jax.effects import LinearDamping, Weight
 from dropper_jax.model import Graph, Member
@@ -29,12 +19,8 @@ def net(members: tuple[Member, ...], held: tuple[bool, ...], places: list) -> tu
     rng = np.random.default_rng(1)
     graph = Graph(members, held)
     n = graph.links
-    line = Line(
-        length=np.ones(n),
-        mass=0.5 + rng.random(n),
-        axial=Rope(EA=np.full(n, 1e4), damping=np.full(n, 10.0)),
-        geometry=graph,
-    )
+    rope = Rope(EA=np.full(n, 1e4), damping=np.full(n, 10.0))
+    line = Line(length=np.ones(n), mass=0.5 + rng.random(n), axial=rope, geometry=graph)
     points = [
         Point(position=np.array(p, float), name=str(i), kind="fixed" if h else "free")
         for i, (p, h) in enumerate(zip(places, held, strict=True))
@@ -45,14 +31,8 @@ def net(members: tuple[Member, ...], held: tuple[bool, ...], places: list) -> tu
 
 def star() -> tuple[Model, np.random.Generator]:
     """Three held points, two free ones, a cycle, a line of one link, lines of unequal lengths."""
-    members = (
-        Member("a", 5, 0, 3),
-        Member("b", 3, 3, 1),
-        Member("c", 1, 3, 4),
-        Member("d", 4, 4, 2),
-        Member("e", 2, 3, 4),
-    )
-    return net(members, (True, True, True, False, False), PLACES)
+    members = [("a", 5, 0, 3), ("b", 3, 3, 1), ("c", 1, 3, 4), ("d", 4, 4, 2), ("e", 2, 3, 4)]
+    return net(tuple(Member(*one) for one in members), (True, True, True, False, False), PLACES)
 
 
 def ladder(rungs: int) -> tuple[Model, np.random.Generator]:
@@ -73,20 +53,14 @@ def test_network_solve_and_its_transpose_are_those_of_the_dense_jacobian(network
 
 
 CHAIN = {"name": "chain", "mass": 10.91, "diameter": 0.042, "EA": 48.884e6, "damping_ratio": 0.1}
-HANGING = {
-    "run": {"dt": 0.02, "duration": 1.0},
-    "line_type": [CHAIN],
-    "point": [
-        {"name": "a", "position": [0.0, 0.0, 0.0]},
-        {"name": "joint", "kind": "free", "position": [10.0, 0.0, -1.0], "mass": 100.0},
-        {"name": "b", "position": [20.0, 0.0, 0.0]},
-    ],
-    "line": [
-        {"name": "left", "from": "a", "to": "joint", "type": "chain", "length": 12.0, "links": 6},
-        {"name": "right", "from": "joint", "to": "b", "type": "chain", "length": 12.0, "links": 6},
-    ],
-    "effects": {"weight": {}},
-}
+HANGING = scene_of(
+    {"a": [0.0, 0.0, 0.0], "joint": free([10.0, 0.0, -1.0], mass=100.0), "b": [20.0, 0.0, 0.0]},
+    line_of("left", "a", "joint", 6, 12.0, type="chain"),
+    line_of("right", "joint", "b", 6, 12.0, type="chain"),
+    run={"dt": 0.02, "duration": 1.0},
+    line_type=[CHAIN],
+)
+ROPE = {"name": "rope", "mass": 1.0, "diameter": 0.05, "EA": 1e5}
 
 
 def test_a_clump_weight_between_two_equal_lines_is_held_by_half_the_total_weight_at_each_end():
@@ -113,48 +87,28 @@ def test_lines_of_a_system_are_found_in_the_solution():
 
 
 def test_held_points_are_pulled_along_the_links_that_end_there():
-    rope = {"name": "rope", "mass": 1.0, "diameter": 0.05, "EA": 1e5}
-    kind = {"type": "rope", "length": 10.0, "links": 2}
-    scene = load_scene(
-        {
-            "run": {"dt": 0.01, "duration": 0.1},
-            "line_type": [rope],
-            "point": [
-                {"name": "a", "position": [0.0, 0.0, 0.0]},
-                {"name": "free", "kind": "free", "position": [6.0, 0.0, -8.0]},
-                {"name": "b", "position": [12.0, 0.0, 0.0]},
-            ],
-            "line": [
-                {**kind, "name": "left", "from": "a", "to": "free"},
-                {**kind, "name": "right", "from": "b", "to": "free"},
-            ],
-            "effects": {"weight": {}},
-        }
+    table = scene_of(
+        {"a": [0.0, 0.0, 0.0], "free": free([6.0, 0.0, -8.0]), "b": [12.0, 0.0, 0.0]},
+        line_of("left", "a", "free", 2, 10.0, type="rope"),
+        line_of("right", "b", "free", 2, 10.0, type="rope"),
+        line_type=[ROPE],
     )
+    scene = load_scene(table)
     nodes = np.array([[0, 0, 0], [3, 0, -4], [6, 0, -8], [12, 0, 0], [12, 0, -5], [6, 0, -8]], float)
     found = fixed_point_loads(scene, nodes, np.array([50.0, 40.0, 70.0, 60.0]))
     assert found.keys() == {"a", "b"}
     half_link = 9.81 * 1.0 * 2.5
     np.testing.assert_allclose(found["a"], [30.0, 0.0, -40.0 - half_link])
     np.testing.assert_allclose(found["b"], [0.0, 0.0, -70.0 - half_link])
-    assert [(row["name"], row["first_node"], row["first_link"]) for row in line_offsets(scene)] == [
-        ("left", 0, 0),
-        ("right", 3, 2),
-    ]
+    offsets = [(row["name"], row["first_node"], row["first_link"]) for row in line_offsets(scene)]
+    assert offsets == [("left", 0, 0), ("right", 3, 2)]
 
 
 def test_points_of_a_vessel_move_together():
-    rope = {"name": "rope", "mass": 1.0, "diameter": 0.05, "EA": 1e5}
     places = {"anchor": [0.0, 0.0, -10.0], "bow": [9.0, 1.0, 0.0], "stern": [9.0, -1.0, 0.0]}
-    kind = {"from": "anchor", "type": "rope", "length": 14.0, "links": 2}
     motion = {"point": "bow", "also": ["stern"], "amplitude": [1.0, 0.0, 0.5], "period": 8.0}
-    table = {
-        "run": {"dt": 0.01, "duration": 0.1},
-        "line_type": [rope],
-        "point": [{"name": name, "position": place} for name, place in places.items()],
-        "line": [{**kind, "name": name, "to": name} for name in ("bow", "stern")],
-        "effects": {"weight": {}, "end_motion": motion},
-    }
+    lines = [line_of(name, "anchor", name, 2, 14.0, type="rope") for name in ("bow", "stern")]
+    table = scene_of(places, *lines, line_type=[ROPE], effects={"weight": {}, "end_motion": motion})
     scene = load_scene(table)
     assert load_scene(scene.to_dict()) == scene
     ends = build_model(scene).ends(2.0)

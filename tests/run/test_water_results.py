@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from hard_scenes import free, line_of, scene_of
 from PIL import Image
 
 import dropper_jax as dj
@@ -10,13 +11,16 @@ from dropper_jax.run.growth import overgrown
 from dropper_jax.scene import grown
 from dropper_jax.study.flow_regime import regime
 
-SCENE = {
-    "run": {"dt": 0.05, "duration": 4.0},
-    "point": [{"name": "a", "position": [0, 0, -2.0]}, {"name": "b", "kind": "free", "position": [0, 0, -6.0]}],
-    "line": [{"name": "l", "from": "a", "to": "b", "links": 4, "length": 1.0, "mass": 2.0, "diameter": 0.04}],
-    "effects": {"weight": {}, "buoyancy": {}, "morison_drag": {"cdn": 1.2}},
-    "sea": {"depth": 20.0, "waves": {"kind": "regular", "amplitude": 0.5, "period": 6.0}},
-}
+SCENE = scene_of(
+    {"a": [0, 0, -2.0], "b": free([0, 0, -6.0])},
+    line_of("l", "a", "b", 4, 1.0, mass=2.0, diameter=0.04),
+    run={"dt": 0.05, "duration": 4.0},
+    effects={"weight": {}, "buoyancy": {}, "morison_drag": {"cdn": 1.2}},
+    sea={"depth": 20.0, "waves": {"kind": "regular", "amplitude": 0.5, "period": 6.0}},
+)
+
+
+GROWTH = {"depth": [2, 6], "thickness": [0.05, 0.01], "density": 1300}
 
 
 @pytest.fixture(scope="module")
@@ -34,8 +38,7 @@ def test_growth_from_a_bare_rope_gives_mass_diameter_and_wet_weight():
 
 @pytest.mark.slow
 def test_growth_over_depth_is_taken_where_the_links_hang():
-    growth = {"depth": [2, 6], "thickness": [0.05, 0.01], "density": 1300}
-    keyed = {**SCENE, "line": [{**SCENE["line"][0], "growth": growth}]}
+    keyed = {**SCENE, "line": [{**SCENE["line"][0], "growth": GROWTH}]}
     bare = dj.load_scene(keyed)
     scene = overgrown(bare)
     # the links' middles hang at 2.5, 3.5, 4.5 and 5.5 m
@@ -47,18 +50,20 @@ def test_growth_over_depth_is_taken_where_the_links_hang():
     assert bare.lines[0].mass[0] == 2.0  # the scene keeps the bare rope
     assert dj.load_scene(bare.to_dict()) == bare
     with pytest.raises(dj.SceneError, match="growth.depth"):
-        overgrown(dj.load_scene({**SCENE, "line": [{**SCENE["line"][0], "growth": {**growth, "depth": [6, 2]}}]}))
+        overgrown(dj.load_scene({**SCENE, "line": [{**SCENE["line"][0], "growth": {**GROWTH, "depth": [6, 2]}}]}))
 
 
 def test_growth_on_one_line_of_a_system_weighs_on_that_line_alone():
-    points = [{"name": n, "position": [x, 0, -2.0]} for n, x in (("a", 0.0), ("c", 5.0))]
-    points += [{"name": n, "kind": "free", "position": [x, 0, -6.0], "mass": 50.0} for n, x in (("b", 0.0), ("d", 5.0))]
-    kind = {"name": "rope", "mass": 2.0, "diameter": 0.04, "EA": 1e9}
-    line = {"type": "rope", "length": 4.0, "links": 4}
-    growth = {"depth": [2, 6], "thickness": [0.05, 0.01], "density": 1300}
-    lines = [{"name": "bare", "from": "a", "to": "b", **line}]
-    lines += [{"name": "grown", "from": "c", "to": "d", **line, "growth": growth}]
-    scene = {**SCENE, "line_type": [kind], "point": points, "line": lines, "effects": {"weight": {}, "buoyancy": {}}}
+    points = {"a": [0, 0, -2.0], "c": [5.0, 0, -2.0]}
+    points |= {"b": free([0, 0, -6.0], mass=50.0), "d": free([5.0, 0, -6.0], mass=50.0)}
+    scene = scene_of(
+        points,
+        line_of("bare", "a", "b", 4, 4.0, type="rope"),
+        line_of("grown", "c", "d", 4, 4.0, type="rope", growth=GROWTH),
+        sea=SCENE["sea"],
+        line_type=[{"name": "rope", "mass": 2.0, "diameter": 0.04, "EA": 1e9}],
+        effects={"weight": {}, "buoyancy": {}},
+    )
     loaded = dj.load_scene(scene)
     assert dj.load_scene(loaded.to_dict()) == loaded
     pose = dj.equilibrium(loaded)
@@ -78,19 +83,13 @@ def test_growth_on_one_line_of_a_system_weighs_on_that_line_alone():
         ({"thickness": [0.05, -0.01]}, "line.0.growth.thickness"),
         ({"density": [1.0, 2.0, 3.0]}, "line.0.growth.density"),
         ({"densty": 1.0}, "line.0.growth.densty"),
+        ({}, "has no .sea."),
     ],
 )
-def test_growth_that_makes_no_sense_is_refused_by_its_path(change, message):
-    growth = {"depth": [2, 6], "thickness": [0.05, 0.01], "density": 1300, **change}
+def test_growth_that_makes_no_sense_or_is_out_of_the_water_is_refused(change, message):
+    scene = SCENE if change else {key: SCENE[key] for key in ("run", "point")} | {"effects": {"weight": {}}}
     with pytest.raises(dj.SceneError, match=message):
-        dj.load_scene({**SCENE, "line": [{**SCENE["line"][0], "growth": growth}]})
-
-
-def test_growth_out_of_the_water_is_refused():
-    growth = {"depth": [0], "thickness": [0.05], "density": 1300}
-    line = {**SCENE["line"][0], "growth": growth}
-    with pytest.raises(dj.SceneError, match="has no .sea."):
-        dj.load_scene({**{k: v for k, v in SCENE.items() if k != "sea"}, "line": [line], "effects": {"weight": {}}})
+        dj.load_scene({**scene, "line": [{**SCENE["line"][0], "growth": {**GROWTH, **change}}]})
 
 
 def test_the_flow_regime_is_bounded_by_the_fastest_water(solution):
@@ -125,22 +124,15 @@ def test_the_animation_shows_the_surface_rise_and_fall(solution, tmp_path):
 
 def test_flow_across_a_system_is_that_of_its_own_links(made):
     # two lines along the current, one above the other: no flow across either, but across a link between them
-    line = {
-        "links": 2,
-        "length": 5.0,
-        "mass": 1.0,
-        "diameter": 0.1,
-        "nodes": "shared",
-        "axial": {"law": "rope", "EA": 1e6},
-    }
-    ends = [("a", 0, -5, "fixed"), ("b", 10, -5, "free"), ("c", 0, -9, "fixed"), ("d", 10, -9, "free")]
-    scene = {
-        "run": {"dt": 0.1, "duration": 1.0},
-        "point": [{"name": n, "position": [float(x), 0.0, float(z)], "kind": k} for n, x, z, k in ends],
-        "line": [{"name": "upper", "from": "a", "to": "b"} | line, {"name": "lower", "from": "c", "to": "d"} | line],
-        "effects": {"weight": {}, "buoyancy": {}, "morison_drag": {"cdn": 1.0}},
-        "sea": {"depth": 20.0, "current": {"speed": 1.0}},
-    }
+    line = {"mass": 1.0, "diameter": 0.1, "nodes": "shared", "axial": {"law": "rope", "EA": 1e6}}
+    points = {"a": [0.0, 0.0, -5.0], "b": free([10.0, 0.0, -5.0]), "c": [0.0, 0.0, -9.0], "d": free([10.0, 0.0, -9.0])}
+    scene = scene_of(
+        points,
+        line_of("upper", "a", "b", 2, 5.0, **line),
+        line_of("lower", "c", "d", 2, 5.0, **line),
+        effects={"weight": {}, "buoyancy": {}, "morison_drag": {"cdn": 1.0}},
+        sea={"depth": 20.0, "current": {"speed": 1.0}},
+    )
     still = np.array([[x, 0.0, z] for z in (-5.0, -9.0) for x in (0.0, 5.0, 10.0)])
     found = regime(made(scene, np.tile(still, (3, 1, 1)), np.ones((3, 4))))
     assert found["relative_speed_m_per_s"] == pytest.approx(0.0, abs=1e-12)

@@ -2,28 +2,28 @@
 
 import numpy as np
 import pytest
+from hard_scenes import line_of, scene_of
 from scipy.optimize import brentq
 
 import dropper_jax as dj
-from dropper_jax import as_toml, report_run
+from dropper_jax import report_run
 from dropper_jax.cli import main
 from dropper_jax.run.line_weights import end_forces, floating_warnings, line_weights
 
 SPAN, LENGTH, MASS = 30.0, 40.0, 8.0
+WATER = {"weight": {}, "buoyancy": {}, "morison_drag": {}}
 
 
 def hanging(links=8, mass=MASS, diameter=0.06, name="rope", **more):
     """A line by the metre between two points at one height, in water."""
     kind = {"name": "kind", "mass": mass, "diameter": diameter, "EA": 1e9, "cdn": 1.2, "cdt": 0.0}
-    return {
-        "run": {"dt": 0.05, "duration": 0.2},
-        "line_type": [kind],
-        "point": [{"name": "a", "position": [0.0, 0.0, -2.0]}, {"name": "b", "position": [SPAN, 0.0, -2.0]}],
-        "line": [{"name": name, "from": "a", "to": "b", "type": "kind", "length": LENGTH, "links": links}],
-        "sea": {"depth": 50.0, "density": 1000.0},
-        "effects": {"weight": {}, "buoyancy": {}, "morison_drag": {}},
-        **more,
-    }
+    return scene_of(
+        {"a": [0.0, 0.0, -2.0], "b": [SPAN, 0.0, -2.0]},
+        line_of(name, "a", "b", links, LENGTH, type="kind"),
+        run={"dt": 0.05, "duration": 0.2},
+        line_type=[kind],
+        **{"sea": {"depth": 50.0, "density": 1000.0}, "effects": WATER, **more},
+    )
 
 
 @pytest.fixture(scope="module")
@@ -50,10 +50,9 @@ def test_end_forces_of_a_coarse_line_are_those_of_the_catenary_and_link_tensions
 def test_the_bed_carries_the_half_link_beside_an_anchor_that_is_not_lifted():
     """A catenary that ends on a smooth bed: its horizontal tension a w is all that the anchor feels."""
     depth, span, length = 20.0, 40.0, 56.0
-    scene = hanging(links=16)
+    scene = hanging(links=16, effects=WATER | {"seabed": {"stiffness": 1e6}}, sea={"depth": depth, "density": 1000.0})
     scene["point"][0]["position"], scene["point"][1]["position"] = [0.0, 0.0, -depth], [span, 0.0, 0.0]
-    scene["line"][0]["length"], scene["sea"]["depth"] = length, depth
-    scene["effects"]["seabed"] = {"stiffness": 1e6}
+    scene["line"][0]["length"] = length
     weight = 9.81 * (MASS - 1000.0 * np.pi / 4 * 0.06**2)
 
     def too_long(a):
@@ -68,14 +67,10 @@ def test_the_bed_carries_the_half_link_beside_an_anchor_that_is_not_lifted():
 
 
 def test_ends_of_a_line_by_the_link_have_the_weight_that_its_nodes_carry():
-    scene = hanging()
     weight = 9.81 * MASS * 5.0
-    link = {"name": "rope", "from": "a", "to": "b", "links": 8, "length": 5.0, "mass": MASS * 5.0}
-    scene["line"], scene["line_type"] = [link | {"axial": {"law": "rope", "EA": 1e9}}], []
-    del scene["sea"]
-    scene["effects"] = {"weight": {}}
+    link = line_of("rope", "a", "b", 8, 5.0, mass=MASS * 5.0, axial={"law": "rope", "EA": 1e9})
     for nodes in ("far", "shared"):
-        scene["line"][0]["nodes"] = nodes
+        scene = scene_of({"a": [0.0, 0.0, -2.0], "b": [SPAN, 0.0, -2.0]}, link | {"nodes": nodes})
         pose = dj.equilibrium(scene)
         across = pose.tension[0] * (pose.positions[1, 0] - pose.positions[0, 0]) / 5.0
         first, last = end_forces(dj.load_scene(scene), pose.positions[None], pose.tension[None])["rope"][0]
@@ -83,24 +78,23 @@ def test_ends_of_a_line_by_the_link_have_the_weight_that_its_nodes_carry():
         assert sum(up) == pytest.approx(8 * weight, rel=1e-6)  # both ends carry the whole line
 
 
-def test_commands_print_forces_on_end_points_beside_link_tensions(tmp_path, capsys, json_of):
-    file = tmp_path / "scene.toml"
-    file.write_text(as_toml(hanging()))
-    found = json_of(["equilibrium", str(file), "--json"])
+def test_commands_print_forces_on_end_points_beside_link_tensions(tmp_path, capsys, json_of, file_of):
+    file = file_of(hanging())
+    found = json_of(["equilibrium", file, "--json"])
     assert found["end_forces_n"]["rope"]["first"] > 1.02 * found["tension_n"][0]
     nodes = np.array(found["positions_m"])
     along = nodes[1] - nodes[0]
     angle = np.degrees(np.arctan2(along[2], np.hypot(*along[:2])))
     assert found["end_angles_deg"]["rope"]["first"] == pytest.approx(angle)
     assert len(found["curvature_per_m"]) == len(nodes)
-    assert main(["equilibrium", str(file), "--plot", str(tmp_path / "pictures")]) == 0
+    assert main(["equilibrium", file, "--plot", str(tmp_path / "pictures")]) == 0
     assert (tmp_path / "pictures" / "along.png").stat().st_size > 5000
     text = capsys.readouterr().out
     assert "angle up [deg]" in text
     assert "force on first point [N]" in text
     assert "weight in water [N/m]" in text
     vary = ["--vary", "line.rope.length=38:45", "--target", "tension.rope.first", "--value", "1075"]
-    found = json_of(["design", str(file), *vary, "--json"])
+    found = json_of(["design", file, *vary, "--json"])
     assert found["end_forces_n"][0] > 1.01 * found["reached"]
     assert len(found["end_angles_deg"]) == 2
 

@@ -22,6 +22,7 @@ from fitting.calibration.lost_windows import FIRST, with_sound_windows
 from fitting.calibration.preparation import AUTOMATIC, FitSettings, Prepared, TracesLike, prepare
 from fitting.calibration.result import FitResult
 from fitting.calibration.short_windows import SUSPECT, name_wrong_file
+from fitting.calibration.spans import Interval
 from fitting.calibration.summarise import summarise
 from fitting.estimate.loss import LEAST_SQUARES, Loss, as_loss
 from fitting.estimate.residuals import Solution
@@ -42,7 +43,7 @@ def fit(
     bounds: Bounds | None = None,
     priors: Priors | None = None,
     until: float | None = None,
-    held_out: Sequence[tuple[float, float]] = (),
+    held_out: Sequence[Interval] = (),
     settings: FitSettings = AUTOMATIC,
     progress: Progress = silent,
 ) -> FitResult:

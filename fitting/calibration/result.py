@@ -15,7 +15,8 @@ from fitting.calibration.decision import verdict
 from fitting.calibration.disagreement import Disagreement
 from fitting.calibration.law_fits import Law
 from fitting.calibration.laws import DRAG, LawTest, LawTests, freeing_option
-from fitting.calibration.preparation import Prepared
+from fitting.calibration.preparation import Prepared, program_space
+from fitting.calibration.spans import Interval
 from fitting.estimate.least_squares import fit_windows
 from fitting.estimate.noise import Noise, mean_by_run
 from fitting.estimate.normal_equations import Evaluation
@@ -27,7 +28,7 @@ from fitting.traces.trace import Trace
 
 
 def score_held_out(
-    prepared: Prepared, values: np.ndarray, span: tuple[float, float], runs: Sequence[int] | None = None
+    prepared: Prepared, values: np.ndarray, span: Interval, runs: Sequence[int] | None = None
 ) -> HeldOut:
     """RMS angle error [rad] on a span of some runs, by default of all; starts are fitted on the span's own angles, the
     parameters are fixed."""
@@ -52,7 +53,7 @@ def direction_text(direction: Mapping[str, float]) -> str:
 HELD_GROWTH = 6.0
 
 
-def window_length(prepared: Prepared, span: tuple[float, float]) -> float:
+def window_length(prepared: Prepared, span: Interval) -> float:
     """Length [s] of the windows that score a span: equal parts, short enough for their starts to be found.
 
     Errors grow by at most exp(6) over each window. The growth rate is that of the scene along the measured motion, not
@@ -66,9 +67,10 @@ def _shape(prepared: Prepared) -> tuple[int, int]:
     """Steps and slots that suffice for the fit's windows and those of every held-out span."""
     windows = prepared.windows
     longest = max(window_length(prepared, span) for span in prepared.held_out)
-    steps = max(windows.steps, int(longest / windows.dt + 1e-6))
-    samples = int(longest / min(trace.interval for trace in prepared.traces) + 1.5)
-    return steps, max(windows.theta.shape[1], samples if steps > windows.steps else 0)
+    steps, slots = program_space(prepared.traces, longest, windows.dt)
+    if steps <= windows.steps:
+        return windows.steps, windows.theta.shape[1]
+    return steps, max(windows.theta.shape[1], slots)
 
 
 #: Maximum evaluations for the starts of held-out windows, at each part of them.

@@ -22,7 +22,7 @@ from dropper_jax.run.build import build
 from fitting.calibration.advice import Group, groups, joint_information, wide
 from fitting.calibration.candidate import Candidate
 from fitting.calibration.law_fits import OF_JOINTS, PARTS, scene_with_law, substeps_of, without_unused_parts
-from fitting.calibration.preparation import Prepared, fitted_parts
+from fitting.calibration.preparation import Prepared, fitted_parts, program_space
 from fitting.calibration.result import score_held_out, window_length
 from fitting.estimate.least_squares import fit_windows
 from fitting.estimate.loss import Loss
@@ -189,7 +189,10 @@ def free_groups(
     trials = Trials(replace(prepared, simulator=simulator), loss)
     if not (trials.spans and trials.used.any()):  # no windows to score, or none to fit
         return None
-    reserve_held_out(simulator, prepared, trials.spans)
+    # the programs also run the windows that score the stretches
+    longest = max(window_length(prepared, (low, high)) for _, low, high in trials.spans)
+    scored = program_space(prepared.traces, longest, prepared.windows.dt)
+    simulator.capacity = tuple(map(max, simulator.capacity, scored))
     trials.weigh(solution.errors, before.windows.weight, before.windows.run, memory_of(solution))
     progress(0.5, "testing what may be wrong: unchanged model")
     base = trials.fit(prepared.parameters, solution.values, pick(solution.starts, trials.used))
@@ -214,14 +217,6 @@ def free_groups(
         starts=with_rows(solution.starts, trials.used, best.starts),
     )
     return at, simulator, [_candidate(group, search.needed[group.name], best) for group in search.free]
-
-
-def reserve_held_out(simulator: Simulator, prepared: Prepared, spans: Sequence[Span]) -> None:
-    """Space for the windows that score these stretches in the programs of a simulator."""
-    longest = max(window_length(prepared, (low, high)) for _, low, high in spans)
-    frames = int(longest / min(trace.interval for trace in prepared.traces) + 1.5)
-    steps, slots = simulator.capacity
-    simulator.capacity = max(steps, int(longest / prepared.windows.dt + 1e-6)), max(slots, frames)
 
 
 class Search:

@@ -17,6 +17,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.model import Model
+from fitting.calibration.spans import Interval
 from fitting.parameters.names import DAMPING, free_option
 from fitting.traces.conventions import (
     Change,
@@ -160,7 +161,7 @@ def _closing_shifts(model: Model, theta: np.ndarray, at: Convention) -> Iterator
 SMOOTHER = 0.06
 
 
-def refuse_rising_energy(trace: Trace, model: Model, spans: Sequence[tuple[float, float]], period: float) -> None:
+def refuse_rising_energy(trace: Trace, model: Model, spans: Sequence[Interval], period: float) -> None:
     """Reject a trace whose energy rises: two runs in one file, or rows reversed in time.
 
     Args:

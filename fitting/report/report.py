@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from dropper_jax.base.files import atomic_write, folder_without
-from dropper_jax.base.markdown import bullets, markdown_table
+from dropper_jax.base.markdown import Rows, bullets, markdown_table
 from dropper_jax.base.toml_text import as_toml, literal
 from dropper_jax.plots import style
 from dropper_jax.run.build import build_model, equilibrium
@@ -182,7 +182,7 @@ def _modes(result: FitResult) -> str:
     return markdown_table([("mode", "period [s]", *swings), *rows])
 
 
-def part_rows(result: FitResult) -> list[tuple[str, ...]]:
+def part_rows(result: FitResult) -> Rows:
     """RMS angle error of head, middle and tail of every run, per link and in all."""
     links = result.windows.theta.shape[2]
     rows = [("run", "part", *(f"link {j + 1}" for j in range(links)), "all")]

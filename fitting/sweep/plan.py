@@ -46,6 +46,12 @@ QUANTITIES = {
     "excursion": ("m", "maximum distance of a node from its start position"),
     "energy_final": ("J", "kinetic and potential energy at the end"),
 }
+#: What else may be stored, with unit and meaning.
+TRACES = {"positions": ("m", "position of the free nodes"), "tension": ("N", "tension of the links")}
+#: What is always stored: a chunk with a status is complete.
+MARKS = {"failed_at": ("s", "time of the first failed step"), "status": ("1", "how the case ended")}
+#: Dimensions of the arrays besides the cases.
+DIMENSIONS = {"angle_max": ("link",), "positions": ("time", "node", "axis"), "tension": ("time", "link")}
 SEED = "sea.waves.seed"
 STATUS = ("ok", "not_converged", "non_finite", "invalid_input")
 FORMAT = 1
@@ -163,15 +169,19 @@ class Plan:
         """Number of free nodes of the largest case."""
         return max(model.free_nodes for model in self.models)
 
+    @property
+    def stored(self) -> dict[str, tuple[str, str]]:
+        """Unit and meaning of the arrays in the store, by name, the mark of a complete chunk last."""
+        named = {one.name: (one.unit, one.name) for one in self.named_quantities}
+        found = {name: (QUANTITIES | named)[name] for name in self.quantities}
+        if self.traces:
+            found |= TRACES
+        return found | MARKS
+
     def inner_shape(self, name: str) -> tuple[int, ...]:
         """Shape of the array of a case, with the links and nodes of the largest one."""
-        saves = self.scene.run.rows
-        shapes = {
-            "angle_max": (self.links,),
-            "positions": (saves, self.free_nodes, 3),
-            "tension": (saves, self.links),
-        }
-        return shapes.get(name, ())
+        sizes = {"time": self.scene.run.rows, "node": self.free_nodes, "link": self.links, "axis": 3}
+        return tuple(sizes[dimension] for dimension in DIMENSIONS.get(name, ()))
 
     def inputs(self, cases: np.ndarray) -> np.ndarray:
         """Values (cases, axes) of case numbers."""
@@ -317,13 +327,6 @@ def default_chunk(system: bool, cases: int) -> int:
     if jax.default_backend() == "cpu":  # cases of a system run one after another: larger chunks gain nothing
         return 1 if system else 64
     return min(cases, 256 if system else LARGEST_BATCH)
-
-
-def describe_quantity(plan: Plan, name: str) -> tuple[str, str]:
-    """Unit and meaning of a quantity of a plan."""
-    if name in QUANTITIES:
-        return QUANTITIES[name]
-    return next(one.unit for one in plan.named_quantities if one.name == name), name
 
 
 def _count_cases(counts: Mapping[str, int], quantities: int, listed: bool) -> int:

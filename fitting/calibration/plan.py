@@ -19,7 +19,7 @@ import numpy as np
 
 from dropper_jax.base.errors import Progress, SceneError, silent
 from dropper_jax.base.markdown import Rows, cells, text_row
-from dropper_jax.base.toml_text import Json, jsonable
+from dropper_jax.base.toml_text import Json
 from dropper_jax.load.scene import load_scene
 from dropper_jax.run.build import SceneLike
 from fitting.calibration.preparation import prepare
@@ -59,7 +59,7 @@ class Planned:
     def to_json(self) -> Json:
         """Plain values."""
         units = {"duration": "duration_s", "noise": "noise_rad"}
-        return jsonable({units.get(key, key): value for key, value in vars(self).items()})
+        return {units.get(key, key): value for key, value in vars(self).items()}
 
 
 def plan(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -23,6 +23,7 @@ from fitting.estimate.normal_equations import Evaluation
 from fitting.estimate.residuals import Problem, Solution
 from fitting.estimate.scene_fit import SceneFit
 from fitting.estimate.shooting import SCHEDULE
+from fitting.estimate.uncertainty import degrees_of_freedom
 from fitting.estimate.windows import Span, Windows, first_starts
 from fitting.traces.trace import Trace
 
@@ -92,6 +93,12 @@ def fit_starts(prepared: Prepared, windows: Windows, values: np.ndarray) -> Solu
         )
         starts = solution.starts
     return solution
+
+
+def chi2_per_dof(prepared: Prepared, solution: Solution) -> float:
+    """Chi-square per degree of freedom of a fit, relative to the noise that the traces claim."""
+    residual = solution.errors * prepared.windows.weight
+    return float(np.sum(solution.weights * residual**2)) / degrees_of_freedom(solution)
 
 
 #: chi-square per degree of freedom, and correlation of neighbouring residuals, above which a fit misses its trace.
@@ -303,23 +310,21 @@ class FitResult(SceneFit[Problem, Evaluation]):
             "shortest_window_s": float(self.windows.lengths.min()),
             "gap_weight": self.solution.gap_weight,
             "lyapunov_per_s": self.lyapunov,
-            "laws": [test.to_json() for test in self.laws.tests],
+            "laws": self.laws.tests,
             "noise": self.noise_table(),
         }
         if self.advice or self.freed:
-            found |= {key: [row.to_json() for row in getattr(self, key)] for key in ("advice", "freed")}
-        best = None
-        if self.has_errors:
-            best = self.best_combination
+            found |= {"advice": self.advice, "freed": self.freed}
+        left_out = []
+        for run, low, high in self.left_out:
+            left_out.append({"trace": self.traces[run].name, "from_s": low, "to_s": high})
         requested = {
             "descent": self.descent,
-            "comparison": [row.to_json() for row in self.comparison],
-            "recordings": [asdict(row) for row in self.recordings],
+            "comparison": self.comparison,
+            "recordings": self.recordings,
             "law": self.comparison and verdict(self.comparison),
-            "left_out": [
-                {"trace": self.traces[run].name, "from_s": low, "to_s": high} for run, low, high in self.left_out
-            ],
-            "best_determined": best and asdict(best),
+            "left_out": left_out,
+            "best_determined": self.best_combination if self.has_errors else None,
         }
         common = self.common_json(self.method, self.windows.dt / self.windows.substeps)
         return jsonable(common | found | {key: value for key, value in requested.items() if value})

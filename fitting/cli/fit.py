@@ -60,7 +60,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     spans = held_out_spans(args.held_out)
-    free = None if args.free is None else args.free.split(",")
     folder = output_folder(args.report, "--report")
     plot = output_folder(args.plot, "--plot")
     if folder:
@@ -76,12 +75,12 @@ def run(args: argparse.Namespace) -> int:
     if scene is None:
         check_without_scene(args)
     else:
-        check_intervals(args, scene, free)
+        check_intervals(args, scene)
     if scene is not None and any(name.lower().endswith(".toml") for name in args.traces):
         if plot:
             raise SceneError("--plot: only for traces of angles. Use --report for channels, which draws every run")
-        return fit_to_channels(args, scene, free, shared)
-    if args.own is not None:
+        return fit_to_channels(args, scene, shared)
+    if args.own:
         raise SceneError("--own: only for channels named in a TOML file. Omit it for traces of angles")
 
     from fitting.calibration.fit import fit, fit_and_free
@@ -113,10 +112,10 @@ def run(args: argparse.Namespace) -> int:
     shared |= {"method": chosen_method(args), "until": args.until, "held_out": spans, "settings": settings}
     say = progress(args.quiet)
     if scene is None:
-        result, found, about = fit_files(args, free, shared, say)
+        result, found, about = fit_files(args, shared, say)
     else:
         run_fit = fit_and_free if args.auto_free else fit
-        result = run_fit(traces, scene, free, **shared, progress=say)
+        result = run_fit(traces, scene, args.free, **shared, progress=say)
     add_judgements(result, args, say)
     result.accepted = args.accept_misfit
     if folder:
@@ -135,7 +134,7 @@ def run(args: argparse.Namespace) -> int:
     return code
 
 
-def check_intervals(args: argparse.Namespace, scene: Scene, free: list[str] | None) -> None:
+def check_intervals(args: argparse.Namespace, scene: Scene) -> None:
     """Reject intervals of parameters that are not free, and a bootstrap of one draw, before anything is fitted."""
     from fitting.estimate.scene_fit import check_draws
     from fitting.parameters.names import default_free, default_rig, full_names
@@ -144,14 +143,12 @@ def check_intervals(args: argparse.Namespace, scene: Scene, free: list[str] | No
         check_draws(args.bootstrap)
     if not args.profile:
         return
-    own = [] if args.own is None else args.own.split(",")
+    free = args.free
     if free is None:
-        by_default = [*default_free(scene), *([] if args.fixed else default_rig(scene))]
-    else:
-        by_default = free
-    names = [*by_default, *own]
+        free = [*default_free(scene), *([] if args.fixed else default_rig(scene))]
+    names = [*free, *args.own]
     known = [name if name.startswith(OF_DATA) else full_names(scene, [name])[0] for name in names]
-    for name in args.profile.split(","):
+    for name in args.profile:
         if name.startswith(OF_DATA):
             full = name
         else:
@@ -165,10 +162,7 @@ def add_intervals(result: SceneFit, args: argparse.Namespace, say: Progress) -> 
     from fitting.estimate.scene_fit import bootstrap, profiles
 
     if args.profile is not None:
-        names = ()
-        if args.profile:
-            names = args.profile.split(",")
-        result.profiles = profiles(result, names, say)
+        result.profiles = profiles(result, args.profile, say)
     if args.bootstrap is not None:
         drawn = bootstrap(result, args.bootstrap)
         result.bootstrap = drawn.draws
@@ -190,7 +184,7 @@ def add_judgements(result: FitResult, args: argparse.Namespace, say: Progress) -
     say(1.0, result.status)
 
 
-def fit_to_channels(args: argparse.Namespace, scene: Scene, free: list[str] | None, shared: Table) -> int:
+def fit_to_channels(args: argparse.Namespace, scene: Scene, shared: Table) -> int:
     """Fit to the channels that a TOML file names."""
     for key, default in OF_TRACES.items():
         if getattr(args, key) != default:
@@ -210,8 +204,8 @@ def fit_to_channels(args: argparse.Namespace, scene: Scene, free: list[str] | No
     result = fit_channels(
         args.traces[0],
         scene,
-        free,
-        own=[] if args.own is None else args.own.split(","),
+        args.free,
+        own=args.own,
         **shared,
         iterations=args.iterations,
         progress=say,

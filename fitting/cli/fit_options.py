@@ -7,11 +7,8 @@ import math
 from typing import TYPE_CHECKING
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.cli.given import number, read_numbers
-from dropper_jax.cli.options import (
-    add_json,
-    add_quiet,
-)
+from dropper_jax.cli.given import number, read_numbers, split_names
+from dropper_jax.cli.options import add_json, add_quiet
 from dropper_jax.cli.outputs import add_out
 from fitting.cli.fit_file import add_file_options
 
@@ -27,6 +24,7 @@ def add_parameters(parser: argparse.ArgumentParser) -> None:
     """What is fitted: parameters, their start values, bounds and priors, and the samples."""
     parser.add_argument(
         "--free",
+        type=split_names,
         metavar="NAMES",
         help="parameters, such as b_l,line.0.inertia,release.time (default: those listed in [fit], else damping)",
     )
@@ -47,7 +45,11 @@ def add_parameters(parser: argparse.ArgumentParser) -> None:
         help="prior of a free parameter, such as line.0.inertia=1.1e-4+-1e-6",
     )
     parser.add_argument(
-        "--own", metavar="NAMES", help="of channels: parameters fitted separately for each run; reports mean and spread"
+        "--own",
+        type=split_names,
+        default=[],
+        metavar="NAMES",
+        help="of channels: parameters fitted separately for each run; reports mean and spread",
     )
     parser.add_argument("--from", dest="since", type=number, metavar="T", help="fit only samples from this time on [s]")
     parser.add_argument("--until", type=number, metavar="T", help="fit only samples before this time [s]")
@@ -101,7 +103,12 @@ def add_judging(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--auto-free", action="store_true", help="add free parameters while the fit improves")
     parser.add_argument("--compare-models", action="store_true", help="also fit a ladder of damping laws")
     parser.add_argument(
-        "--profile", nargs="?", const="", metavar="NAMES", help="intervals by profile likelihood too (default: of all)"
+        "--profile",
+        type=split_names,
+        nargs="?",
+        const=[],
+        metavar="NAMES",
+        help="intervals by profile likelihood too (default: of all)",
     )
     parser.add_argument(
         "--bootstrap", nargs="?", const=400, type=int, metavar="DRAWS", help="resample blocks of time (default: 400)"
@@ -247,10 +254,8 @@ def _prior(name: str, text: str) -> tuple[float, float]:
 
 
 def _check_numbers(args: argparse.Namespace) -> None:
-    for key in ("until", "window", "dt", "huber", "iterations", "bootstrap"):
+    units = {"until": " s", "window": " s", "dt": " s", "huber": "", "iterations": "", "bootstrap": ""}
+    for key, unit in units.items():
         value = getattr(args, key)
         if value is not None and not value > 0:
-            unit = ""
-            if key in ("until", "window", "dt"):
-                unit = " s"
             raise SceneError(f"--{key}: {value:g} is not positive; allowed: > 0{unit}")

@@ -162,15 +162,12 @@ def run(args: argparse.Namespace) -> int:
 
 def _parts(args: argparse.Namespace) -> list[float] | None:
     """Times of `--parts`; options that need a trace are rejected without one."""
-    given = {"--parts": args.parts, "--fit": args.fit, "--zero": args.zero, "--sign": args.sign, "--unit": args.unit}
-    given["--columns"] = args.columns
-    for option, value in given.items():
-        if value and not args.trace:
-            raise SceneError(f"{option}: requires --trace FILE.csv")
-    allowed = "is not T1,T2; allowed: two times in s, such as 12,25"
+    for option in ("parts", "fit", "zero", "sign", "unit", "columns"):
+        if getattr(args, option) and not args.trace:
+            raise SceneError(f"--{option}: requires --trace FILE.csv")
     if args.parts is None:
         return None
-    return read_numbers(args.parts, "--parts", allowed)
+    return read_numbers(args.parts, "--parts", "is not T1,T2; allowed: two times in s, such as 12,25")
 
 
 def _fit(args: argparse.Namespace, scene: Scene, scores: TraceScores) -> FittedScore:
@@ -259,17 +256,18 @@ def _result_table(path: Path) -> str:
 def text(found: Table, results: str = "") -> str:
     """The result as text, with a table of inputs and results."""
     counts = ", ".join(f"{count} {status}" for status, count in found["counts"].items() if count)
-    pairs = [
-        ("scene", found["scene"]),
-        ("cases", f"{found['cases']} of {found['steps_per_case']} steps, {found['resumed']} of them resumed"),
-        ("ended", counts),
-        ("wall time", f"{found['compile_s']:.2f} s compilation, {found['run_s']:.2f} s run and saving"),
-        ("speed", f"{found['steps_per_s']:.0f} steps per second"),
-    ]
+    about = {
+        "scene": "{scene}",
+        "cases": "{cases} of {steps_per_case} steps, {resumed} of them resumed",
+        "ended": counts,
+        "wall time": "{compile_s:.2f} s compilation, {run_s:.2f} s run and saving",
+        "speed": "{steps_per_s:.0f} steps per second",
+    }
+    pairs = [(name, words.format_map(found)) for name, words in about.items()]
     scores = ""
     if "trace" in found:
         scores = _score_table(found["trace"])
-    return "\n\n".join(part for part in (listing(pairs), results, scores, f"{found['status']}: {found['out']}") if part)
+    return "\n\n".join(filter(None, (listing(pairs), results, scores, f"{found['status']}: {found['out']}")))
 
 
 def _score_table(trace: Table) -> str:

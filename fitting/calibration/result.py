@@ -301,7 +301,7 @@ class FitResult(SceneFit[Problem, Evaluation]):
 
     def to_json(self) -> dict[str, Any]:
         """Plain values with the keys of the command line's JSON; values that are not finite become null."""
-        found = {
+        found: dict[str, Any] = {
             "rms_rad": self.rms,
             "held_out_rms_rad": [h.rms for h in self.held_out],
             "chi2_per_dof": self.chi2_per_dof,

@@ -16,16 +16,13 @@ from fitting.cli.fit_file import fit_files, traces_for
 from fitting.cli.fit_options import (
     OF_DATA,
     OF_TRACES,
-    _bounds,
-    _check_numbers,
-    _number,
-    _pairs,
-    _prior,
     add_parameters,
+    check_numbers,
     check_without_scene,
     chosen_loss,
     chosen_method,
     held_out_spans,
+    named_values,
 )
 
 if TYPE_CHECKING:
@@ -64,12 +61,12 @@ def run(args: argparse.Namespace) -> int:
     plot = output_folder(args.plot, "--plot")
     if folder:
         folder.mkdir(parents=True, exist_ok=True)
-    _check_numbers(args)
+    check_numbers(args)
     shared: Table = {
         "loss": chosen_loss(args),
-        "start": {key: _number("start", key, text) for key, text in _pairs("start", args.start)},
-        "bounds": {key: _bounds(key, text) for key, text in _pairs("bounds", args.bounds)},
-        "priors": {key: _prior(key, text) for key, text in _pairs("prior", args.prior)},
+        "start": named_values("start", args.start),
+        "bounds": named_values("bounds", args.bounds),
+        "priors": named_values("prior", args.prior),
     }
     scene = None if args.scene is None else read_scene(args)
     if scene is None:

@@ -118,10 +118,18 @@ def run(args: argparse.Namespace) -> int:
     scores = None
     try:
         if args.trace:
-            named = convention(args.zero, args.sign, args.unit)
-            about = {"parts": parts, "integrator": args.integrator, "until": args.duration, "convention": named}
-            about["columns"] = column_names(args.columns)
-            scores = sweep_against_trace(scene, vary, args.trace, args.out, **about, **options)
+            scores = sweep_against_trace(
+                scene,
+                vary,
+                args.trace,
+                args.out,
+                parts=parts,
+                integrator=args.integrator,
+                until=args.duration,
+                convention=convention(args.zero, args.sign, args.unit),
+                columns=column_names(args.columns),
+                **options,
+            )
             result = scores.sweep
         else:
             result = sweep(scene, vary, args.out, traces=args.traces, **options)
@@ -198,30 +206,17 @@ def use_cores(count: int | None) -> None:
 
 
 def _values(option: str) -> tuple[str, np.ndarray]:
-    """Path and values of `NAME=LO:HI:N[:log]` or `NAME=A,B,C`."""
+    """Path and values of `NAME=LO:HI:N[:log]`, or of `NAME=A,B,C`, of which whole numbers stay whole."""
+    import numpy as np
+
     path, _, text = option.partition("=")
     path = path.strip()
     if not path:
         raise SceneError(f"--vary: {option!r} {NOT_VALUES}")
     if ":" not in text:
-        return path, _listed_values(option, text)
-    return path, _spaced_values(option, path, text)
-
-
-def _listed_values(option: str, text: str) -> np.ndarray:
-    """Values of `A,B,C`; whole numbers stay whole."""
-    import numpy as np
-
-    numbers = read_numbers(text, "--vary", NOT_VALUES, given=option)
-    words = text.split(",")
-    whole = all(word.strip().lstrip("+-").isdecimal() for word in words)
-    return np.array([int(word) for word in words] if whole else numbers)
-
-
-def _spaced_values(option: str, path: str, text: str) -> np.ndarray:
-    """Values of `LO:HI:N[:log]`."""
-    import numpy as np
-
+        numbers = read_numbers(text, "--vary", NOT_VALUES, given=option)
+        whole = all(word.strip().lstrip("+-").isdecimal() for word in text.split(","))
+        return path, np.array(numbers, int if whole else float)
     limits, _, spacing = text.rpartition(":")
     if spacing not in SPACINGS:
         limits = text
@@ -233,10 +228,9 @@ def _spaced_values(option: str, path: str, text: str) -> np.ndarray:
         raise SceneError(f"--vary: {option!r} {NOT_VALUES}")
     values = getattr(np, SPACINGS[spacing])(low, high, count)
     # a parameter may be a count, which takes whole numbers only
-    is_count = ScenePath(path).section == "parameters" and np.array_equal(values, np.round(values))
-    if is_count:
-        return values.astype(int)
-    return values
+    if ScenePath(path).section == "parameters" and np.array_equal(values, np.round(values)):
+        values = values.astype(int)
+    return path, values
 
 
 def _result_table(path: Path) -> str:

@@ -12,7 +12,7 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -100,7 +100,7 @@ class Plan:
     quantities: tuple[str, ...]
     traces: bool = False
     chunk: int = 64
-    settings: tuple[tuple[str, Any], ...] = ()
+    settings: dict[str, Any] = field(default_factory=dict)
     listed: bool = False
 
     @property
@@ -124,7 +124,7 @@ class Plan:
 
     @cached_property
     def stepper(self) -> Stepper:
-        return stepper_of(self.base[0], self.scene.run, **{"track_work": False, **dict(self.settings)})
+        return stepper_of(self.base[0], self.scene.run, **{"track_work": False, **self.settings})
 
     @property
     def is_adaptive(self) -> bool:
@@ -215,24 +215,21 @@ class Plan:
 
     def identity(self) -> Table:
         """Plain values that identify the sweep; `from_identity` makes the same plan from them."""
-        return {
+        found = {
             "format": FORMAT,
             "scene": self.scene.as_written(),
             "vary": {axis.path: axis.values.tolist() for axis in self.axes},
             "quantities": list(self.quantities),
             "traces": self.traces,
             "chunk": self.chunk,
-            "settings": dict(self.settings),
-            **({"listed": True} if self.listed else {}),
-            **self._template(),
+            "settings": self.settings,
         }
-
-    def _template(self) -> Table:
-        """Plain values of the scene's template, if its parameters are varied."""
+        if self.listed:
+            found["listed"] = True
         template = self.scene.template
-        if template is None or not any(ScenePath(axis.path).section == "parameters" for axis in self.axes):
-            return {}
-        return {"template": {"table": template.table, "changes": template.changes}}
+        if template is not None and any(ScenePath(axis.path).section == "parameters" for axis in self.axes):
+            found["template"] = {"table": template.table, "changes": template.changes}
+        return found
 
 
 def from_identity(identity: Mapping[str, Any]) -> Plan:
@@ -292,13 +289,13 @@ def make_plan(
             known = f"{nearest(name, QUANTITIES)}; also SIGNAL.WHERE.STATISTIC, such as tension.chain.fairlead.max"
             raise SceneError(f"quantities: {name!r} is unknown; {known}")
     cases = _count_cases({path: values.size for path, values in lists.items()}, len(names), listed)
-    paths = _paths(scene, list(lists))
+    full = dict(zip(_paths(scene, list(lists)), lists.values(), strict=True))
     # the first value of every axis is in the base scene, so that an effect that the scene lacks exists
-    base = scene.with_values({path: values[0].item() for path, values in zip(paths, lists.values(), strict=True)})
-    axes = tuple(_axis(base, path, values) for path, values in zip(paths, lists.values(), strict=True))
+    base = scene.with_values({path: values[0].item() for path, values in full.items()})
+    axes = tuple(_axis(base, path, values) for path, values in full.items())
     if chunk is None:
         chunk = default_chunk(not build_model(base).geometry.is_path, cases)
-    found = Plan(base, axes, names, traces, chunk, tuple(sorted(settings.items())), listed)
+    found = Plan(base, axes, names, traces, chunk, settings, listed)
     if any(axis.resizes for axis in axes):
         for model, name in itertools.product(found.models, names):
             if name not in QUANTITIES:  # a model of another size may lack it

@@ -129,7 +129,6 @@ def fit_and_free(
 
     if any(trace.recordings for trace in whole.traces):
         raise SceneError("auto-free: only for separate runs. Fit recordings of one motion without it, with --advice")
-    started = whole.started
     sound = with_sound_windows(whole, loss, chosen.iterations, progress, keep_jumps=True)
     kicks: list[Candidate] = []
     if sound.left_out or sound.windows.count > whole.windows.count:  # some windows were lost
@@ -149,7 +148,7 @@ def fit_and_free(
     known = replace(prepared.known, doubt=doubt)
     solution.problem = replace(solution.problem, known=known)
     solution.iterations += prepared.iterations
-    result = summarise(replace(prepared, started=started, known=known), chosen.name, solution)
+    result = summarise(replace(prepared, known=known), chosen.name, solution)
     result = explain(free_laws(result, chosen, at.loss, freed, progress), whole)
     result.add_advice(at.found)
     progress(1.0, result.status)

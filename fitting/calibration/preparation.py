@@ -123,7 +123,7 @@ class Samples:
         held_out: (from, to) [s] that are scored.
         rest: poses at rest.
         period: of the shortest link as a pendulum [s].
-        notes: for the user.
+        warnings: for the user.
     """
 
     traces: list[Trace]
@@ -132,7 +132,7 @@ class Samples:
     held_out: tuple[Interval, ...]
     rest: Rest | None
     period: float
-    notes: list[str]
+    warnings: tuple[str, ...]
 
     @property
     def observed(self) -> list[Trace]:
@@ -197,7 +197,7 @@ STEPS_PER_PERIOD = {8: 38, 5: 38, 4: 75, 2: 200}
 
 
 @dataclass(frozen=True)
-class Prepared:
+class Prepared(Samples):
     """Everything that an estimator needs: the result of `prepare`.
 
     Attributes:
@@ -208,21 +208,15 @@ class Prepared:
     """
 
     scene: Scene
-    traces: list[Trace]
-    sigma: list[np.ndarray]
     parameters: tuple[Parameter, ...]
     simulator: Simulator
     windows: Windows
     starts: Starts
-    held_out: tuple[Interval, ...]
     lyapunov: float
-    period: float
-    warnings: tuple[str, ...]
-    started: float = 0.0
-    compiled_before: float = 0.0
+    started: float
+    compiled_before: float
     noise: Noise | None = None
     known: JointPrior = JointPrior()
-    rest: Rest | None = None
     begin: np.ndarray | None = None
     left_out: tuple[Span, ...] = ()
     breaks: tuple[tuple[int, float], ...] = ()
@@ -396,22 +390,18 @@ def prepare(
         residuals = lambda *at: simulator(*at).residual  # noqa: E731
         values = release.guess(residuals, simulator.parameters, windows, starts, values)
         parameters = tuple(replace(p, value=float(v)) for p, v in zip(simulator.parameters, values, strict=True))
+    warnings = (*notes, *samples.warnings)
     return Prepared(
+        **vars(replace(samples, warnings=warnings)),
         scene=scene,
-        traces=samples.traces,
-        sigma=samples.sigma,
         parameters=parameters,
         simulator=simulator,
         windows=windows,
         starts=starts,
-        held_out=samples.held_out,
         lyapunov=growth,
-        period=samples.period,
-        warnings=(*notes, *samples.notes),
         started=started,
         compiled_before=compiled_before,
         known=known,
-        rest=samples.rest,
     )
 
 
@@ -513,11 +503,10 @@ def choose_samples(
         if mine := [(low, high) for run, low, high in spans if run == i]:
             refuse_rising_energy(trace, model, mine, period)
     poses = rests(traces, sigma, rest) if rest else None
-    found = Samples(traces, spans, sigma, held, poses, period, notes)
     if not rest and not released:
-        for trace, size in zip(found.observed, sigma, strict=True):
+        for trace, size in zip(fitted_parts(traces, spans), sigma, strict=True):
             notes += advice_on_rest(trace, size, slowest)
-    return found
+    return Samples(traces, spans, sigma, held, poses, period, tuple(notes))
 
 
 def with_model_error(traces: list[Trace], scene: Scene) -> tuple[list[Trace], list[str]]:

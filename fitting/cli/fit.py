@@ -68,10 +68,11 @@ def run(args: argparse.Namespace) -> int:
         "bounds": named_values("bounds", args.bounds),
         "priors": named_values("prior", args.prior),
     }
-    scene = None if args.scene is None else read_scene(args)
-    if scene is None:
+    scene = None
+    if args.scene is None:
         check_without_scene(args)
     else:
+        scene = read_scene(args)
         check_intervals(args, scene)
     if scene is not None and any(name.lower().endswith(".toml") for name in args.traces):
         if plot:

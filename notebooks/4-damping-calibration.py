@@ -188,7 +188,7 @@ print(f"\nresidual {result.rms:.4f} rad, noise 0.0050 rad; chi-square per degree
 # %%
 from fitting.report.pictures import fit_over_trace  # noqa: E402
 
-t, measured, model, _ = fit_over_trace(result, 0)
+t, measured, model = fit_over_trace(result, 0)
 shown = t < t[0] + 3.0
 fig, axes = plt.subplots(2, 1, figsize=(9, 4.2), sharex=True, layout="constrained")
 for ax, link in zip(axes, (0, min(2, trace.links - 1)), strict=True):

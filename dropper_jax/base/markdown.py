@@ -6,6 +6,9 @@ from collections.abc import Iterable, Sequence
 
 from dropper_jax.base.toml_text import literal
 
+#: A table as text, its heading first.
+Rows = list[tuple[str, ...]]
+
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return markdown_table([head, *rows])
@@ -34,6 +37,11 @@ def cell(value: float | None, form: str) -> str:
 def cells(values: Iterable[float | None], form: str) -> list[str]:
     """Numbers in one format."""
     return [cell(value, form) for value in values]
+
+
+def text_row(template: str, *values: object) -> tuple[str, ...]:
+    """A row of a table: the cells of a template, separated by "|", with values in braces as in `str.format`."""
+    return tuple(part.format(*values) for part in template.split("|"))
 
 
 def first_names(names: Sequence[str], most: int) -> str:

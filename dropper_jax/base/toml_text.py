@@ -6,6 +6,7 @@ import math
 import re
 import tomllib
 from collections.abc import Iterable, Mapping
+from dataclasses import is_dataclass
 from html import escape
 from typing import Any, overload
 
@@ -21,7 +22,7 @@ def jsonable(value: dict[str, Any]) -> dict[str, Any]: ...
 @overload
 def jsonable(value: Any) -> Json: ...
 def jsonable(value: Any) -> Json:
-    """Plain JSON values: arrays and tuples as lists, NaN and infinity as None."""
+    """Plain JSON values: arrays and tuples as lists, NaN and infinity as None, objects as `to_json` or their fields."""
     match value:
         case dict():
             return {str(key): jsonable(item) for key, item in value.items()}
@@ -29,6 +30,10 @@ def jsonable(value: Any) -> Json:
             return [jsonable(item) for item in value]
         case _ if hasattr(value, "tolist"):
             return jsonable(value.tolist())
+        case _ if hasattr(value, "to_json"):
+            return jsonable(value.to_json())
+        case _ if is_dataclass(value):
+            return jsonable(vars(value))
         case float() if not math.isfinite(value):
             return None
     return value

@@ -53,6 +53,11 @@ def check_positive(option: str, value: float | None, allowed: str) -> None:
         raise SceneError(f"{option}: {value:g} is out of range; allowed: {allowed}")
 
 
+def split_names(text: str) -> list[str]:
+    """Names separated by commas."""
+    return text.split(",")
+
+
 def step_length(text: str) -> float | str:
     """A time step on the command line: a number, or `auto`."""
     if text == AUTO:

@@ -143,6 +143,11 @@ def outer_labels(panels: np.ndarray, columns: int, x: str, y: str) -> None:
         axes.set_ylabel(y)
 
 
+def legend_above(axes: Axes, columns: int = 1, **options: Any) -> None:
+    """A legend above the right end of a panel."""
+    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=columns, **options)
+
+
 def finish(figure: Figure, run: Run, what: str, path: str | Path) -> Path:
     """Write the figure with its title, and integrator and step at the bottom."""
     text, colour = how(run)

@@ -110,13 +110,15 @@ def compare_laws(
     folds = fair(blocks(fits.prepared.windows.run), fits.prepared.windows.released)
     scores = [score(one, folds) for one in fits.found.values()]
     per_unit = {dry: unit_work(fits.prepared, one.simulator, one.owner) for dry, one in fits.families.items()}
-    open_parts = lambda one, dry: unseen(one, fits.families[dry].owner, per_unit[dry])  # noqa: E731
+
+    def open_parts(one: Solution, dry: bool) -> tuple[str, ...]:
+        return unseen(one, fits.families[dry].owner, per_unit[dry])
+
     rows = []
     for row in fits.rows(scores):
         alike = tuple(other for other in ordered if other != row.name and _same_law(row.name, other, same))
         rows.append(replace(row, equals=alike, unseen=open_parts(fits.found[row.name], "dry" in LADDER[row.name])))
-    scores = [replace(one, log_score=one.log_score / memory) for one in scores]
-    rows = _with_errors(decide(rows, scores), scores)
+    rows = decide(rows, [replace(one, log_score=one.log_score / memory) for one in scores])
     left = {row.name: fits.found[row.name] for row in rows if row.possible}
     if len(left) == 1:
         return rows
@@ -268,7 +270,8 @@ class LawFits:
         windows = self.prepared.windows
         kinds = (last_third(windows.begin, windows.run), other_runs(windows.run))
         folds = [fair(each, windows.released) for each in kinds]
-        for (law, one), scored in zip(self.found.items(), scores, strict=True):
+        errors = errors_to_best(scores)
+        for (law, one), scored, error in zip(self.found.items(), scores, errors, strict=True):
             family = self.family(law)
             used = family.free_mask(law)
             ahead, beside = (score(one, each).rms if each else np.nan for each in folds)
@@ -280,7 +283,7 @@ class LawFits:
                 coefficients=sum(on and part is not None for on, part in zip(used.tolist(), family.owner, strict=True)),
                 rms=one.rms,
                 held_out=scored.rms,
-                held_out_error=0.0,
+                held_out_error=float(error),
                 status=one.status,
                 values={name: value for (name, value), on in zip(one.by_name.items(), used, strict=True) if on},
                 free=int(used.sum()),
@@ -293,15 +296,14 @@ class LawFits:
         return with_bic(rows, [one.evaluation.residual for one in self.found.values()], windows)
 
 
-def _with_errors(rows: list[Law], scores: list[Scores]) -> list[Law]:
-    """The laws with standard errors of the differences between their RMS errors and the minimum, window by window."""
+def errors_to_best(scores: Sequence[Scores]) -> np.ndarray:
+    """Standard errors of the differences between RMS errors and the smallest one [rad], window by window."""
     mean = np.array([s.square / np.maximum(s.count, 1) for s in scores])
-    best = int(np.argmin([row.held_out for row in rows]))
+    rms = [s.rms for s in scores]
+    best = int(np.argmin(rms))
     known = scores[best].count > 0
-    apart = (mean - mean[best])[:, known]
-    error = deviation(apart) / np.sqrt(max(known.sum(), 1))
-    scale = max(2 * rows[best].held_out, 1e-300)
-    return [replace(row, held_out_error=float(e) / scale) for row, e in zip(rows, error, strict=True)]
+    error = deviation((mean - mean[best])[:, known]) / np.sqrt(max(known.sum(), 1))
+    return error / max(2 * rms[best], 1e-300)
 
 
 def _same_parts(laws: Sequence[str], prepared: Prepared, first: Solution) -> dict[str, str]:

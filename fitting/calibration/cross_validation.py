@@ -19,9 +19,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
 
 from fitting.estimate.blocks import scores
+from fitting.estimate.factors import scale_diagonal
 from fitting.estimate.normal_equations import bounded_step
 from fitting.estimate.residuals import Solution
 
@@ -100,9 +100,7 @@ def score(solution: Solution, folds: list[Fold]) -> Scores:
     m2 = solution.problem.freedoms
     free = solution.free
     prior = solution.problem.prior(solution.values)
-    lowest, highest = solution.problem.bounds(solution.values)
-    low = lowest - solution.values
-    high = highest - solution.values
+    low, high = solution.problem.step_bounds(solution.values)
     columns = np.concatenate([np.arange(m2), m2 + free])
     jacobian = e.jacobian[..., columns]
     along = scores(e, solution)[..., free]
@@ -118,6 +116,10 @@ def score(solution: Solution, folds: list[Fold]) -> Scores:
         for k in np.flatnonzero(scored & late.any(axis=(1, 2))):
             found[:, k] = score_window(e.residual[k], jacobian[k], early[k], late[k], S, dp, windows.weight[k], m2)
     return Scores(*found)
+
+
+#: Value added to the diagonal of a start's scaled precision: few samples leave some directions open.
+FLOOR = 1e-12
 
 
 def score_window(
@@ -136,18 +138,14 @@ def score_window(
     r = moved[early]
     precision = A.T @ A
     precision[m2:, m2:] += S
-    size = 1 / np.sqrt(np.maximum(np.diag(precision), 1e-300))
-    W = jacobian[late]
-    before = _scaled_factor(precision, size)
-    after = _scaled_factor(precision + W.T @ W, size)
-    left = moved[late] - W @ (cho_solve(before, (A.T @ r) * size) * size)
-    slope = (W.T @ left) * size
-    square = left @ left - slope @ cho_solve(after, slope)
-    volume = 2 * float(np.sum(np.log(np.diag(after[0])) - np.log(np.diag(before[0]))))
+    # rows and columns in units in which the diagonal is 1
+    before, size = scale_diagonal(precision)
+    before = before + FLOOR * np.eye(len(size))
+    W = jacobian[late] * size
+    after = before + W.T @ W
+    left = moved[late] - W @ np.linalg.solve(before, (A.T @ r) * size)
+    slope = W.T @ left
+    square = left @ left - slope @ np.linalg.solve(after, slope)
+    volume = float(np.linalg.slogdet(after)[1] - np.linalg.slogdet(before)[1])
     errors = left / weight[late]
     return -0.5 * (square + volume), float(errors @ errors), int(late.sum())
-
-
-def _scaled_factor(precision: np.ndarray, size: np.ndarray) -> tuple[np.ndarray, bool]:
-    """Cholesky factor of a precision with rows and columns scaled by `size`."""
-    return cho_factor(precision * np.outer(size, size) + 1e-12 * np.eye(len(size)), lower=True)

@@ -53,14 +53,13 @@ class Disagreement:
 
 @dataclass(frozen=True)
 class Deviations:
-    """Of one link of one recording: deviations (k,) from the motion and noise (k,) [rad]; by stretches (s,) mean,
-    standard error and whether there are samples."""
+    """Of one link of one recording: deviations (k,) from the motion and noise (k,) [rad]; by stretches (s,) the mean
+    and its weight, the inverse of its variance, 0 without samples."""
 
     off: np.ndarray
     noise: np.ndarray
     mean: np.ndarray
-    error: np.ndarray
-    known: np.ndarray
+    weight: np.ndarray
 
 
 def deviations(solution: Solution, run: int, column: int, edges: np.ndarray) -> Deviations:
@@ -70,12 +69,13 @@ def deviations(solution: Solution, run: int, column: int, edges: np.ndarray) -> 
     off = -solution.errors[..., column][known]
     noise = 1 / windows.weight[..., column][known]
     part = np.clip(np.searchsorted(edges, windows.times()[known], side="right") - 1, 0, STRETCHES - 1)
-    count = np.maximum(np.bincount(part, minlength=STRETCHES), 1)
-    mean = np.bincount(part, off, STRETCHES) / count
+    count = np.bincount(part, minlength=STRETCHES)
+    mean = np.bincount(part, off, STRETCHES) / np.maximum(count, 1)
     # jitter of frames is not in the weights, but in the scatter
-    spread = np.bincount(part, np.maximum((off - mean[part]) ** 2, noise**2), STRETCHES) / count
+    square = np.bincount(part, np.maximum((off - mean[part]) ** 2, noise**2), STRETCHES)
     number = np.maximum(count / solution.problem.memory, 1.0)  # correlated samples count as fewer
-    return Deviations(off, noise, mean, np.sqrt(spread / number), np.bincount(part, minlength=STRETCHES) > 1)
+    weight = np.where(count > 1, number * count / np.maximum(square, 1e-300), 0.0)
+    return Deviations(off, noise, mean, weight)
 
 
 def disagreements(prepared: Prepared, solution: Solution) -> list[Disagreement]:
@@ -86,27 +86,24 @@ def disagreements(prepared: Prepared, solution: Solution) -> list[Disagreement]:
     found = []
     for run, trace in enumerate(prepared.traces):
         edges = np.linspace(trace.t[0], trace.t[-1] + trace.interval, STRETCHES + 1)
-        columns = range(len(trace.recordings) * trace.links)
-        each = [deviations(solution, run, column, edges) for column in columns]
-        for column in columns:
-            if not len(each[column].off):
-                continue
-            recording, link = divmod(column, trace.links)
-            rest = [one for i, one in enumerate(each) if i != column and i % trace.links == link]
-            name = trace.recordings[recording].name
-            found.append(_row(name, link, each[column], rest, edges))
+        each = [deviations(solution, run, i, edges) for i in range(len(trace.recordings) * trace.links)]
+        for i, mine in enumerate(each):
+            if len(mine.off):
+                recording, link = divmod(i, trace.links)
+                rest = [one for one in each[link :: trace.links] if one is not mine]
+                found.append(_row(trace.recordings[recording].name, link, mine, rest, edges))
     return found
 
 
 def _row(name: str, link: int, mine: Deviations, rest: list[Deviations], edges: np.ndarray) -> Disagreement:
     """A link of a recording against the same link of the others."""
-    weight = np.sum([one.known / np.maximum(one.error, 1e-12) ** 2 for one in rest], axis=0) + np.zeros(STRETCHES)
-    total = np.sum([one.known * one.mean / np.maximum(one.error, 1e-12) ** 2 for one in rest], axis=0)
-    both = mine.known & (weight > 0)
-    share = np.where(both, weight, 1.0)
-    mean = np.where(both, mine.mean - total / share, 0.0)
-    error = np.hypot(mine.error, 1 / np.sqrt(share))
-    size = np.where(both, np.abs(mean) / np.maximum(error, 1e-300), 0.0)
+    others = sum((one.weight for one in rest), np.zeros(STRETCHES))
+    total = sum((one.weight * one.mean for one in rest), np.zeros(STRETCHES))
+    both = (mine.weight > 0) & (others > 0)
+    others = np.where(both, others, 1.0)
+    mean = np.where(both, mine.mean - total / others, 0.0)
+    error = np.sqrt(1 / np.where(mine.weight > 0, mine.weight, 1.0) + 1 / others)
+    size = np.abs(mean) / error
     worst = int(np.argmax(size))
     return Disagreement(
         recording=name,

@@ -22,6 +22,7 @@ from fitting.calibration.lost_windows import FIRST, with_sound_windows
 from fitting.calibration.preparation import AUTOMATIC, FitSettings, Prepared, TracesLike, prepare
 from fitting.calibration.result import FitResult
 from fitting.calibration.short_windows import SUSPECT, name_wrong_file
+from fitting.calibration.spans import Interval
 from fitting.calibration.summarise import summarise
 from fitting.estimate.loss import LEAST_SQUARES, Loss, as_loss
 from fitting.estimate.residuals import Solution
@@ -42,7 +43,7 @@ def fit(
     bounds: Bounds | None = None,
     priors: Priors | None = None,
     until: float | None = None,
-    held_out: Sequence[tuple[float, float]] = (),
+    held_out: Sequence[Interval] = (),
     settings: FitSettings = AUTOMATIC,
     progress: Progress = silent,
 ) -> FitResult:
@@ -128,7 +129,6 @@ def fit_and_free(
 
     if any(trace.recordings for trace in whole.traces):
         raise SceneError("auto-free: only for separate runs. Fit recordings of one motion without it, with --advice")
-    started = whole.started
     sound = with_sound_windows(whole, loss, chosen.iterations, progress, keep_jumps=True)
     kicks: list[Candidate] = []
     if sound.left_out or sound.windows.count > whole.windows.count:  # some windows were lost
@@ -148,7 +148,7 @@ def fit_and_free(
     known = replace(prepared.known, doubt=doubt)
     solution.problem = replace(solution.problem, known=known)
     solution.iterations += prepared.iterations
-    result = summarise(replace(prepared, started=started, known=known), chosen.name, solution)
+    result = summarise(replace(prepared, known=known), chosen.name, solution)
     result = explain(free_laws(result, chosen, at.loss, freed, progress), whole)
     result.add_advice(at.found)
     progress(1.0, result.status)

@@ -154,34 +154,34 @@ class Freeing:
 
     def free_best(self, tries: Sequence[Candidate]) -> None:
         """Free the best of several candidates, by fitting them."""
-        price = 0.5 * np.log(max(self.solution.windows.samples, 2))
-        before = likelihood(self.solution)
         fits = []
         for candidate in tries:
             prepared = with_freed(self.end, candidate.free, self.simulator)
-            solution = self.fit(prepared, "windows", self.loss)
-            gain = likelihood(solution) - before
-            numbers = len(prepared.parameters) - len(self.prepared.parameters)
-            if solution.status == "ok" and gain >= WORTH:
-                fits.append((gain - price * numbers, numbers, replace(candidate, gain=gain), prepared, solution))
+            one = replace(self, prepared=prepared, solution=self.fit(prepared, "windows", self.loss))
+            gain = likelihood(one.solution) - likelihood(self.solution)
+            if one.solution.status == "ok" and gain >= WORTH:
+                fits.append((replace(candidate, gain=gain), one))
             else:
                 self.refused.add(candidate.name)
         if not fits:
             return
-        most = max(row[0] for row in fits)
+        most = max(one.score for _, one in fits)
+        near = [pair for pair in fits if pair[1].score > most - MARGIN]
         # indistinguishable candidates keep their order
-        near = sorted((row for row in fits if row[0] > most - MARGIN), key=lambda row: (row[1], -round(row[0])))
-        _, numbers, candidate, self.prepared, self.solution = near[0]
-        if len(near) > 1:
-            k = len(self.solution.values) - numbers
-            names = self.prepared.names
-            back = _back(self.prepared, self.solution, names[k:])
+        near.sort(key=lambda pair: (len(pair[1].solution.values), -round(pair[1].score - self.score)))
+        (candidate, best), *others = near
+        if others:
+            k = len(self.solution.values)
+            names = best.prepared.names
+            back = _back(best.prepared, best.solution, names[k:])
             doubt = {}
-            for row in near[1:]:
-                moved = map(float, row[4].values[:k] - self.solution.values[:k])
-                doubt[row[2].name] = {**dict(zip(names, moved, strict=False)), **back}
-            candidate = replace(candidate, name=OR.join(row[2].name for row in near), doubt=doubt)
-            self.refused.update(row[2].name for row in near[1:])
+            for other, one in others:
+                moved = map(float, one.solution.values[:k] - best.solution.values[:k])
+                doubt[other.name] = dict(zip(names[:k], moved, strict=True)) | back
+            candidate = replace(candidate, name=OR.join(c.name for c, _ in near), doubt=doubt)
+            self.refused.update(doubt)
+        self.prepared = best.prepared
+        self.solution = best.solution
         self.names.append(candidate)
 
     def free_outliers(self) -> None:
@@ -271,15 +271,17 @@ class Freeing:
             trace = self.prepared.traces[lost.run]
             # the window with the jump starts where the previous one ends
             windows = self.prepared.windows
-            starting = windows.begin <= trace.t[lost.frame] + 1e-6 * trace.interval
-            own = np.flatnonzero(starting & (windows.run == lost.run))[-1:]
-            clean = replace(clean, starts=starts_from_previous_windows(clean, np.isin(np.arange(windows.count), own)))
-            near = np.abs(windows.begin - trace.t[lost.frame]) < 0.5 * trace.interval
-            for k in own[(windows.follows & near)[own]]:  # merged: a jump between separate windows costs nothing
+            time = trace.t[lost.frame]
+            k = int(np.flatnonzero((windows.run == lost.run) & (windows.begin <= time + 1e-6 * trace.interval))[-1])
+            others = np.arange(windows.count) != k
+            clean = replace(clean, starts=starts_from_previous_windows(clean, ~others))
+            if windows.follows[k] and abs(windows.begin[k] - time) < 0.5 * trace.interval:
+                # merged: a jump between separate windows costs nothing
                 pieces = [windows.piece(i) for i in range(windows.count)]
-                pieces[k - 1 : k + 1] = [pieces[k - 1]._replace(steps=pieces[k - 1].steps + pieces[k].steps)]
-                clean = replace(clean, starts=pick(clean.starts, np.arange(windows.count) != k))
-                self.prepared = self.prepared.with_pieces(pieces).starting_at(clean)
+                merged = pieces[k - 1]._replace(steps=pieces[k - 1].steps + pieces[k].steps)
+                clean = replace(clean, starts=pick(clean.starts, others))
+                self.prepared = self.prepared.with_pieces([*pieces[: k - 1], merged, *pieces[k + 1 :]])
+                self.prepared = self.prepared.starting_at(clean)
                 self.solution = self.fit(self.prepared, "windows", self.loss)
             name = f"{LOST}.{lost.run}.{lost.frame}"
             begin = lost.frames * trace.interval

@@ -58,12 +58,13 @@ def without_kicks(
         fit: an estimator, such as `estimate`.
     """
 
-    def fit_some(off: np.ndarray, begin: Solution) -> Solution:
-        seen = prepared.windows.without_samples(off)
-        return fit(replace(prepared.starting_at(begin), windows=seen), "windows", loss)
-
     windows = prepared.windows
-    found, clean = find_kicks(windows, fit(prepared, "windows", loss), fit_some)
+
+    def fit_some(off: np.ndarray, begin: Solution) -> Solution:
+        seen = replace(prepared.starting_at(begin), windows=windows.without_samples(off))
+        return _as_claimed(fit(seen, "windows", loss), windows)
+
+    found, clean = find_kicks(_as_claimed(fit(prepared, "windows", loss), windows), fit_some)
     if not found:
         return prepared, []
     off = np.isin(np.arange(windows.count), np.concatenate([kick.windows for kick in found]))
@@ -71,10 +72,9 @@ def without_kicks(
     removed = []
     for kick in found:
         last = float(windows.ends[kick.windows[-1]])
+        what = "is kicked or touched at"
         if len(kick.windows) > 1:
             what = "is disturbed, or moves out of its plane, from"
-        else:
-            what = "is kicked or touched at"
         words = f" about {kick.time:.2f} s: windows from {kick.begin:.3g} to {last:.3g} s left out"
         names.append(Candidate(f"{prepared.traces[kick.run].name} {what}{words}"))
         removed.append((kick.run, kick.begin, last))
@@ -84,30 +84,32 @@ def without_kicks(
     return replace(fewer, left_out=(*prepared.left_out, *removed)), names
 
 
-def find_kicks(
-    claimed: Windows, solution: Solution, fit: Callable[[np.ndarray, Solution], Solution]
-) -> tuple[list[Kick], Solution]:
+def _as_claimed(solution: Solution, claimed: Windows) -> Solution:
+    """A solution whose windows have all their samples, with the noise claimed by the traces."""
+    windows = replace(claimed, substeps=solution.windows.substeps)
+    return replace(solution, problem=replace(solution.problem, windows=windows, noise=None, memory=1.0))
+
+
+def find_kicks(solution: Solution, fit: Callable[[np.ndarray, Solution], Solution]) -> tuple[list[Kick], Solution]:
     """Kicks in windows, and the fit without the windows that they disturb.
 
     Args:
-        claimed: the windows with the noise claimed by the traces.
         solution: of separate windows.
         fit: fits without some windows (K,) bool, from another solution.
     """
-    claimed = replace(claimed, substeps=solution.windows.substeps)
-    size = misfit(solution, claimed)
-    count = claimed.count
-    few = int(np.ceil(TRUSTED * count))
-    good = size <= np.sort(size)[min(max(few, 2), count) - 1]
+    windows = solution.windows
+    size = misfit(solution)
+    few = int(np.ceil(TRUSTED * windows.count))
+    good = size <= np.sort(size)[min(max(few, 2), windows.count) - 1]
     clean = solution
     starts = solution.starts
     if not np.any(size > KICKED * np.median(size[good])):
         return [], solution
     for _ in range(ROUNDS):
         clean = fit(~good, replace(clean, starts=starts))
-        own = _only_starts(clean, claimed, clean.starts)
-        ahead = _only_starts(clean, claimed, starts_from_previous_windows(own, ~good))
-        sizes = misfit(own, claimed), misfit(ahead, claimed)
+        own = _only_starts(clean, windows, clean.starts)
+        ahead = _only_starts(clean, windows, starts_from_previous_windows(own, ~good))
+        sizes = misfit(own), misfit(ahead)
         better = sizes[1] < sizes[0]
         size = np.minimum(*sizes)
         starts = with_rows(own.starts, better, pick(ahead.starts, better))
@@ -118,61 +120,61 @@ def find_kicks(
     limit = KICKED * np.median(size[good])
     while good.sum() >= few:
         # the window of the kick may itself have too few samples
-        first = np.flatnonzero(~good & np.r_[True, good[:-1]] & np.r_[False, claimed.run[1:] == claimed.run[:-1]])
+        first = np.flatnonzero(~good & np.r_[True, good[:-1]] & np.r_[False, windows.run[1:] == windows.run[:-1]])
         first = first[size[first] > KICKED * size[first - 1]]
         if not len(first):
             break
-        own = _only_starts(clean, claimed, starts)
-        times, found, left = _fit_following(clean, claimed, first, starts_from_previous_windows(own, ~good), limit)
+        own = _only_starts(clean, windows, starts)
+        times, followed = _fit_following(clean, first, starts_from_previous_windows(own, ~good), limit)
+        left = misfit(followed)
         whole = left <= limit
         if not whole.any():
-            early = _first_missed(clean, claimed, first - 1, starts, limit)
-            kicked = [_kick(claimed, good, *one) for one in zip(first, times, early, strict=True)]
-            return kicked, replace(clean, starts=starts)
+            early = np.minimum(times, _first_missed(clean, first - 1, starts, limit))
+            kicks = []
+            for k, time in zip(first, early, strict=True):
+                others = np.flatnonzero(good[k:] | (windows.run[k:] != windows.run[k]))
+                last = k + min(others, default=windows.count - k)
+                begin = float(min(time, windows.begin[k]))
+                kicks.append(Kick(int(windows.run[k]), float(time), begin, np.arange(k, last)))
+            return kicks, replace(clean, starts=starts)
         # on a wrong branch, not kicked
         mine = first[whole]
-        starts = with_rows(starts, mine, pick(found, whole))
-        good[mine], size[mine] = True, left[whole]
+        starts = with_rows(starts, mine, pick(followed.starts, whole))
+        good[mine] = True
+        size[mine] = left[whole]
     return [], solution
 
 
-def _kick(windows: Windows, good: np.ndarray, k: int, time: float, early: float) -> Kick:
-    """The kick in window k, or earlier at the end of the previous one, with all windows that it disturbs."""
-    ends = (j for j in range(k + 1, windows.count) if good[j] or windows.run[j] != windows.run[k])
-    last = next(ends, windows.count)
-    begin = float(min(early, windows.begin[k]))
-    return Kick(int(windows.run[k]), float(min(early, time)), begin, np.arange(k, last))
-
-
-def _first_missed(solution: Solution, windows: Windows, which: np.ndarray, starts: Starts, limit: float) -> np.ndarray:
+def _first_missed(solution: Solution, which: np.ndarray, starts: Starts, limit: float) -> np.ndarray:
     """Times [s] from which windows `which`, before kicks, miss their last frames; infinite if they explain them.
 
     A window's misfit is a quantile of its residuals, which a kick in its last frames does not change. They are
     predicted from the other frames. Frames that are missing around a kick leave such a window.
     """
-    mine = windows.pick(which)
-    starts = pick(starts, which)
+    mine = solution.windows.pick(which)
     known = (mine.weight > 0).any(axis=2)
     late = known & (np.cumsum(known, axis=1) > QUANTILE * known.sum(axis=1, keepdims=True))
-    found = _only_starts(solution, replace(mine, weight=np.where(late[..., None], 0.0, mine.weight)), starts)
+    earlier = replace(mine, weight=np.where(late[..., None], 0.0, mine.weight))
+    found = _only_starts(solution, earlier, pick(starts, which))
     error = np.abs(wrap(found.evaluation.theta - mine.theta)) * mine.weight
     missed = late & ~(error < limit).all(axis=2)
     return np.where(missed, mine.times(), np.inf).min(axis=1)
 
 
-def misfit(solution: Solution, claimed: Windows) -> np.ndarray:
-    """Size of every window's residuals relative to the claimed noise (K,); 0 for windows without samples."""
-    error = np.abs(wrap(solution.evaluation.theta - claimed.theta)) * claimed.weight
-    rows = np.where(claimed.weight > 0, error, np.nan).reshape(claimed.count, -1)
+def misfit(solution: Solution) -> np.ndarray:
+    """Size of every window's residuals relative to its noise (K,); 0 for windows without samples."""
+    windows = solution.windows
+    error = np.abs(solution.errors) * windows.weight
+    rows = np.where(windows.weight > 0, error, np.nan).reshape(windows.count, -1)
     known = ~np.isnan(rows).all(axis=1)
-    found = np.zeros(claimed.count)
+    found = np.zeros(windows.count)
     found[known] = np.nanquantile(rows[known], QUANTILE, axis=1) / NORMAL
     return np.where(np.isfinite(found), found, np.inf)
 
 
 def _only_starts(solution: Solution, windows: Windows, starts: Starts) -> Solution:
     """The starts of windows alone, at a solution's parameters."""
-    problem = replace(solution.problem, windows=windows, noise=None, memory=1.0)
+    problem = replace(solution.problem, windows=windows)
     starts, evaluation = fit_starts(problem, solution.values, starts, ITERATIONS)
     return replace(solution, problem=problem, starts=starts, evaluation=evaluation)
 
@@ -181,11 +183,9 @@ def _only_starts(solution: Solution, windows: Windows, starts: Starts) -> Soluti
 HALVINGS = 6
 
 
-def _fit_following(
-    solution: Solution, windows: Windows, which: np.ndarray, starts: Starts, limit: float
-) -> tuple[np.ndarray, Starts, np.ndarray]:
-    """Times [s] up to which windows `which` can be followed, by halving; their starts there and total misfits."""
-    mine = windows.pick(which)
+def _fit_following(solution: Solution, which: np.ndarray, starts: Starts, limit: float) -> tuple[np.ndarray, Solution]:
+    """Times [s] up to which windows `which` can be followed, by halving, and these windows whole, with these starts."""
+    mine = solution.windows.pick(which)
     starts = pick(starts, which)
     elapsed = mine.times() - mine.begin[:, None]
     low = np.zeros(len(which))
@@ -194,9 +194,8 @@ def _fit_following(
         middle = 0.5 * (low + high)
         early = replace(mine, weight=mine.weight * (elapsed <= middle[:, None])[..., None])
         found = _only_starts(solution, early, starts)
-        fine = misfit(found, early) <= limit
+        fine = misfit(found) <= limit
         low = np.where(fine, middle, low)
         high = np.where(fine, high, middle)
         starts = with_rows(starts, fine, pick(found.starts, fine))
-    whole = _only_starts(solution, mine, starts)
-    return mine.begin + high, whole.starts, misfit(whole, mine)
+    return mine.begin + high, _only_starts(solution, mine, starts)

@@ -17,7 +17,7 @@ import numpy as np
 
 from fitting.calibration.preparation import Prepared
 from fitting.estimate.residuals import Solution
-from fitting.estimate.windows import Starts, Windows, pick, with_rows
+from fitting.estimate.windows import Starts, Windows, fill, pick, with_rows
 from fitting.traces.planar import wrap
 
 #: Numbers of lost frames that are tested; negative numbers are duplicate frames.
@@ -66,13 +66,12 @@ def lost_frames(prepared: Prepared, solution: Solution) -> Lost | None:
 
     Windows left out of the solution start at the end of the previous ones: their own samples contain the jump.
     """
-    # with the noise claimed by the traces: the residuals of a jump would count as noise
-    windows = replace(prepared.windows, substeps=solution.windows.substeps)
+    windows = prepared.windows
     fitted = np.any(solution.windows.weight > 0, axis=(1, 2))
     right = np.flatnonzero(windows.follows)
     if not len(right):
         return None
-    both = _extend_windows(windows, right)
+    both = replace(_extend_windows(prepared, right), substeps=solution.windows.substeps)
     starts = pick(starts_from_previous_windows(solution, ~fitted), right - 1)
     found = solution.problem.simulator(solution.values, starts, both).theta
     if not np.isfinite(found).all():
@@ -81,8 +80,7 @@ def lost_frames(prepared: Prepared, solution: Solution) -> Lost | None:
     where = None
     half = np.any(windows.weight > 0, axis=2).sum(axis=1) // 2  # none of windows that were not fitted
     for pair, times in enumerate(both.times()):
-        slots = np.flatnonzero(np.r_[True, np.diff(times) > 0])
-        slots = slots[np.argsort(times[slots])]
+        slots = np.flatnonzero(np.r_[True, np.diff(times) > 0])  # without empty ones at the end
         left = right[pair] - 1
         measured = both.theta[pair, slots], both.weight[pair, slots]
         gain, at, lag = best_jump(found[pair, slots], *measured, half[left] * fitted[left])
@@ -112,36 +110,21 @@ def far_off(solution: Solution) -> np.ndarray:
     return off & (off.mean() <= FEW)
 
 
-def _extend_windows(windows: Windows, right: np.ndarray) -> Windows:
-    """Windows continued through the next ones, `right` being the first of these, up to twice the longest window."""
-    rows: list[slice] = []
+def _extend_windows(prepared: Prepared, right: np.ndarray) -> Windows:
+    """Windows continued through the next ones, `right` being the first of these, up to twice the longest window.
+
+    They have the noise claimed by the traces: the residuals of a jump would count as noise.
+    """
+    windows = prepared.windows
     longest = 2 * windows.steps
+    pieces = []
     for first in right - 1:
         stop = first + 2  # at least the next one, then as long as windows follow and fit
         while stop < windows.count and windows.follows[stop] and windows.step_counts[first : stop + 1].sum() <= longest:
             stop += 1
-        rows.append(slice(first, stop))
-    real = (windows.index + windows.fraction > 0) | (np.arange(windows.theta.shape[1]) == 0)
-    most = max(int(real[row].sum()) for row in rows)
-    offset = np.cumsum(windows.step_counts) - windows.step_counts
-    whole = replace(windows, index=windows.index + offset[:, None])
-    fields = ("theta", "weight", "index", "fraction")
-    parts = {field: np.zeros((len(rows), most, *getattr(windows, field).shape[2:])) for field in fields}
-    for field, part in parts.items():
-        for i, row in enumerate(rows):
-            samples = getattr(whole, field)[row][real[row]]
-            part[i, : len(samples)] = samples
-    parts["index"] = np.maximum(parts["index"] - offset[right - 1, None], 0).astype(windows.index.dtype)
-    return replace(
-        windows,
-        **{name: getattr(windows, name)[right - 1] for name in ("begin", "run", "released")},
-        **parts,
-        follows=np.zeros(len(right), bool),
-        steps=longest,
-        step_counts=np.array([windows.step_counts[row].sum() for row in rows]),
-        decay=None,
-        jitter=None,
-    )
+        pieces.append(windows.piece(first)._replace(steps=int(windows.step_counts[first:stop].sum()), follows=False))
+    found = fill(prepared.traces, pieces, windows.dt, prepared.sigma)
+    return replace(found, released=windows.released[right - 1]).pad_to(longest, 0)
 
 
 def best_jump(angle: np.ndarray, measured: np.ndarray, weight: np.ndarray, first: int) -> tuple[float, int, int]:

@@ -18,16 +18,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dropper_jax.base.errors import Progress, SceneError, silent
-from dropper_jax.base.toml_text import Json, jsonable
+from dropper_jax.base.markdown import Rows, cells, text_row
+from dropper_jax.base.toml_text import Json
 from dropper_jax.load.scene import load_scene
 from dropper_jax.run.build import SceneLike
 from fitting.calibration.preparation import prepare
 from fitting.estimate.factors import invert_spd
 from fitting.estimate.least_squares import Objective, fit_windows
-from fitting.estimate.normal_equations import Evaluation, Step
-from fitting.estimate.residuals import Problem
+from fitting.estimate.normal_equations import Step
+from fitting.estimate.residuals import Solution
 from fitting.estimate.shooting import SAME_EVIDENCE, SCHEDULE
-from fitting.estimate.windows import PER_WINDOW, Windows, pick
+from fitting.estimate.windows import pick
 from fitting.parameters.names import full_names
 from fitting.traces.synthetic import Camera, observe, simulate_truth
 
@@ -57,16 +58,8 @@ class Planned:
 
     def to_json(self) -> Json:
         """Plain values."""
-        return jsonable(
-            {
-                "scene": self.scene,
-                "duration_s": self.duration,
-                "noise_rad": self.noise,
-                "std_error": self.std_error,
-                "score": self.score,
-                "gap_weight": self.gap_weight,
-            }
-        )
+        units = {"duration": "duration_s", "noise": "noise_rad"}
+        return {units.get(key, key): value for key, value in vars(self).items()}
 
 
 def plan(
@@ -96,18 +89,22 @@ def plan(
         SceneError: for any invalid input, in one line.
     """
     weights = [1.0] if gap_weight is None else [gap_weight]
-    units = {"duration": " s", "noise": " rad", "gap_weight": "", "rate": " Hz"}
-    for (key, unit), numbers in zip(units.items(), (durations, noises, weights, [rate]), strict=True):
-        bad = [x for x in numbers if not (np.isfinite(x) and x > 0)]
+    given = [
+        ("duration", durations, " s"),
+        ("noise", noises, " rad"),
+        ("gap_weight", weights, ""),
+        ("rate", [rate], " Hz"),
+    ]
+    for key, numbers, unit in given:
+        bad = [x for x in numbers if not 0 < x < np.inf]
         if bad or not len(numbers):
             raise SceneError(f"{key}: {bad[0] if bad else 'none'} is not positive; allowed: > 0{unit}")
     found = []
     for i, source in enumerate(scenes):
         scene = load_scene(source)
         names = full_names(scene, free, "free")
-        if requested is None:
-            asked = names
-        else:
+        asked = names
+        if requested is not None:
             asked = full_names(scene, requested, "for")
         foreign = [name for name in asked if name not in names]
         if foreign:
@@ -119,15 +116,13 @@ def plan(
             trace = observe(motion, Camera(rate=rate), 0, scene.name)
             trace = replace(trace, se=np.full_like(trace.theta, noise))
             prepared = prepare([trace], scene, names)
-            problem = prepared.problem()
-            held = np.ones(len(prepared.values), bool)
+            held = prepared.problem(frozen=np.ones(len(prepared.values), bool))
             # rounds of the search for the windows' starts on a trace without noise
-            there = fit_windows(
-                replace(problem, frozen=held), prepared.values, prepared.starts, iterations=4, progress=silent
-            )
+            there = fit_windows(held, prepared.values, prepared.starts, iterations=4)
+            there = replace(there, problem=prepared.problem())
             for duration in durations:
-                errors, weight = _errors(problem, there.evaluation, prepared.values, duration, gap_weight)
-                by_name = dict(zip(problem.names, map(float, errors), strict=True))
+                errors, weight = _errors(there, duration, gap_weight)
+                by_name = dict(zip(there.by_name, map(float, errors), strict=True))
                 mine = [e for name, e in by_name.items() if f"{name}.".startswith(stems)]
                 score = float(np.mean(np.log(mine)))
                 found.append(Planned(scene.name, duration, noise, by_name, score, weight))
@@ -135,36 +130,33 @@ def plan(
     return sorted(found, key=lambda row: row.score)
 
 
-def _errors(
-    problem: Problem, evaluation: Evaluation, values: np.ndarray, duration: float, gap_weight: float | None
-) -> tuple[np.ndarray, float]:
+def _errors(solution: Solution, duration: float, gap_weight: float | None) -> tuple[np.ndarray, float]:
     """Standard errors (k,) from the windows that end within the duration, and their gap weight."""
-    windows = problem.windows
-    count = int(np.sum(windows.ends <= duration * (1 + 1e-9)))
-    if not count:
+    windows = solution.windows
+    late = windows.ends > duration * (1 + 1e-9)
+    if late.all():
         raise SceneError(f"duration: {duration:g} s is shorter than a window; allowed: at least {windows.length:.3g} s")
-    few = replace(problem, windows=first(windows, count))
-    seen = pick(evaluation, np.arange(count))
-    weight = gap_weight or _expected_weight(few, seen, values)
-    step = at_weight(few, seen, values, weight)
-    return np.sqrt(np.diag(invert_spd(step.information))), weight
+    problem = replace(solution.problem, windows=windows.exclude(late))
+    few = replace(solution, problem=problem, evaluation=pick(solution.evaluation, ~late))
+    weight = gap_weight or _expected_weight(few)
+    return np.sqrt(np.diag(invert_spd(at_weight(few, weight).information))), weight
 
 
-def at_weight(problem: Problem, evaluation: Evaluation, values: np.ndarray, weight: float) -> Step:
+def at_weight(solution: Solution, weight: float) -> Step:
     """The Gauss-Newton step of joined windows at one weight of the gaps; its information is the inverse covariance."""
-    step = Objective(problem, weight).undamped_step(evaluation, values, 0.0)
+    step = Objective(solution.problem, weight).undamped_step(solution.evaluation, solution.values, 0.0)
     if step is None:
         raise SceneError("free: the parameters are not identifiable from these traces. Use fewer of them, or priors")
     return step
 
 
-def _expected_weight(problem: Problem, evaluation: Evaluation, values: np.ndarray) -> float:
+def _expected_weight(solution: Solution) -> float:
     """The gap weight that a fit chooses by the mean of its evidence if the model is right."""
-    gaps = int(problem.windows.follows.sum()) * problem.freedoms
+    gaps = int(solution.windows.follows.sum()) * solution.problem.freedoms
 
     def logs(weight: float) -> np.ndarray:
         """log|A| and log|H|."""
-        step = at_weight(problem, evaluation, values, weight)
+        step = at_weight(solution, weight)
         return step.log_determinant + np.array([0.0, np.linalg.slogdet(step.information)[1]])
 
     nearby = np.array([[logs(weight * share) for share in (1 / (1 + NEAR), 1.0, 1 + NEAR)] for weight in SCHEDULE])
@@ -173,25 +165,13 @@ def _expected_weight(problem: Problem, evaluation: Evaluation, values: np.ndarra
     return next(w for w, each in zip(SCHEDULE, evidence, strict=True) if each >= max(evidence) - SAME_EVIDENCE)
 
 
-def first(windows: Windows, count: int) -> Windows:
-    """The first windows, joined as before."""
-    whole = (*PER_WINDOW, "follows")
-    return replace(windows, **{key: getattr(windows, key)[:count] for key in whole})
-
-
-def rows(found: Sequence[Planned]) -> list[tuple[str, ...]]:
+def rows(found: Sequence[Planned]) -> Rows:
     """The table as text, with a heading."""
-    errors = {f"standard error of {name.removeprefix('effects.')}": name for name in found[0].std_error}
-    table = []
+    head = [f"standard error of {name.removeprefix('effects.')}" for name in found[0].std_error]
+    table = [("release", "duration [s]", "noise [rad]", *head, "gap weight", "times the best")]
     for row in found:
-        table.append(
-            (
-                row.scene,
-                f"{row.duration:g}",
-                f"{row.noise:g}",
-                *(f"{row.std_error[name]:.3g}" for name in errors.values()),
-                f"{row.gap_weight:.2g}",
-                f"{np.exp(row.score - found[0].score):.2f}",
-            )
-        )
-    return [("release", "duration [s]", "noise [rad]", *errors, "gap weight", "times the best"), *table]
+        errors = cells(row.std_error.values(), ".3g")
+        times = np.exp(row.score - found[0].score)
+        first = text_row("{0.scene}|{0.duration:g}|{0.noise:g}", row)
+        table.append((*first, *errors, *text_row("{0.gap_weight:.2g}|{1:.2f}", row, times)))
+    return table

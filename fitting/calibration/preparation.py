@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -17,6 +16,7 @@ from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model
 from dropper_jax.run.build import SceneLike, build
 from fitting.calibration.spans import (
+    Interval,
     advice_on_rest,
     check_spans,
     check_step,
@@ -92,7 +92,7 @@ class FitSettings:
     window: float | None = None
     dt: float | None = None
     integrator: str | None = None
-    rest: Sequence[tuple[float, float]] = ()
+    rest: Sequence[Interval] = ()
     static_start: bool = False
     zero: str | None = None
     sign: str | int | None = None
@@ -123,16 +123,16 @@ class Samples:
         held_out: (from, to) [s] that are scored.
         rest: poses at rest.
         period: of the shortest link as a pendulum [s].
-        notes: for the user.
+        warnings: for the user.
     """
 
     traces: list[Trace]
     spans: list[Span]
     sigma: list[np.ndarray]
-    held_out: tuple[tuple[float, float], ...]
+    held_out: tuple[Interval, ...]
     rest: Rest | None
     period: float
-    notes: list[str]
+    warnings: tuple[str, ...]
 
     @property
     def observed(self) -> list[Trace]:
@@ -197,7 +197,7 @@ STEPS_PER_PERIOD = {8: 38, 5: 38, 4: 75, 2: 200}
 
 
 @dataclass(frozen=True)
-class Prepared:
+class Prepared(Samples):
     """Everything that an estimator needs: the result of `prepare`.
 
     Attributes:
@@ -208,21 +208,15 @@ class Prepared:
     """
 
     scene: Scene
-    traces: list[Trace]
-    sigma: list[np.ndarray]
     parameters: tuple[Parameter, ...]
     simulator: Simulator
     windows: Windows
     starts: Starts
-    held_out: tuple[tuple[float, float], ...]
     lyapunov: float
-    period: float
-    warnings: tuple[str, ...]
-    started: float = 0.0
-    compiled_before: float = 0.0
+    started: float
+    compiled_before: float
     noise: Noise | None = None
     known: JointPrior = JointPrior()
-    rest: Rest | None = None
     begin: np.ndarray | None = None
     left_out: tuple[Span, ...] = ()
     breaks: tuple[tuple[int, float], ...] = ()
@@ -334,7 +328,7 @@ def prepare(
     bounds: Bounds | None = None,
     priors: Priors | None = None,
     until: float | None = None,
-    held_out: Sequence[tuple[float, float]] = (),
+    held_out: Sequence[Interval] = (),
     settings: FitSettings = AUTOMATIC,
     simulator: Simulator | None = None,
     progress: Progress = silent,
@@ -361,7 +355,12 @@ def prepare(
     changed = by_full_path(scene, start, bounds, priors, (RECORDING,))
     parameters = free_of_traces(scene, model, [*names, *rig], release)
     if settings.same_motion:
-        refuse_with_recordings(settings, release)
+        if release is not None:
+            raise SceneError(
+                "same-motion: cannot be combined with a static start or release.*. Fit the first recording"
+            )
+        if settings.rest:
+            raise SceneError("same-motion: cannot be combined with rest. Fit the first recording, or leave rest out")
         motion = share_motion(read, start)
         notes += motion.notes
         read = [motion.trace]
@@ -391,43 +390,33 @@ def prepare(
         residuals = lambda *at: simulator(*at).residual  # noqa: E731
         values = release.guess(residuals, simulator.parameters, windows, starts, values)
         parameters = tuple(replace(p, value=float(v)) for p, v in zip(simulator.parameters, values, strict=True))
+    warnings = (*notes, *samples.warnings)
     return Prepared(
+        **vars(replace(samples, warnings=warnings)),
         scene=scene,
-        traces=samples.traces,
-        sigma=samples.sigma,
         parameters=parameters,
         simulator=simulator,
         windows=windows,
         starts=starts,
-        held_out=samples.held_out,
         lyapunov=growth,
-        period=samples.period,
-        warnings=(*notes, *samples.notes),
         started=started,
         compiled_before=compiled_before,
         known=known,
-        rest=samples.rest,
     )
 
 
-class FreeNames(NamedTuple):
-    """Names of free parameters: those of the scene, those of its rig, and those of further recordings."""
-
-    scene: list[str]
-    rig: list[str]
-    recordings: list[str]
-
-
-def _free_names(scene: Scene, free: Sequence[str] | None, settings: FitSettings) -> FreeNames:
-    """The parameters that a user frees, or those that a scene frees by default."""
+def _free_names(
+    scene: Scene, free: Sequence[str] | None, settings: FitSettings
+) -> tuple[list[str], list[str], list[str]]:
+    """Names of the parameters that a user frees, or a scene by default: its own, its rig's, and further recordings'."""
     if free is not None:
         recordings = [name for name in free if name.startswith(f"{RECORDING}.")]
-        names = full_names(scene, [name for name in free if name not in recordings])
-        return FreeNames(names, [], recordings)
+        return full_names(scene, [name for name in free if name not in recordings]), [], recordings
+    rig = []
     # a file is checked by the lengths and the zero of the scene, although they are free
-    if settings.fixed or settings.static_start:
-        return FreeNames(default_free(scene), [], [])
-    return FreeNames(default_free(scene), default_rig(scene), [])
+    if not (settings.fixed or settings.static_start):
+        rig = default_rig(scene)
+    return default_free(scene), rig, []
 
 
 def read_traces(
@@ -442,42 +431,27 @@ def read_traces(
         SceneError: files that cannot be read or do not belong to the scene.
     """
     if isinstance(traces, str | Path | Trace):
-        given = [traces]
-    else:
-        given = list(traces)
-    if not given:
+        traces = [traces]
+    if not len(traces):
         raise SceneError("traces: none given. Use one or more CSV files")
     asked = settings.convention
     notes = []
-    read = [as_trace(item, model.line.links, settings.columns, settings.same_motion) for item in given]
+    read = [as_trace(item, model.line.links, settings.columns, settings.same_motion) for item in traces]
     for trace in read:
         check_sampling(trace, model)
         check_unit(trace, model, asked.over(trace.convention))
         notes += refuse_wrong_file(trace, model, asked, free)
     found = []
     for trace in read:
+        distance = None
         if settings.same_motion and found:
             distance = partial(distance_from, found[0])
-        else:
-            distance = None
         converted, more = settle_convention(trace, model, asked, distance)
         found.append(converted)
         notes += more
     if settings.dt is not None:
         check_step(found, settings.dt)
     return found, notes
-
-
-def refuse_with_recordings(settings: FitSettings, release: Release | None) -> None:
-    """Reject settings that belong to separate runs.
-
-    Raises:
-        SceneError: a release, or poses at rest.
-    """
-    if release is not None:
-        raise SceneError("same-motion: cannot be combined with a static start or release.*. Fit the first recording")
-    if settings.rest:
-        raise SceneError("same-motion: cannot be combined with rest. Fit the first recording, or leave rest out")
 
 
 def some_of(parameters: Sequence[Parameter], names: Sequence[str]) -> tuple[Parameter, ...]:
@@ -498,7 +472,7 @@ def choose_samples(
     scene: Scene,
     model: Model,
     until: float | None,
-    held_out: Sequence[tuple[float, float]],
+    held_out: Sequence[Interval],
     settings: FitSettings,
     released: bool,
 ) -> Samples:
@@ -523,18 +497,16 @@ def choose_samples(
     period = pendulum_period(length)
     if not released:
         seen = fitted_parts(traces, spans)
-        of_links = [size[: model.line.links] for size in sigma]
-        spans, more = without_held_starts(spans, seen, of_links, slowest, lambda: resting_angles(model))
+        spans, more = without_held_starts(spans, seen, sigma, slowest, lambda: resting_angles(model))
         notes += more
     for i, trace in enumerate(traces):
         if mine := [(low, high) for run, low, high in spans if run == i]:
             refuse_rising_energy(trace, model, mine, period)
     poses = rests(traces, sigma, rest) if rest else None
-    found = Samples(traces, spans, sigma, held, poses, period, notes)
     if not rest and not released:
-        for trace, size in zip(found.observed, sigma, strict=True):
-            notes += advice_on_rest(trace, size[: model.line.links], slowest)
-    return found
+        for trace, size in zip(fitted_parts(traces, spans), sigma, strict=True):
+            notes += advice_on_rest(trace, size, slowest)
+    return Samples(traces, spans, sigma, held, poses, period, tuple(notes))
 
 
 def with_model_error(traces: list[Trace], scene: Scene) -> tuple[list[Trace], list[str]]:
@@ -544,7 +516,9 @@ def with_model_error(traces: list[Trace], scene: Scene) -> tuple[list[Trace], li
     errors = [f"{trace.model_error:.2g} rad ({trace.name})" for trace in traces if trace.model_error]
     if not errors:
         return traces, []
-    return traces, [f"model error as stated by the traces: {', '.join(errors)}; `model_error` in [fit] replaces it"]
+    return list(traces), [
+        f"model error as stated by the traces: {', '.join(errors)}; `model_error` in [fit] replaces it"
+    ]
 
 
 def plan_windows(samples: Samples, simulator: Simulator, settings: FitSettings) -> WindowPlan:
@@ -576,12 +550,15 @@ LONGEST_HELD_OUT = 2.5
 def program_capacity(samples: Samples, plan: WindowPlan) -> tuple[int, int]:
     """Steps and sample slots of the windows' programs."""
     ends = [float(trace.t[-1]) for trace in samples.traces]
-    longest = max((min(high, end) - low for low, high in samples.held_out for end in ends), default=0.0)
-    if plan.length < longest < LONGEST_HELD_OUT * plan.length:
-        length = longest
-    else:
+    length = max((min(high, end) - low for low, high in samples.held_out for end in ends), default=0.0)
+    if not plan.length < length < LONGEST_HELD_OUT * plan.length:
         length = plan.length
-    return int(length / plan.dt + 1e-6), int(length / min(trace.interval for trace in samples.traces) + 1.5)
+    return program_space(samples.traces, length, plan.dt)
+
+
+def program_space(traces: Sequence[Trace], length: float, dt: float) -> tuple[int, int]:
+    """Steps and sample slots of windows of this length [s]."""
+    return int(length / dt + 1e-6), int(length / min(trace.interval for trace in traces) + 1.5)
 
 
 def windows_along_motion(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -15,19 +15,21 @@ from fitting.calibration.decision import verdict
 from fitting.calibration.disagreement import Disagreement
 from fitting.calibration.law_fits import Law
 from fitting.calibration.laws import DRAG, LawTest, LawTests, freeing_option
-from fitting.calibration.preparation import Prepared
+from fitting.calibration.preparation import Prepared, program_space
+from fitting.calibration.spans import Interval
 from fitting.estimate.least_squares import fit_windows
 from fitting.estimate.noise import Noise, mean_by_run
 from fitting.estimate.normal_equations import Evaluation
 from fitting.estimate.residuals import Problem, Solution
 from fitting.estimate.scene_fit import SceneFit
 from fitting.estimate.shooting import SCHEDULE
+from fitting.estimate.uncertainty import degrees_of_freedom
 from fitting.estimate.windows import Span, Windows, first_starts
 from fitting.traces.trace import Trace
 
 
 def score_held_out(
-    prepared: Prepared, values: np.ndarray, span: tuple[float, float], runs: Sequence[int] | None = None
+    prepared: Prepared, values: np.ndarray, span: Interval, runs: Sequence[int] | None = None
 ) -> HeldOut:
     """RMS angle error [rad] on a span of some runs, by default of all; starts are fitted on the span's own angles, the
     parameters are fixed."""
@@ -52,7 +54,7 @@ def direction_text(direction: Mapping[str, float]) -> str:
 HELD_GROWTH = 6.0
 
 
-def window_length(prepared: Prepared, span: tuple[float, float]) -> float:
+def window_length(prepared: Prepared, span: Interval) -> float:
     """Length [s] of the windows that score a span: equal parts, short enough for their starts to be found.
 
     Errors grow by at most exp(6) over each window. The growth rate is that of the scene along the measured motion, not
@@ -66,9 +68,10 @@ def _shape(prepared: Prepared) -> tuple[int, int]:
     """Steps and slots that suffice for the fit's windows and those of every held-out span."""
     windows = prepared.windows
     longest = max(window_length(prepared, span) for span in prepared.held_out)
-    steps = max(windows.steps, int(longest / windows.dt + 1e-6))
-    samples = int(longest / min(trace.interval for trace in prepared.traces) + 1.5)
-    return steps, max(windows.theta.shape[1], samples if steps > windows.steps else 0)
+    steps, slots = program_space(prepared.traces, longest, windows.dt)
+    if steps <= windows.steps:
+        return windows.steps, windows.theta.shape[1]
+    return steps, max(windows.theta.shape[1], slots)
 
 
 #: Maximum evaluations for the starts of held-out windows, at each part of them.
@@ -90,6 +93,12 @@ def fit_starts(prepared: Prepared, windows: Windows, values: np.ndarray) -> Solu
         )
         starts = solution.starts
     return solution
+
+
+def chi2_per_dof(prepared: Prepared, solution: Solution) -> float:
+    """Chi-square per degree of freedom of a fit, relative to the noise that the traces claim."""
+    residual = solution.errors * prepared.windows.weight
+    return float(np.sum(solution.weights * residual**2)) / degrees_of_freedom(solution)
 
 
 #: chi-square per degree of freedom, and correlation of neighbouring residuals, above which a fit misses its trace.
@@ -292,7 +301,7 @@ class FitResult(SceneFit[Problem, Evaluation]):
 
     def to_json(self) -> dict[str, Any]:
         """Plain values with the keys of the command line's JSON; values that are not finite become null."""
-        found = {
+        found: dict[str, Any] = {
             "rms_rad": self.rms,
             "held_out_rms_rad": [h.rms for h in self.held_out],
             "chi2_per_dof": self.chi2_per_dof,
@@ -301,23 +310,21 @@ class FitResult(SceneFit[Problem, Evaluation]):
             "shortest_window_s": float(self.windows.lengths.min()),
             "gap_weight": self.solution.gap_weight,
             "lyapunov_per_s": self.lyapunov,
-            "laws": [test.to_json() for test in self.laws.tests],
+            "laws": self.laws.tests,
             "noise": self.noise_table(),
         }
         if self.advice or self.freed:
-            found |= {key: [row.to_json() for row in getattr(self, key)] for key in ("advice", "freed")}
-        best = None
-        if self.has_errors:
-            best = self.best_combination
+            found |= {"advice": self.advice, "freed": self.freed}
+        left_out = []
+        for run, low, high in self.left_out:
+            left_out.append({"trace": self.traces[run].name, "from_s": low, "to_s": high})
         requested = {
             "descent": self.descent,
-            "comparison": [row.to_json() for row in self.comparison],
-            "recordings": [asdict(row) for row in self.recordings],
+            "comparison": self.comparison,
+            "recordings": self.recordings,
             "law": self.comparison and verdict(self.comparison),
-            "left_out": [
-                {"trace": self.traces[run].name, "from_s": low, "to_s": high} for run, low, high in self.left_out
-            ],
-            "best_determined": best and asdict(best),
+            "left_out": left_out,
+            "best_determined": self.best_combination if self.has_errors else None,
         }
         common = self.common_json(self.method, self.windows.dt / self.windows.substeps)
         return jsonable(common | found | {key: value for key, value in requested.items() if value})

@@ -12,6 +12,9 @@ from fitting.estimate.windows import Span
 from fitting.traces import planar
 from fitting.traces.trace import Trace
 
+#: From, to [s].
+Interval = tuple[float, float]
+
 
 def check_step(traces: Sequence[Trace], dt: float) -> None:
     """Reject a requested step that is longer than the sampling interval.
@@ -24,9 +27,7 @@ def check_step(traces: Sequence[Trace], dt: float) -> None:
         raise SceneError(f"dt: {dt:g} s is longer than the sampling interval; allowed: at most {longest:.4g} s")
 
 
-def check_spans(
-    traces: Sequence[Trace], spans: Sequence[tuple[float, float]], option: str = "held-out"
-) -> tuple[tuple[float, float], ...]:
+def check_spans(traces: Sequence[Trace], spans: Sequence[Interval], option: str = "held-out") -> tuple[Interval, ...]:
     """Sorted spans; messages use the option's name.
 
     Raises:
@@ -47,7 +48,7 @@ def check_spans(
 def fitted_spans(
     traces: Sequence[Trace],
     until: float | None,
-    held_out: Sequence[tuple[float, float]],
+    held_out: Sequence[Interval],
     begin: float | None,
 ) -> list[Span]:
     """(run, from, to) of all samples that may be fitted: from `begin` to `until`, outside the held-out spans.
@@ -120,14 +121,14 @@ STILL = 5.0
 SMALLEST_MOVE = 0.002
 
 
-def still_spans(trace: Trace, sigma: np.ndarray, slowest: float) -> list[tuple[float, float]]:
+def still_spans(trace: Trace, sigma: np.ndarray, slowest: float) -> list[Interval]:
     """(from, to) [s] of the trace's first and last stretch at rest; frames without a sample at its ends do not count.
 
     The first lasts at least half of the slowest period [s], the last at least two periods. A link is still as long as
     the mean of five neighbouring frames stays within five of its standard deviations, at least 2 mrad, of its value at
     that end of the trace. `sigma` (n,) [rad] is the noise of a frame.
     """
-    found: list[tuple[float, float]] = []
+    found: list[Interval] = []
     known = np.flatnonzero(np.isfinite(trace.theta).any(axis=1))
     if not len(known):
         return found
@@ -145,7 +146,7 @@ def still_spans(trace: Trace, sigma: np.ndarray, slowest: float) -> list[tuple[f
 def still_frames(t: np.ndarray, theta: np.ndarray, sigma: np.ndarray) -> int:
     """Number of still frames at the start of (k, n), up to the first pause of `SHORTEST` without samples."""
     least = len(theta)
-    for column, size in zip(theta.T, sigma, strict=True):
+    for column, size in zip(theta.T, sigma, strict=False):  # the noise of further recordings follows
         known = np.flatnonzero(np.isfinite(column))
         pause = np.abs(np.diff(t[known], prepend=t[0])) > SHORTEST
         known = known[: int(np.argmax(pause)) if pause.any() else None]

@@ -10,11 +10,11 @@ import numpy as np
 from fitting.calibration.disagreement import disagreement_warnings, disagreements
 from fitting.calibration.laws import law_warnings, test_laws
 from fitting.calibration.preparation import Prepared
-from fitting.calibration.result import FitResult, direction_text, score_held_out
+from fitting.calibration.result import FitResult, chi2_per_dof, direction_text, score_held_out
 from fitting.estimate.residuals import CHI2_RANGE, CORRELATION_FLOOR, Solution
 from fitting.estimate.scene_fit import common_warnings
 from fitting.estimate.shooting import lyapunov
-from fitting.estimate.uncertainty import Uncertainty, degrees_of_freedom, uncertainty
+from fitting.estimate.uncertainty import Uncertainty, uncertainty
 
 #: Standard deviations beyond which a sample is an outlier (one in 2 million of normal noise), and how many are listed.
 STANDS_OUT = 5.0
@@ -89,20 +89,16 @@ def outliers(prepared: Prepared, solution: Solution) -> list[str]:
     out = np.argwhere(size > STANDS_OUT)
     if not len(out):
         return []
-    largest = out[np.argsort(-size[tuple(out.T)])[:NAMED_SAMPLES]]
     positions = []
-    for window, slot, column in largest:
-        positions.append(
-            f"{prepared.traces[windows.run[window]].column_name(column)} at {windows.times()[window, slot]:.3f} s"
-        )
+    for window, slot, column in out[np.argsort(-size[tuple(out.T)])[:NAMED_SAMPLES]]:
+        trace = prepared.traces[windows.run[window]]
+        positions.append(f"{trace.column_name(column)} at {windows.times()[window, slot]:.3f} s")
+    more = ""
     if len(out) > len(positions):
         more = f" and {len(out) - len(positions)} more"
-    else:
-        more = ""
+    advice = ". Use --student to reduce their weight"
     if solution.problem.loss.redescends:
         advice = ""
-    else:
-        advice = ". Use --student to reduce their weight"
     return [
         f"{len(out)} samples stand out by more than {STANDS_OUT:g} standard deviations: "
         f"{', '.join(positions)}{more}{advice}"
@@ -117,7 +113,7 @@ def summarise(prepared: Prepared, method: str, solution: Solution) -> FitResult:
     u = uncertainty(solution)
     expected = prepared.windows.weight
     claimed = float(np.sqrt(np.mean(1 / expected[expected > 0] ** 2)))
-    chi2 = float(np.sum(solution.weights * (solution.errors * expected) ** 2)) / degrees_of_freedom(solution)
+    chi2 = chi2_per_dof(prepared, solution)
     # held-out stretches use the same step size as the fit
     finer = replace(prepared, windows=replace(prepared.windows, substeps=windows.substeps))
     scored = finer.noisy(solution.problem.noise)

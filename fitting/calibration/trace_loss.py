@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -53,6 +53,21 @@ class GaussNewton(NamedTuple):
 FIRST_DAMPING = 1e-3
 
 
+def differentiable(evaluate: Callable[..., tuple[jax.Array, ...]]) -> Callable[..., jax.Array]:
+    """The value of a function that returns its value and its slopes by its first arguments, which become derivatives.
+
+    The rule is linear in the tangents, so that JAX can transpose it.
+    """
+    value = jax.custom_jvp(lambda *at: evaluate(*at)[0])
+
+    @value.defjvp
+    def rule(at: tuple[jax.Array, ...], tangents: tuple[jax.Array, ...]) -> tuple[jax.Array, jax.Array]:
+        found, *slopes = evaluate(*at)
+        return found, sum(map(jnp.vdot, slopes, tangents), jnp.zeros_like(found))
+
+    return value
+
+
 class TraceLoss:
     """Half of chi-square of a trace's windows, `1/2 sum (simulated - measured)^2/sigma^2`, and the priors.
 
@@ -74,7 +89,8 @@ class TraceLoss:
     """
 
     def __init__(self, prepared: Prepared) -> None:
-        self.prepared, windows = prepared, prepared.windows
+        self.prepared = prepared
+        windows = prepared.windows
         self.names = tuple(prepared.names)
         self.params = jnp.asarray(prepared.values)
         self.low = jnp.array([p.low for p in prepared.parameters])
@@ -92,27 +108,15 @@ class TraceLoss:
         self._samples = tuple(jnp.asarray(a) for a in (*samples, windows.step_counts.astype(np.int32)))
         model = prepared.simulator.model_at(prepared.values)
         self._basis = jnp.asarray(planar.chart(model, prepared.starts.theta))
-        self._cost = jax.custom_jvp(self._half_square)
-        self._cost.defjvp(self._half_square_jvp)
+        self._cost = differentiable(self._half_square)
         self.loss = jax.jit(self._loss)
         self.gauss_newton = jax.jit(self._gauss_newton)
         self._moved_starts = jax.jit(self._move_starts)
-        self._value = jax.custom_jvp(lambda params: self.value_and_grad(params)[0])
-        self._value.defjvp(self._value_jvp)
+        self._value = differentiable(self.value_and_grad)
 
     def __call__(self, params: jax.Array) -> jax.Array:
         """The loss at parameters (k,) with the starts at their optimum; `jax.grad` gives its gradient."""
         return self._value(params)
-
-    def _value_jvp(self, primals: tuple[jax.Array], tangents: tuple[jax.Array]) -> tuple[jax.Array, jax.Array]:
-        """The loss and its derivative, linear in the tangent, so that JAX can transpose it."""
-        value, gradient = self.value_and_grad(*primals)
-        return value, gradient @ tangents[0]
-
-    def residuals(self, params: jax.Array, starts: Starts[jax.Array]) -> jax.Array:
-        """Simulated minus measured angles over their noise (windows, samples, links), 0 where there is no sample."""
-        found = jax.vmap(partial(self._derivatives, params))(*starts, self._basis, *self._samples)[0]
-        return found.reshape(self.prepared.windows.theta.shape)
 
     def _loss(self, params: jax.Array, starts: Starts[jax.Array]) -> jax.Array:
         """Half of chi-square and the priors, at parameters (k,) and starts."""
@@ -162,17 +166,13 @@ class TraceLoss:
         found = self._window(params, seeds, *steps, theta, omega, basis, *samples)
         return found[1].ravel(), found[2].reshape(-1, len(seeds))
 
-    def _half_square(self, params: jax.Array, theta: jax.Array, omega: jax.Array, *samples: jax.Array) -> jax.Array:
-        """Half of chi-square of one window."""
-        return 0.5 * jnp.sum(self._derivatives(params, theta, omega, jnp.eye(len(theta)), *samples)[0] ** 2)
-
-    def _half_square_jvp(
-        self, primals: tuple[jax.Array, ...], tangents: tuple[jax.Array, ...]
-    ) -> tuple[jax.Array, jax.Array]:
-        """Its value and derivative: linear in the tangents, so that JAX can transpose it."""
-        params, theta, omega, *samples = primals
+    def _half_square(
+        self, params: jax.Array, theta: jax.Array, omega: jax.Array, *samples: jax.Array
+    ) -> tuple[jax.Array, ...]:
+        """Half of chi-square of one window, and its slopes by the parameters, angles and rates."""
         r, slope = self._derivatives(params, theta, omega, jnp.eye(len(theta)), *samples)
-        return 0.5 * jnp.sum(r**2), r @ slope @ jnp.concatenate([tangents[1], tangents[2], tangents[0]])
+        by_theta, by_omega, by_params = jnp.split(r @ slope, (len(theta), 2 * len(theta)))
+        return 0.5 * jnp.sum(r**2), by_params, by_theta, by_omega
 
     def _prior(self, params: jax.Array) -> jax.Array:
         """Half of the squared distances from the priors."""

@@ -22,16 +22,15 @@ from dropper_jax.run.build import build
 from fitting.calibration.advice import Group, groups, joint_information, wide
 from fitting.calibration.candidate import Candidate
 from fitting.calibration.law_fits import OF_JOINTS, PARTS, scene_with_law, substeps_of, without_unused_parts
-from fitting.calibration.preparation import Prepared, fitted_parts
-from fitting.calibration.result import score_held_out, window_length
+from fitting.calibration.preparation import Prepared, fitted_parts, program_space
+from fitting.calibration.result import chi2_per_dof, score_held_out, window_length
 from fitting.estimate.least_squares import fit_windows
 from fitting.estimate.loss import Loss
 from fitting.estimate.noise import Noise, lag_one
 from fitting.estimate.residual_noise import memory_of
 from fitting.estimate.residuals import Solution
 from fitting.estimate.simulator import Simulator, choose_stepper
-from fitting.estimate.uncertainty import degrees_of_freedom
-from fitting.estimate.windows import LONGEST, Span, Starts, pick, with_rows
+from fitting.estimate.windows import LONGEST, Span, Starts, Windows, pick, with_rows
 from fitting.parameters.parameter import Parameter
 from fitting.parameters.paths import resolve
 from fitting.parameters.targets import all_joints
@@ -56,9 +55,8 @@ def is_model_wrong(prepared: Prepared, solution: Solution, limit: float = WRONG)
     expected = prepared.windows.weight
     if solution.windows.weight.shape != expected.shape or not np.isfinite(solution.cost):
         return False
-    residual = solution.errors * expected
-    chi2 = float(np.sum(solution.weights * residual**2)) / degrees_of_freedom(solution)
-    return chi2 > limit and lag_one(residual, expected > 0)[0] > SMOOTH
+    neighbours, _ = lag_one(solution.errors * expected, expected > 0)
+    return chi2_per_dof(prepared, solution) > limit and neighbours > SMOOTH
 
 
 #: Maximum evaluations of a trial, which starts near its end.
@@ -74,34 +72,29 @@ class Trials:
     """
 
     def __init__(self, prepared: Prepared, loss: Loss) -> None:
-        windows = prepared.windows
         scored = scored_windows(prepared)
         self.spans = stretches(prepared, scored)
         self.used = ~scored
         self.loss = loss
-        self.noise = Noise.as_claimed(*prepared.floor.shape)
-        fitted = map(Span, windows.run, windows.begin, windows.ends)
+        fitted = map(Span, prepared.windows.run, prepared.windows.begin, prepared.windows.ends)
         inside = fitted_parts(prepared.traces, list(fitted))
         self.prepared = replace(prepared, traces=inside, held_out=tuple((low, high) for _, low, high in self.spans))
-        self.windows = self.prepared.windows.pick(self.used)
+        self.claimed = prepared.windows.pick(self.used)
 
-    def weigh(self, errors: np.ndarray, weight: np.ndarray, run: np.ndarray, memory: float) -> None:
+    def weigh(self, solution: Solution, claimed: Windows) -> None:
         """Weight each link by its misfit and each sample by the memory of the noise, so that priors count.
 
         Args:
-            errors, weight: of windows (K, S, n), by the claimed noise.
-            run: of these windows (K,).
-            memory: number of samples that carry as much information as one of white noise.
+            claimed: the solution's windows with the claimed noise.
         """
-        noise = Noise.of_misfit(errors * weight, weight > 0, run, self.prepared.floor)
-        noise = replace(noise, factor=noise.factor * np.sqrt(memory))
-        self.claimed = self.prepared.windows.pick(self.used)
-        self.windows = noise.apply_to(self.claimed, self.prepared.traces)
-        self.prepared = replace(self.prepared, noise=noise)
-        self.noise = noise
+        known = claimed.weight > 0
+        noise = Noise.of_misfit(solution.errors * claimed.weight, known, claimed.run, self.prepared.floor)
+        self.noise = replace(noise, factor=noise.factor * np.sqrt(memory_of(solution)))
+        self.windows = self.noise.apply_to(self.claimed, self.prepared.traces)
+        self.prepared = replace(self.prepared, noise=self.noise)
 
     def fit(self, parameters: Sequence[Parameter], values: np.ndarray, starts: Starts) -> Solution:
-        """A short fit of the windows that are not scored."""
+        """A short fit of the windows that are not scored, with the noise of the last misfit."""
         at = self.prepared.with_parameters(parameters, values)
         problem = at.problem(self.loss).with_noise(self.noise, self.windows, values)
         return fit_windows(problem, values, starts, iterations=TRIAL_ITERATIONS)
@@ -118,30 +111,30 @@ class Trials:
 def scored_windows(prepared: Prepared) -> np.ndarray:
     """Windows (K,) in the scored parts of their runs; none of runs with too few windows."""
     windows = prepared.windows
-    scored = np.zeros(prepared.windows.count, bool)
+    scored = np.zeros(windows.count, bool)
     for i in np.unique(windows.run):
         mine = windows.run == i
-        begin = windows.begin[mine]
-        ends = windows.ends[mine]
-        share = (0.5 * (begin + ends) - begin.min()) / (ends.max() - begin.min())
-        scored[mine] = np.isin(np.floor(PARTS_OF_RUN * share), SCORED) & (len(begin) >= PARTS_OF_RUN)
+        low = windows.begin[mine].min()
+        middle = 0.5 * (windows.begin + windows.ends)[mine]
+        part = np.floor(PARTS_OF_RUN * (middle - low) / (windows.ends[mine].max() - low))
+        scored[mine] = np.isin(part, SCORED) & (len(part) >= PARTS_OF_RUN)
     return scored & ~windows.released
 
 
 def stretches(prepared: Prepared, scored: np.ndarray) -> list[Span]:
     """(run, from, to) of neighbouring scored windows, in equal parts of at most `LONGEST` [s]."""
     windows = prepared.windows
-    found = []
+    found: list[Span] = []
     for k in np.flatnonzero(scored):
-        run = int(windows.run[k])
-        low = float(windows.begin[k])
-        high = float(windows.ends[k])
-        if found and k and scored[k - 1] and windows.follows[k]:
-            found[-1] = found[-1]._replace(high=high)
-        else:
-            found.append(Span(run, low, high))
-    parts = [(run, np.linspace(low, high, int(np.ceil((high - low) / LONGEST)) + 1)) for run, low, high in found]
-    return [Span(run, float(a), float(b)) for run, edge in parts for a, b in pairwise(edge)]
+        span = Span(int(windows.run[k]), float(windows.begin[k]), float(windows.ends[k]))
+        if found and scored[k - 1] and windows.follows[k]:
+            span = span._replace(low=found.pop().low)
+        found.append(span)
+    parts = []
+    for run, low, high in found:
+        edges = np.linspace(low, high, int(np.ceil((high - low) / LONGEST)) + 1).tolist()
+        parts += [Span(run, a, b) for a, b in pairwise(edges)]
+    return parts
 
 
 def with_full_law(prepared: Prepared, solution: Solution) -> tuple[Prepared, list[Parameter]]:
@@ -189,12 +182,15 @@ def free_groups(
     trials = Trials(replace(prepared, simulator=simulator), loss)
     if not (trials.spans and trials.used.any()):  # no windows to score, or none to fit
         return None
-    reserve_held_out(simulator, prepared, trials.spans)
-    trials.weigh(solution.errors, before.windows.weight, before.windows.run, memory_of(solution))
+    # the programs also run the windows that score the stretches
+    longest = max(window_length(prepared, (low, high)) for _, low, high in trials.spans)
+    steps, slots = program_space(prepared.traces, longest, prepared.windows.dt)
+    simulator.capacity = max(simulator.capacity[0], steps), max(simulator.capacity[1], slots)
+    trials.weigh(solution, before.windows)
     progress(0.5, "testing what may be wrong: unchanged model")
     base = trials.fit(prepared.parameters, solution.values, pick(solution.starts, trials.used))
     first = trials.score(base)
-    search = Search(trials, shared, effective(trials, base, found), base)
+    search = Search(trials, effective(trials, base, found), base)
     progress(0.55, "testing what may be wrong: everything free")
     search.free_all()
     if not search.least < first - np.log1p(NEEDED):
@@ -216,20 +212,11 @@ def free_groups(
     return at, simulator, [_candidate(group, search.needed[group.name], best) for group in search.free]
 
 
-def reserve_held_out(simulator: Simulator, prepared: Prepared, spans: Sequence[Span]) -> None:
-    """Space for the windows that score these stretches in the programs of a simulator."""
-    longest = max(window_length(prepared, (low, high)) for _, low, high in spans)
-    frames = int(longest / min(trace.interval for trace in prepared.traces) + 1.5)
-    steps, slots = simulator.capacity
-    simulator.capacity = max(steps, int(longest / prepared.windows.dt + 1e-6)), max(slots, frames)
-
-
 class Search:
     """Groups that trials show to be needed.
 
     Args:
         trials: fit and score.
-        shared: friction of all joints that separate joints replace.
         found: groups that may be free.
         base: fit without them.
 
@@ -239,9 +226,8 @@ class Search:
         needed: by name of a group, the factor of the held-out error without it.
     """
 
-    def __init__(self, trials: Trials, shared: Sequence[Parameter], found: Sequence[Group], base: Solution) -> None:
+    def __init__(self, trials: Trials, found: Sequence[Group], base: Solution) -> None:
         self.trials = trials
-        self.shared = shared
         self.groups = found
         values = base.by_name
         self.start = {
@@ -255,12 +241,9 @@ class Search:
 
     def fit(self, free: Sequence[Group]) -> Solution:
         """A fit with these groups free, from the best one so far."""
-        replaced = [p for group in self.groups for p in group.instead]
-        held = [p for group in self.groups if group not in free for p in group.instead]
-        names = [p.name for p in self.shared]
-        plain = [p for p in self.trials.prepared.parameters if p.name not in names]
-        plain += [p for p in self.shared if p in held or p not in replaced]
-        every = [*plain, *(p for group in free for p in group.parameters)]
+        replaced = {p.name for group in free for p in group.instead}
+        every = [p for p in self.trials.prepared.parameters if p.name not in replaced]
+        every += [p for group in free for p in group.parameters]
         return self.trials.fit(every, np.array([self.values[p.name] for p in every]), self.best.starts)
 
     def free_all(self) -> None:
@@ -268,8 +251,7 @@ class Search:
         self.best = self.fit(self.groups)
         for _ in range(2):
             self.values |= self.best.by_name
-            claimed = self.trials.claimed
-            self.trials.weigh(self.best.errors, claimed.weight, claimed.run, memory_of(self.best))
+            self.trials.weigh(self.best, self.trials.claimed)
             self.best = self.fit(self.groups)
         self.free = list(self.groups)
         self.least = self.trials.score(self.best)

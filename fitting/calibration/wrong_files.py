@@ -17,6 +17,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.model import Model
+from fitting.calibration.spans import Interval
 from fitting.parameters.names import DAMPING, free_option
 from fitting.traces.conventions import (
     Change,
@@ -160,7 +161,7 @@ def _closing_shifts(model: Model, theta: np.ndarray, at: Convention) -> Iterator
 SMOOTHER = 0.06
 
 
-def refuse_rising_energy(trace: Trace, model: Model, spans: Sequence[tuple[float, float]], period: float) -> None:
+def refuse_rising_energy(trace: Trace, model: Model, spans: Sequence[Interval], period: float) -> None:
     """Reject a trace whose energy rises: two runs in one file, or rows reversed in time.
 
     Args:
@@ -175,7 +176,7 @@ def refuse_rising_energy(trace: Trace, model: Model, spans: Sequence[tuple[float
         return  # water and springs have energies of their own
     low = spans[0][0]
     high = spans[-1][1]
-    motion = smooth_stretch(trace.between(low, high), (low, high), SMOOTHER * period)
+    motion = smooth_stretch(trace, (low, high), SMOOTHER * period)
     if motion is None:
         return
     t, theta, omega = motion
@@ -204,16 +205,17 @@ def refuse_rising_energy(trace: Trace, model: Model, spans: Sequence[tuple[float
         )
 
 
-def _breaks(trace: Trace) -> Iterator[float]:
+#: Frames to either side of a jump, and the multiple of their fastest motion by which angles move where a run starts.
+NEAR = 5
+JUMP = 4.0
+
+
+def _breaks(trace: Trace) -> np.ndarray:
     """Times [s] at which most links jump, or where frames are missing."""
-    step = np.diff(trace.t)
     move = np.abs(wrap(np.diff(trace.theta, axis=0)))
-    for i in range(5, len(move) - 5):
-        if step[i] > 10 * trace.interval:
-            yield float(trace.t[i + 1])
-            continue
-        near = np.nanmax(np.concatenate([move[i - 5 : i], move[i + 1 : i + 6]]), axis=0, initial=0.0)
-        known = np.isfinite(move[i])
-        # multiple of the fastest nearby motion per frame by which angles move where another run starts
-        if known.any() and np.median((move[i] - 4.0 * near)[known]) > 0:
-            yield float(trace.t[i + 1])
+    around = np.lib.stride_tricks.sliding_window_view(move, 2 * NEAR + 1, axis=0)
+    near = np.nanmax(np.delete(around, NEAR, axis=2), axis=2, initial=0.0)
+    beyond = move[NEAR:-NEAR] - JUMP * near
+    beyond[np.isnan(beyond).all(axis=1)] = -1.0  # nothing is known of these frames
+    missing = np.diff(trace.t)[NEAR:-NEAR] > 10 * trace.interval
+    return trace.t[NEAR + 1 : -NEAR][missing | (np.nanmedian(beyond, axis=1) > 0)]

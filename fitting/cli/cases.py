@@ -95,13 +95,12 @@ def text(found: Table, files: dict[str, Path]) -> str:
     pairs = [("cases", f"{len(found['cases'])}, {found['runs']} runs, {found['resumed']} of them resumed")]
     for part in found["parts"]:
         row = part["worst"]
-        if row is None:
-            worst = "no run"
-        else:
+        worst = "no run"
+        if row is not None:
             worst = f"utilisation {row['utilisation']:.2f} in {storms[row['case']]}"
         pairs.append((part["part"], worst))
     flags = bullets(found["flags"])
     verdict = "not all limits hold"
     if found["passes"]:
         verdict = "all limits hold"
-    return "\n\n".join(p for p in (listing(pairs), flags, f"{verdict}: {files['page']}") if p)
+    return "\n\n".join(filter(None, (listing(pairs), flags, f"{verdict}: {files['page']}")))

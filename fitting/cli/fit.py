@@ -16,16 +16,13 @@ from fitting.cli.fit_file import fit_files, traces_for
 from fitting.cli.fit_options import (
     OF_DATA,
     OF_TRACES,
-    _bounds,
-    _check_numbers,
-    _number,
-    _pairs,
-    _prior,
     add_parameters,
+    check_numbers,
     check_without_scene,
     chosen_loss,
     chosen_method,
     held_out_spans,
+    named_values,
 )
 
 if TYPE_CHECKING:
@@ -60,28 +57,28 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     spans = held_out_spans(args.held_out)
-    free = None if args.free is None else args.free.split(",")
     folder = output_folder(args.report, "--report")
     plot = output_folder(args.plot, "--plot")
     if folder:
         folder.mkdir(parents=True, exist_ok=True)
-    _check_numbers(args)
+    check_numbers(args)
     shared: Table = {
         "loss": chosen_loss(args),
-        "start": {key: _number("start", key, text) for key, text in _pairs("start", args.start)},
-        "bounds": {key: _bounds(key, text) for key, text in _pairs("bounds", args.bounds)},
-        "priors": {key: _prior(key, text) for key, text in _pairs("prior", args.prior)},
+        "start": named_values("start", args.start),
+        "bounds": named_values("bounds", args.bounds),
+        "priors": named_values("prior", args.prior),
     }
-    scene = None if args.scene is None else read_scene(args)
-    if scene is None:
+    scene = None
+    if args.scene is None:
         check_without_scene(args)
     else:
-        check_intervals(args, scene, free)
+        scene = read_scene(args)
+        check_intervals(args, scene)
     if scene is not None and any(name.lower().endswith(".toml") for name in args.traces):
         if plot:
             raise SceneError("--plot: only for traces of angles. Use --report for channels, which draws every run")
-        return fit_to_channels(args, scene, free, shared)
-    if args.own is not None:
+        return fit_to_channels(args, scene, shared)
+    if args.own:
         raise SceneError("--own: only for channels named in a TOML file. Omit it for traces of angles")
 
     from fitting.calibration.fit import fit, fit_and_free
@@ -113,10 +110,10 @@ def run(args: argparse.Namespace) -> int:
     shared |= {"method": chosen_method(args), "until": args.until, "held_out": spans, "settings": settings}
     say = progress(args.quiet)
     if scene is None:
-        result, found, about = fit_files(args, free, shared, say)
+        result, found, about = fit_files(args, shared, say)
     else:
         run_fit = fit_and_free if args.auto_free else fit
-        result = run_fit(traces, scene, free, **shared, progress=say)
+        result = run_fit(traces, scene, args.free, **shared, progress=say)
     add_judgements(result, args, say)
     result.accepted = args.accept_misfit
     if folder:
@@ -135,7 +132,7 @@ def run(args: argparse.Namespace) -> int:
     return code
 
 
-def check_intervals(args: argparse.Namespace, scene: Scene, free: list[str] | None) -> None:
+def check_intervals(args: argparse.Namespace, scene: Scene) -> None:
     """Reject intervals of parameters that are not free, and a bootstrap of one draw, before anything is fitted."""
     from fitting.estimate.scene_fit import check_draws
     from fitting.parameters.names import default_free, default_rig, full_names
@@ -144,14 +141,12 @@ def check_intervals(args: argparse.Namespace, scene: Scene, free: list[str] | No
         check_draws(args.bootstrap)
     if not args.profile:
         return
-    own = [] if args.own is None else args.own.split(",")
+    free = args.free
     if free is None:
-        by_default = [*default_free(scene), *([] if args.fixed else default_rig(scene))]
-    else:
-        by_default = free
-    names = [*by_default, *own]
+        free = [*default_free(scene), *([] if args.fixed else default_rig(scene))]
+    names = [*free, *args.own]
     known = [name if name.startswith(OF_DATA) else full_names(scene, [name])[0] for name in names]
-    for name in args.profile.split(","):
+    for name in args.profile:
         if name.startswith(OF_DATA):
             full = name
         else:
@@ -165,10 +160,7 @@ def add_intervals(result: SceneFit, args: argparse.Namespace, say: Progress) -> 
     from fitting.estimate.scene_fit import bootstrap, profiles
 
     if args.profile is not None:
-        names = ()
-        if args.profile:
-            names = args.profile.split(",")
-        result.profiles = profiles(result, names, say)
+        result.profiles = profiles(result, args.profile, say)
     if args.bootstrap is not None:
         drawn = bootstrap(result, args.bootstrap)
         result.bootstrap = drawn.draws
@@ -190,7 +182,7 @@ def add_judgements(result: FitResult, args: argparse.Namespace, say: Progress) -
     say(1.0, result.status)
 
 
-def fit_to_channels(args: argparse.Namespace, scene: Scene, free: list[str] | None, shared: Table) -> int:
+def fit_to_channels(args: argparse.Namespace, scene: Scene, shared: Table) -> int:
     """Fit to the channels that a TOML file names."""
     for key, default in OF_TRACES.items():
         if getattr(args, key) != default:
@@ -210,8 +202,8 @@ def fit_to_channels(args: argparse.Namespace, scene: Scene, free: list[str] | No
     result = fit_channels(
         args.traces[0],
         scene,
-        free,
-        own=[] if args.own is None else args.own.split(","),
+        args.free,
+        own=args.own,
         **shared,
         iterations=args.iterations,
         progress=say,

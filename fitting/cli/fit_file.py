@@ -51,10 +51,9 @@ def given_of(args: argparse.Namespace) -> Given:
     lengths = None
     if args.lengths is not None:
         lengths = tuple(positive(part, "--lengths", "m") for part in args.lengths.split(","))
-    for key in ("rate", "counts", "mass"):
-        value = getattr(args, key)
-        if value is not None:
-            positive(value, f"--{key}", {"rate": "1/s", "counts": "-", "mass": "kg"}[key])
+    for key, unit in {"rate": "1/s", "counts": "-", "mass": "kg"}.items():
+        if getattr(args, key) is not None:
+            positive(getattr(args, key), f"--{key}", unit)
     return Given(
         columns=column_names(args.columns),
         unit=args.unit,
@@ -119,9 +118,7 @@ def column_names(text: str | None) -> dict[str, str] | None:
     return {name.strip(): column.strip() for name, _, column in pairs}
 
 
-def fit_files(
-    args: argparse.Namespace, free: list[str] | None, shared: Table, say: Progress
-) -> tuple[FitResult, Table, str]:
+def fit_files(args: argparse.Namespace, shared: Table, say: Progress) -> tuple[FitResult, Table, str]:
     """Fit files without a scene: the result, and what was assumed and found as plain values and as text."""
     from dropper_jax.load.scene import Scene
     from fitting.calibration.fit import fit, free_laws
@@ -139,12 +136,12 @@ def fit_files(
 
     def fit_plain() -> FitResult:
         scene = Scene.from_dict(plain, measured[0].trace.name)
-        found = fit([one.trace for one in measured], scene, free, **shared, progress=say)
+        found = fit([one.trace for one in measured], scene, args.free, **shared, progress=say)
         return free_laws(found, shared["method"], shared["loss"], progress=say)
 
     result = fit_plain()
     assumed = [f"{one.trace.name}: {note}" for one in measured for note in one.notes]
-    if result.status == "misfit" and (error := model_error_of(result)) is not None and free is None:
+    if result.status == "misfit" and (error := model_error_of(result)) is not None and args.free is None:
         # bearings depart from any model by a small angle, which hides the law: dry friction is then free without a test
         plain["effects"]["joint_friction"] = {"dry": 1e-4 * (given.mass or 1.0), "axis": [0.0, 1.0, 0.0]}
         plain["fit"] |= {"free": [*plain["fit"]["free"], "dry"], "model_error": error}
@@ -180,12 +177,10 @@ def model_error_of(result: FitResult) -> float | None:
 
 def model_note(links: int, mass: float | None) -> str:
     """What the proposed scene assumes, in words."""
-    if links == 1:
-        what = "one pendulum of an effective length"
-    else:
+    what = "one pendulum of an effective length"
+    if links > 1:
         what = f"{links} massless links with masses at their ends"
-    if mass is None:
-        scale = "a mass of 1 kg: damping is per mass"
-    else:
+    scale = "a mass of 1 kg: damping is per mass"
+    if mass is not None:
         scale = f"masses of {mass:g} kg"
     return f"model: {what}, in air, linear and quadratic drag, gravity 9.81 m/s^2; {scale}"

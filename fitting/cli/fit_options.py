@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import argparse
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.cli.given import number, read_numbers
-from dropper_jax.cli.options import (
-    add_json,
-    add_quiet,
-)
+from dropper_jax.cli.given import number, read_numbers, split_names
+from dropper_jax.cli.options import add_json, add_quiet
 from dropper_jax.cli.outputs import add_out
 from fitting.cli.fit_file import add_file_options
 
@@ -27,6 +24,7 @@ def add_parameters(parser: argparse.ArgumentParser) -> None:
     """What is fitted: parameters, their start values, bounds and priors, and the samples."""
     parser.add_argument(
         "--free",
+        type=split_names,
         metavar="NAMES",
         help="parameters, such as b_l,line.0.inertia,release.time (default: those listed in [fit], else damping)",
     )
@@ -47,7 +45,11 @@ def add_parameters(parser: argparse.ArgumentParser) -> None:
         help="prior of a free parameter, such as line.0.inertia=1.1e-4+-1e-6",
     )
     parser.add_argument(
-        "--own", metavar="NAMES", help="of channels: parameters fitted separately for each run; reports mean and spread"
+        "--own",
+        type=split_names,
+        default=[],
+        metavar="NAMES",
+        help="of channels: parameters fitted separately for each run; reports mean and spread",
     )
     parser.add_argument("--from", dest="since", type=number, metavar="T", help="fit only samples from this time on [s]")
     parser.add_argument("--until", type=number, metavar="T", help="fit only samples before this time [s]")
@@ -101,7 +103,12 @@ def add_judging(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--auto-free", action="store_true", help="add free parameters while the fit improves")
     parser.add_argument("--compare-models", action="store_true", help="also fit a ladder of damping laws")
     parser.add_argument(
-        "--profile", nargs="?", const="", metavar="NAMES", help="intervals by profile likelihood too (default: of all)"
+        "--profile",
+        type=split_names,
+        nargs="?",
+        const=[],
+        metavar="NAMES",
+        help="intervals by profile likelihood too (default: of all)",
     )
     parser.add_argument(
         "--bootstrap", nargs="?", const=400, type=int, metavar="DRAWS", help="resample blocks of time (default: 400)"
@@ -203,21 +210,40 @@ def held_out_spans(text: str | None, option: str = "--held-out") -> list[tuple[f
     return found
 
 
-def _pairs(option: str, texts: list[str]) -> list[tuple[str, str]]:
-    """Names and texts of several `NAME=TEXT`."""
-    found = []
+#: Forms of values: their text after the name, the mark between two numbers, and what one without it lacks.
+FORMS = {
+    "start": ("VALUE", "", ""),
+    "bounds": ("LOW:HIGH", ":", "is not a range; allowed: NAME=LOW:HIGH, one end may be omitted"),
+    "prior": ("MEAN+-SD", "+-", "has no width; allowed: NAME=MEAN+-SD"),
+}
+
+
+def named_values(option: str, texts: list[str]) -> dict[str, Any]:
+    """Numbers of `NAME=VALUE` by name, or pairs of numbers; an omitted end of bounds is None, the scene's own.
+
+    Raises:
+        SceneError: a text of another form, or a name that is given twice.
+    """
+    form, mark, lack = FORMS[option]
+    found: dict[str, Any] = {}
     for text in texts:
-        name, equals, value = (part.strip() for part in text.partition("="))
-        if not (name and equals and value):
-            raise SceneError(f"--{option}: {text!r} has no value; allowed: NAME={ALLOWED[option]}")
-        if name in [known for known, _ in found]:
+        name, _, value = (part.strip() for part in text.partition("="))
+        if not (name and value):
+            raise SceneError(f"--{option}: {text!r} has no value; allowed: NAME={form}")
+        if name in found:
             raise SceneError(f"--{option}: {name!r} is given twice; allowed: every parameter once")
-        found.append((name, value))
+        if not mark:
+            found[name] = _number(option, name, value)
+            continue
+        parts = value.replace("\u00b1", "+-").split(mark)
+        if len(parts) != 2:
+            raise SceneError(f"--{option}: {name}={value!r} {lack}")
+        ends: list[float | None] = []
+        for part in parts:
+            is_open = option == "bounds" and not part.strip()
+            ends.append(None if is_open else _number(option, name, part))
+        found[name] = tuple(ends)
     return found
-
-
-#: Form of the text after the name.
-ALLOWED = {"start": "VALUE", "bounds": "LOW:HIGH", "prior": "MEAN+-SD"}
 
 
 def _number(option: str, name: str, text: str) -> float:
@@ -226,31 +252,13 @@ def _number(option: str, name: str, text: str) -> float:
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        raise SceneError(f"--{option}: {name}={text!r} is not a finite number; allowed: NAME={ALLOWED[option]}")
+        raise SceneError(f"--{option}: {name}={text!r} is not a finite number; allowed: NAME={FORMS[option][0]}")
     return value
 
 
-def _bounds(name: str, text: str) -> tuple[float | None, float | None]:
-    """Ends of `LOW:HIGH`; an omitted one keeps the value declared by the scene's fields."""
-    low, colon, high = text.partition(":")
-    if not colon:
-        raise SceneError(f"--bounds: {name}={text!r} is not a range; allowed: NAME=LOW:HIGH, one end may be omitted")
-    ends = [_number("bounds", name, end) if end.strip() else None for end in (low, high)]
-    return ends[0], ends[1]
-
-
-def _prior(name: str, text: str) -> tuple[float, float]:
-    mean, sign, width = text.replace("\u00b1", "+-").partition("+-")
-    if not sign:
-        raise SceneError(f"--prior: {name}={text!r} has no width; allowed: NAME=MEAN+-SD")
-    return _number("prior", name, mean), _number("prior", name, width)
-
-
-def _check_numbers(args: argparse.Namespace) -> None:
-    for key in ("until", "window", "dt", "huber", "iterations", "bootstrap"):
+def check_numbers(args: argparse.Namespace) -> None:
+    units = {"until": " s", "window": " s", "dt": " s", "huber": "", "iterations": "", "bootstrap": ""}
+    for key, unit in units.items():
         value = getattr(args, key)
         if value is not None and not value > 0:
-            unit = ""
-            if key in ("until", "window", "dt"):
-                unit = " s"
             raise SceneError(f"--{key}: {value:g} is not positive; allowed: > 0{unit}")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING
 
+from dropper_jax.base.markdown import text_row
 from dropper_jax.cli.given import output_file
 from dropper_jax.cli.options import add_effects, add_examples, add_json, add_quiet, register_effects
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, picture
@@ -67,25 +68,17 @@ def text(found: Optimum) -> str:
     """The design as text: before, after, active constraints, sensitivity to assumptions."""
     from fitting.farm.optimise.run import ACTIVE, HELD, along_text
 
-    rows = [
-        ("", "before", "after", "bounds"),
-        *(
-            (v.name, f"{a:.4g}", f"{b:.4g}", f"{v.low:g} to {v.high:g}")
-            for v, a, b in zip(found.variables, found.before, found.after, strict=True)
-        ),
-        (f"objective ({found.of})", f"{found.objective[0]:.5g}", f"{found.objective[1]:.5g}", f"{-found.gain:+.1%}"),
-    ]
+    rows = [("", "before", "after", "bounds")]
+    for variable, before, after in zip(found.variables, found.before, found.after, strict=True):
+        rows.append(text_row("{0.name}|{1:.4g}|{2:.4g}|{0.low:g} to {0.high:g}", variable, before, after))
+    rows.append(text_row("objective ({0.of})|{0.objective[0]:.5g}|{0.objective[1]:.5g}|{1:+.1%}", found, -found.gain))
     known = found.held >= HELD
     limits = [("constraint, limit 1", "before", "after", "effect of 1 % more of it")]
-    for label, (a, b) in found.constraints.items():
-        price = found.prices.get(label) if known else None
-        if price is not None:
-            price_text = f"{price:+.3g}"
-        elif b >= ACTIVE:
-            price_text = "active"
-        else:
-            price_text = ""
-        limits.append((label, f"{a:.3f}", f"{b:.3f}", price_text))
+    for label, (before, after) in found.constraints.items():
+        price = "active" if after >= ACTIVE else ""
+        if known and label in found.prices:
+            price = f"{found.prices[label]:+.3g}"
+        limits.append((label, f"{before:.3f}", f"{after:.3f}", price))
     effects = [(n, f"{c:+.3g}" if known else "unknown: no optimum") for n, c in found.assumptions.items()]
     assumed = [("1 % more of", "objective"), *effects]
     apart = "windows and whole runs were not compared, because the start is the best design"
@@ -99,10 +92,7 @@ def text(found: Optimum) -> str:
     )
     tables = [rows, limits, assumed]
     if found.dominated:
-        seeds = []
-        for one in found.dominated:
-            seeds.append(
-                (one["constraint"], one["variable"], f"{one['mean']:+.3g}", f"{one['median']:+.3g}", str(one["seed"]))
-            )
-        tables.append([("derivative of", "by", "mean of seeds", "median", "dominated by seed"), *seeds])
+        cells = "{0[constraint]}|{0[variable]}|{0[mean]:+.3g}|{0[median]:+.3g}|{0[seed]}"
+        head = ("derivative of", "by", "mean of seeds", "median", "dominated by seed")
+        tables.append([head, *(text_row(cells, one) for one in found.dominated)])
     return "\n\n".join([*map(table, tables), end])

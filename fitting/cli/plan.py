@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from dropper_jax.cli.given import read_numbers
+from dropper_jax.cli.given import read_numbers, split_names
 from dropper_jax.cli.options import add_effects, add_examples, add_json, add_quiet, register_effects
 from dropper_jax.cli.outputs import add_out, deliver
 from dropper_jax.cli.printing import progress, table
@@ -19,8 +19,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "plan dropper-release-a dropper-release-b --free b_l,b_q --duration 8,16 --noise 0.005,0.01",
     )
     parser.add_argument("scenes", nargs="+", metavar="SCENE", help="packaged names or TOML files, released differently")
-    parser.add_argument("--free", required=True, metavar="NAMES", help="parameters that the fit would free")
-    parser.add_argument("--for", dest="wanted", metavar="NAMES", help="parameters to rank by (default: all)")
+    parser.add_argument(
+        "--free", type=split_names, required=True, metavar="NAMES", help="parameters that the fit would free"
+    )
+    parser.add_argument(
+        "--for", dest="wanted", type=split_names, metavar="NAMES", help="parameters to rank by (default: all)"
+    )
     parser.add_argument("--duration", default="8,16,48", metavar="S,...", help="of the traces [s] (default: 8,16,48)")
     parser.add_argument("--noise", default="0.005", metavar="RAD,...", help="of the angles [rad] (default: 0.005)")
     parser.add_argument("--rate", default="60", metavar="HZ", help="frames per second (default: 60)")
@@ -39,25 +43,22 @@ def run(args: argparse.Namespace) -> int:
     from fitting.calibration.plan import plan, rows
 
     register_effects(args)
-    requested = None
-    if args.wanted is not None:
-        requested = args.wanted.split(",")
     gap_weight = None
     if args.gap_weight is not None:
         gap_weight = _numbers("gap-weight", args.gap_weight)[0]
     found = plan(
         args.scenes,
-        args.free.split(","),
+        args.free,
         durations=_numbers("duration", args.duration),
         noises=_numbers("noise", args.noise),
-        requested=requested,
+        requested=args.wanted,
         gap_weight=gap_weight,
         rate=_numbers("rate", args.rate)[0],
         progress=progress(args.quiet),
     )
     return deliver(
         args,
-        {"status": "ok", "plans": [row.to_json() for row in found]},
+        {"status": "ok", "plans": found},
         f"{table(rows(found))}\n"
         "standard errors in the parameters' units; times the best: their geometric mean relative to the first row",
     )

@@ -47,17 +47,14 @@ def run(args: argparse.Namespace) -> int:
 
 def text(found: Table) -> str:
     """The result as text."""
-    pairs = []
-    for row in found["months"]:
-        about = (
-            f"floats: {row['floats']} (needed: {row['least']}, at most {row['most']}), {row['need_n']:.0f} N to carry, "
-            f"backbone {row['shallowest_m']:.2f} to {row['deepest_m']:.2f} m deep"
-        )
-        pairs.append((row["month"], about))
+    about = (
+        "floats: {floats} (needed: {least}, at most {most}), {need_n:.0f} N to carry, "
+        "backbone {shallowest_m:.2f} to {deepest_m:.2f} m deep"
+    )
+    pairs = [(row["month"], about.format_map(row)) for row in found["months"]]
     flags = bullets(found["flags"])
+    verdict = "the schedule does not hold"
     if found["holds"]:
         verdict = "the schedule holds"
-    else:
-        verdict = "the schedule does not hold"
     last = f"{verdict}; visits: {found['visits']}, floats moved: {found['handled']}"
-    return "\n\n".join(part for part in (listing(pairs), flags, last) if part)
+    return "\n\n".join(filter(None, (listing(pairs), flags, last)))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.cli.given import read_named_range
+from dropper_jax.cli.given import read_named_range, split_names
 from dropper_jax.cli.options import QUANTITY_HELP, add_examples, add_quiet, add_run_values, add_scene, read_scene
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, picture
 from dropper_jax.cli.printing import done_object, print_warnings, progress
@@ -24,7 +24,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_scene(parser)
     parser.add_argument("--of", required=True, metavar="QUANTITY", help=QUANTITY_HELP)
-    parser.add_argument("--to", required=True, metavar="NAMES", help="parameters, such as b_l,b_q,line.0.mass")
+    parser.add_argument(
+        "--to", type=split_names, required=True, metavar="NAMES", help="parameters, such as b_l,b_q,line.0.mass"
+    )
     parser.add_argument("--global", dest="method", choices=("sobol", "morris"), help="indices over ranges instead")
     parser.add_argument(
         "--range",
@@ -53,7 +55,7 @@ def run(args: argparse.Namespace) -> int:
     from fitting.sensitivity.global_indices import global_text
     from fitting.sensitivity.result import local_text
 
-    problem = sensitivity.study(scene, args.of, args.to.split(","))
+    problem = sensitivity.study(scene, args.of, args.to)
     say = progress(args.quiet)
     box = None
     if args.method:

@@ -118,10 +118,18 @@ def run(args: argparse.Namespace) -> int:
     scores = None
     try:
         if args.trace:
-            named = convention(args.zero, args.sign, args.unit)
-            about = {"parts": parts, "integrator": args.integrator, "until": args.duration, "convention": named}
-            about["columns"] = column_names(args.columns)
-            scores = sweep_against_trace(scene, vary, args.trace, args.out, **about, **options)
+            scores = sweep_against_trace(
+                scene,
+                vary,
+                args.trace,
+                args.out,
+                parts=parts,
+                integrator=args.integrator,
+                until=args.duration,
+                convention=convention(args.zero, args.sign, args.unit),
+                columns=column_names(args.columns),
+                **options,
+            )
             result = scores.sweep
         else:
             result = sweep(scene, vary, args.out, traces=args.traces, **options)
@@ -162,15 +170,12 @@ def run(args: argparse.Namespace) -> int:
 
 def _parts(args: argparse.Namespace) -> list[float] | None:
     """Times of `--parts`; options that need a trace are rejected without one."""
-    given = {"--parts": args.parts, "--fit": args.fit, "--zero": args.zero, "--sign": args.sign, "--unit": args.unit}
-    given["--columns"] = args.columns
-    for option, value in given.items():
-        if value and not args.trace:
-            raise SceneError(f"{option}: requires --trace FILE.csv")
-    allowed = "is not T1,T2; allowed: two times in s, such as 12,25"
+    for option in ("parts", "fit", "zero", "sign", "unit", "columns"):
+        if getattr(args, option) and not args.trace:
+            raise SceneError(f"--{option}: requires --trace FILE.csv")
     if args.parts is None:
         return None
-    return read_numbers(args.parts, "--parts", allowed)
+    return read_numbers(args.parts, "--parts", "is not T1,T2; allowed: two times in s, such as 12,25")
 
 
 def _fit(args: argparse.Namespace, scene: Scene, scores: TraceScores) -> FittedScore:
@@ -201,30 +206,17 @@ def use_cores(count: int | None) -> None:
 
 
 def _values(option: str) -> tuple[str, np.ndarray]:
-    """Path and values of `NAME=LO:HI:N[:log]` or `NAME=A,B,C`."""
+    """Path and values of `NAME=LO:HI:N[:log]`, or of `NAME=A,B,C`, of which whole numbers stay whole."""
+    import numpy as np
+
     path, _, text = option.partition("=")
     path = path.strip()
     if not path:
         raise SceneError(f"--vary: {option!r} {NOT_VALUES}")
     if ":" not in text:
-        return path, _listed_values(option, text)
-    return path, _spaced_values(option, path, text)
-
-
-def _listed_values(option: str, text: str) -> np.ndarray:
-    """Values of `A,B,C`; whole numbers stay whole."""
-    import numpy as np
-
-    numbers = read_numbers(text, "--vary", NOT_VALUES, given=option)
-    words = text.split(",")
-    whole = all(word.strip().lstrip("+-").isdecimal() for word in words)
-    return np.array([int(word) for word in words] if whole else numbers)
-
-
-def _spaced_values(option: str, path: str, text: str) -> np.ndarray:
-    """Values of `LO:HI:N[:log]`."""
-    import numpy as np
-
+        numbers = read_numbers(text, "--vary", NOT_VALUES, given=option)
+        whole = all(word.strip().lstrip("+-").isdecimal() for word in text.split(","))
+        return path, np.array(numbers, int if whole else float)
     limits, _, spacing = text.rpartition(":")
     if spacing not in SPACINGS:
         limits = text
@@ -236,10 +228,9 @@ def _spaced_values(option: str, path: str, text: str) -> np.ndarray:
         raise SceneError(f"--vary: {option!r} {NOT_VALUES}")
     values = getattr(np, SPACINGS[spacing])(low, high, count)
     # a parameter may be a count, which takes whole numbers only
-    is_count = ScenePath(path).section == "parameters" and np.array_equal(values, np.round(values))
-    if is_count:
-        return values.astype(int)
-    return values
+    if ScenePath(path).section == "parameters" and np.array_equal(values, np.round(values)):
+        values = values.astype(int)
+    return path, values
 
 
 def _result_table(path: Path) -> str:
@@ -259,17 +250,18 @@ def _result_table(path: Path) -> str:
 def text(found: Table, results: str = "") -> str:
     """The result as text, with a table of inputs and results."""
     counts = ", ".join(f"{count} {status}" for status, count in found["counts"].items() if count)
-    pairs = [
-        ("scene", found["scene"]),
-        ("cases", f"{found['cases']} of {found['steps_per_case']} steps, {found['resumed']} of them resumed"),
-        ("ended", counts),
-        ("wall time", f"{found['compile_s']:.2f} s compilation, {found['run_s']:.2f} s run and saving"),
-        ("speed", f"{found['steps_per_s']:.0f} steps per second"),
-    ]
+    about = {
+        "scene": "{scene}",
+        "cases": "{cases} of {steps_per_case} steps, {resumed} of them resumed",
+        "ended": counts,
+        "wall time": "{compile_s:.2f} s compilation, {run_s:.2f} s run and saving",
+        "speed": "{steps_per_s:.0f} steps per second",
+    }
+    pairs = [(name, words.format_map(found)) for name, words in about.items()]
     scores = ""
     if "trace" in found:
         scores = _score_table(found["trace"])
-    return "\n\n".join(part for part in (listing(pairs), results, scores, f"{found['status']}: {found['out']}") if part)
+    return "\n\n".join(filter(None, (listing(pairs), results, scores, f"{found['status']}: {found['out']}")))
 
 
 def _score_table(trace: Table) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import csv
 import io
 import math
 from pathlib import Path
@@ -78,8 +77,8 @@ def run(args: argparse.Namespace) -> int:
     start = None
     if args.start is not None:
         start = []
-        for text_of_node in args.start:
-            x, y = read_numbers(text_of_node, "--start", allowed, count=2)
+        for node in args.start:
+            x, y = read_numbers(node, "--start", allowed, count=2)
             start.append((x, y))
 
     from fitting.films.ordering import AmbiguousOrderError
@@ -88,9 +87,6 @@ def run(args: argparse.Namespace) -> int:
     from fitting.traces.trace import write_trace
 
     try:
-        bright = None
-        if args.marker is not None:
-            bright = args.marker == "bright"
         tracked = track(
             args.video,
             args.nodes,
@@ -102,7 +98,7 @@ def run(args: argparse.Namespace) -> int:
             distance=args.distance,
             level=args.level,
             radius=args.radius,
-            bright=bright,
+            bright=None if args.marker is None else args.marker == "bright",
             first=args.first,
             start=start,
             fps=args.fps,
@@ -136,9 +132,7 @@ def report_ambiguous(error: AmbiguousOrderError, args: argparse.Namespace, pictu
     if len(error.orders) > SHOWN:
         shown = f"the first {SHOWN}"
     failure = ("ambiguous_order", f"{error}; {shown} are drawn in {picture}")
-    orders = []
-    for positions in error.orders:
-        orders.append([[round(float(x), 1), round(float(y), 1)] for x, y in positions])
+    orders = [positions.round(1) for positions in error.orders]
     found = {"frame": error.frame, "orders": orders, "picture": str(picture)}
     return print_result(args, found, f"ambiguous_order: see {picture}", failure)
 
@@ -167,17 +161,19 @@ def write_positions(tracked: Tracked, path: Path) -> Path:
 
     The last column shows whether the frame is marked: nodes swapped, jumped or violated the lengths of their links.
     """
+    import numpy as np
+
     from dropper_jax.base.files import atomic_write
 
+    times = tracked.trace.t
     nodes = tracked.detected.shape[1]
+    names = [f"{stem}_{k}" for k in range(nodes) for stem in ("x", "z", "seen")]
+    values = np.dstack([tracked.metres, tracked.detected]).reshape(len(times), -1)
     text = io.StringIO()
     text.write(f"# unit={'m' if tracked.scaled else 'pixel'}, x=right, z=up, zero=node 0 in the first frame\n")
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["t", *(f"{stem}_{k}" for k in range(nodes) for stem in ("x", "z", "seen")), "marked"])
-    rows = zip(tracked.trace.t, tracked.metres, tracked.detected, tracked.marks.frames, strict=True)
-    for t, positions, seen, marked in rows:
-        cells = [(f"{x:.7g}", f"{z:.7g}", int(s)) for (x, z), s in zip(positions, seen, strict=True)]
-        writer.writerow([f"{t:.9g}", *(cell for node in cells for cell in node), int(marked)])
+    text.write(",".join(["t", *names, "marked"]) + "\n")
+    rows = np.column_stack([times, values, tracked.marks.frames])
+    np.savetxt(text, rows, fmt=["%.9g", *["%.7g", "%.7g", "%d"] * nodes, "%d"], delimiter=",")
     return atomic_write(path, text.getvalue())
 
 
@@ -185,9 +181,10 @@ def text(tracked: Tracked, out: Path) -> str:
     """The result as text."""
     found = tracked.to_json()
     bridged = sum(found["bridged"])
+    seconds = tracked.trace.t[-1] - tracked.trace.t[0]
     pairs = [
-        ("frames", f"{found['frames']} at {found['fps']:g} Hz, {tracked.trace.t[-1] - tracked.trace.t[0]:.3g} s"),
-        ("markers", f"{found['nodes']} of radius {found['marker_radius_pixel']:.3g} pixel, {found['links']} links"),
+        ("frames", f"{found['frames']} at {found['fps']:g} Hz, {seconds:.3g} s"),
+        ("markers", "{nodes} of radius {marker_radius_pixel:.3g} pixel, {links} links".format_map(found)),
         ("not detected", f"{bridged} samples, longest gap {found['longest_gap_s']:.2g} s" if bridged else "none"),
         ("marked frames", f"{found['marked_frames']}, left empty" if found["marked_frames"] else "none"),
     ]
@@ -197,8 +194,7 @@ def text(tracked: Tracked, out: Path) -> str:
         pairs.insert(0, ("lens", f"{tracked.lens.pictures} pictures, error {tracked.lens.error:.2g} pixel"))
     if tracked.scaled:
         pairs.append(("links", ", ".join(cells(found["link_length_m"], ".4f")) + " m"))
+    outcome = f"angles in {out}"
     if tracked.status == "lost":
         outcome = "no angles are written"
-    else:
-        outcome = f"angles in {out}"
     return "\n".join([listing(pairs), "", f"{found['status']}: {outcome}"])

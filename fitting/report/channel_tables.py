@@ -2,44 +2,35 @@
 
 from __future__ import annotations
 
+from dropper_jax.base.markdown import Rows, text_row
 from fitting.channels.result import ChannelFit
 from fitting.report.tables import named_rows, significant, step_text
 
 
-def channel_rows(result: ChannelFit) -> list[tuple[str, ...]]:
+def channel_rows(result: ChannelFit) -> Rows:
     """Every channel with its residuals, with a heading."""
     rows = [("channel", "kind", "samples", "RMS of residuals", "noise", "kept", "correlation left")]
     for row in result.channels():
         noise = f"{row['noise']:.3g} {row['noise_unit']}"
         if row["noise_unit"] == "-":
             noise = f"{100 * row['noise']:.3g} %"
-        rows.append(
-            (
-                row["name"],
-                row["kind"],
-                str(row["samples"]),
-                f"{row['rms']:.3g} {row['unit']}",
-                noise,
-                f"{row['kept']:.2g}",
-                f"{row['correlation']:.2f}",
-            )
-        )
+        cells = "{0[name]}|{0[kind]}|{0[samples]}|{0[rms]:.3g} {0[unit]}|{1}|{0[kept]:.2g}|{0[correlation]:.2f}"
+        rows.append(text_row(cells, row, noise))
     return rows
 
 
-def sensitivity_rows(result: ChannelFit) -> list[tuple[str, ...]]:
+def sensitivity_rows(result: ChannelFit) -> Rows:
     """Sensitivity of each channel to each parameter, with a heading."""
     names = [s.channel.name for s in result.solution.problem.data.sensors]
     return named_rows("parameter", names, result.solution.problem.names, result.errors.sensitivity, ".2g")
 
 
-def between_rows(result: ChannelFit) -> list[tuple[str, ...]]:
+def between_rows(result: ChannelFit) -> Rows:
     """Parameters over runs, with a heading."""
     rows = [("parameter", "mean", "std error", "90 % low", "high", "spread between runs", "runs")]
-    for b in result.between:
-        digits = significant(b.mean, b.std_error)
-        numbers = (f"{b.mean:.{digits}g}", f"{b.std_error:.2g}", f"{b.low:.{digits}g}", f"{b.high:.{digits}g}")
-        rows.append((b.name, *numbers, f"{b.spread:.2g}", str(len(b.values))))
+    cells = "{0.name}|{0.mean:.{1}g}|{0.std_error:.2g}|{0.low:.{1}g}|{0.high:.{1}g}|{0.spread:.2g}|{2}"
+    for row in result.between:
+        rows.append(text_row(cells, row, significant(row.mean, row.std_error), len(row.values)))
     return rows
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from dropper_jax import load_scene
 from dropper_jax.base.errors import Progress, part_of, silent
+from dropper_jax.base.markdown import Rows
 from fitting.calibration.fit import fit
 from fitting.calibration.result import FitResult
 from fitting.report.report import write_report
@@ -84,7 +85,7 @@ def calibrate_synthetic(
     return result
 
 
-def calibrated_rows(result: FitResult, example: Example) -> list[tuple[str, ...]]:
+def calibrated_rows(result: FitResult, example: Example) -> Rows:
     """Truth, start, estimate and 90 % interval of every parameter, with a heading."""
     u = result.uncertainty
     rows = [("parameter", "truth", "start", "fitted", "std error", "90 % low", "high", "unit")]

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import wraps
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from dropper_jax.analysis.spectrum import amplitude_spectrum
@@ -22,42 +18,31 @@ from fitting.traces.planar import wrap
 MOST_LINKS_DRAWN = 9
 
 
-def fit_over_trace(result: FitResult | HeldOut, run: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Times (m,), measured and simulated angles (m, n) [rad] and which are measured, of one run's windows in order."""
+def fit_over_trace(result: FitResult | HeldOut, run: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Times (m,), measured angles, NaN if missing, and simulated ones (m, n) [rad] of one run's windows in order."""
     w = result.windows
-    mine = result.windows.run == run
+    mine = w.run == run
     known = w.weight[mine] > 0
     used = known.any(axis=2)
-    known = known[used]
     measured = w.theta[mine][used]
     simulated = measured + wrap(result.solution.evaluation.theta[mine][used] - measured)
     t = w.times()[mine][used]
     order = np.argsort(t, kind="stable")  # recordings of one motion follow each other in a window
-    return t[order], np.where(known, measured, np.nan)[order], simulated[order], known[order]
+    return t[order], np.where(known[used], measured, np.nan)[order], simulated[order]
 
 
 #: Five missing samples interrupt a line.
 GAP = 5
 
 
-def stretches(t: np.ndarray) -> list[slice]:
-    """Parts of the times (m,) without a gap, so that no line is drawn through unfitted stretches."""
-    ends = np.flatnonzero(np.diff(t) > GAP * np.median(np.diff(t))) + 1
-    return [slice(a, b) for a, b in pairwise([0, *ends.tolist(), len(t)])]
+def gaps(t: np.ndarray) -> np.ndarray:
+    """Numbers of the times (m,) that follow a gap."""
+    return np.flatnonzero(np.diff(t) > GAP * np.median(np.diff(t))) + 1
 
 
-def _line(axes: Axes, t: np.ndarray, x: np.ndarray, label: str | None, **looks: Any) -> None:
-    for i, part in enumerate(stretches(t)):
-        axes.plot(t[part], x[part], label=label if i == 0 else None, **looks)
-
-
-def _with_style(draw: Callable[..., Figure]) -> Callable[..., Path]:
-    @wraps(draw)
-    @style.plot_style()
-    def wrapper(result: FitResult, run: int, path: Path) -> Path:
-        return style.save(draw(result, run), path)
-
-    return wrapper
+def with_gaps(t: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Times and values with NaN in every gap, so that no line is drawn through unfitted stretches."""
+    return np.insert(t, gaps(t), np.nan), np.insert(x, gaps(t), np.nan, axis=0)
 
 
 def link_panels(links: int, title: str, height: float = 1.3, margin: float = 1.2) -> tuple[Figure, np.ndarray]:
@@ -74,47 +59,47 @@ def link_panels(links: int, title: str, height: float = 1.3, margin: float = 1.2
     return figure, axes
 
 
-@_with_style
 def traces(result: FitResult, run: int) -> Figure:
     """Measured angles and the fit, per link [rad from the horizontal]."""
-    t, measured, simulated, _ = fit_over_trace(result, run)
+    t, measured, simulated = fit_over_trace(result, run)
     figure, axes = link_panels(
         measured.shape[1], f"{result.traces[run].name}: traces and fit [rad from the horizontal]"
     )
     # each stretch starts from its own angles, with the parameters of the fit
+    t_fit, fitted = with_gaps(t, simulated)
     held = [fit_over_trace(h, run) for h in result.held_out if (h.windows.run == run).any()]
     for j, ax in enumerate(axes):
-        _line(ax, t, simulated[:, j], "fit", lw=1.6, color=style.FIRST)
-        for i, (t1, _, predicted, _) in enumerate(held):
-            _line(ax, t1, predicted[:, j], None if i else "held out, predicted", lw=1.6, color=style.SECOND)
-        for i, (t1, seen) in enumerate([(t, measured), *(h[:2] for h in held)]):
+        ax.plot(t_fit, fitted[:, j], lw=1.6, color=style.FIRST, label="fit")
+        for i, (t1, _, predicted) in enumerate(held):
+            label = None if i else "held out, predicted"
+            ax.plot(*with_gaps(t1, predicted[:, j]), lw=1.6, color=style.SECOND, label=label)
+        for i, (t1, seen, _) in enumerate([(t, measured, simulated), *held]):
             ax.plot(t1, seen[:, j], ".", ms=1.0, color=style.DARK, label=None if i else "measured")
-    axes[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, markerscale=4)
+    style.legend_above(axes[0], 3, markerscale=4)
     style.time_axis(axes[-1], np.sort(np.concatenate([t, *(h[0] for h in held)])))
     return figure
 
 
-@_with_style
 def residuals(result: FitResult, run: int) -> Figure:
     """Measured minus fitted angles, per link [rad]; the band is twice their standard deviation."""
-    t, measured, simulated, _ = fit_over_trace(result, run)
+    t, measured, simulated = fit_over_trace(result, run)
     figure, axes = link_panels(measured.shape[1], f"{result.traces[run].name}: residuals [rad]", 1.0)
     rest = measured - simulated
     band = 2 * np.nanstd(rest)
     for j, ax in enumerate(axes):
         ax.axhspan(-band, band, color="#E3E5E8", lw=0, label="2 standard deviations of all links")
         ax.plot(t, rest[:, j], ".", ms=1.5, color=style.SECOND)
-    axes[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0))
+    style.legend_above(axes[0])
     style.time_axis(axes[-1], t)
     return figure
 
 
-@_with_style
 def spectra(result: FitResult, run: int) -> Figure:
     """Amplitude spectra of measured and fitted angles, per link [rad], of the longest stretch without a gap."""
-    t, measured, simulated, _ = fit_over_trace(result, run)
+    t, measured, simulated = fit_over_trace(result, run)
     figure, axes = link_panels(measured.shape[1], f"{result.traces[run].name}: amplitude spectra [rad]")
-    longest = max(stretches(t), key=lambda part: part.stop - part.start)
+    low, high = max(pairwise([0, *gaps(t), len(t)]), key=lambda ends: ends[1] - ends[0])
+    longest = slice(low, high)
     t = t[longest]
     measured = measured[longest]
     simulated = simulated[longest]
@@ -124,27 +109,25 @@ def spectra(result: FitResult, run: int) -> Figure:
         for x, colour, label in ((measured[:, j], style.FAINT, "measured"), (simulated[:, j], style.FIRST, "fit")):
             frequency, amplitude = amplitude_spectrum(grid, np.interp(grid, t[known], x[known]))
             ax.semilogy(frequency[1:], np.maximum(amplitude[1:], 1e-7), lw=0.9, color=colour, label=label)
-    axes[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
+    style.legend_above(axes[0], 2)
     axes[-1].set_xlabel("frequency [Hz]")
     axes[-1].set_xlim(0, min(8.0, frequency[-1]))
     return figure
 
 
-@_with_style
 def phase_space(result: FitResult, run: int) -> Figure:
     """Rate over angle of every link, measured (differences) and fitted."""
-    t, measured, simulated, _ = fit_over_trace(result, run)
+    t, measured, simulated = fit_over_trace(result, run)
     links = min(measured.shape[1], MOST_LINKS_DRAWN)
     columns = min(links, 4)
     figure = style.new_figure(max(2.6 * columns + 0.6, 5.4), 2.5 * -(-links // columns) + 0.8)
     axes = style.panels(figure, links, columns)
-    parts = [part for part in stretches(t) if part.stop - part.start > 2]
-    for j in range(links):
-        for x, colour, label in ((measured[:, j], style.SECOND, "measured"), (simulated[:, j], style.FIRST, "fit")):
-            for part in parts:
-                rate = np.gradient(x[part], t[part])
-                axes[j].plot(x[part], rate, lw=0.6, color=colour, label=label if part == parts[0] else None)
-        axes[j].set_title(f"link {j + 1}")
+    for x, colour, label in ((measured, style.SECOND, "measured"), (simulated, style.FIRST, "fit")):
+        times, angles = with_gaps(t, x)
+        rates = np.gradient(angles, times, axis=0)
+        for j, ax in enumerate(axes):
+            ax.plot(angles[:, j], rates[:, j], lw=0.6, color=colour, label=label)
+            ax.set_title(f"link {j + 1}")
     figure.legend(*axes[0].get_legend_handles_labels(), loc="upper right", ncols=2)
     style.title(figure, f"{result.traces[run].name}: phase space")
     figure.supxlabel("angle [rad]", fontsize=9)
@@ -152,8 +135,7 @@ def phase_space(result: FitResult, run: int) -> Figure:
     return figure
 
 
-@_with_style
-def descent(result: FitResult, _: int) -> Figure:
+def descent(result: FitResult) -> Figure:
     """Loss per sample and parameters in each step of a gradient descent, of all runs together."""
     points = result.descent
     parameters = result.parameters[:MOST_LINKS_DRAWN]
@@ -211,7 +193,7 @@ def channel_picture(result: ChannelFit, run: int, path: str | Path) -> Path:
         beside.plot(*off, ".", ms=2, color=style.SECOND)
         beside.locator_params(axis="x", nbins=3)
         beside.axhline(0.0, color=style.DARK, lw=0.8)
-    axes[0, 0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
+    style.legend_above(axes[0, 0], 2)
     if left_out > 0:
         more = f" ({left_out} further columns are not drawn)"
     else:

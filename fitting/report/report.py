@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from dropper_jax.base.files import atomic_write, folder_without
-from dropper_jax.base.markdown import bullets, markdown_table
+from dropper_jax.base.markdown import Rows, bullets, markdown_table
 from dropper_jax.base.toml_text import as_toml, literal
 from dropper_jax.plots import style
 from dropper_jax.run.build import build_model, equilibrium
@@ -52,14 +52,17 @@ def write_report(result: FitResult, folder: str | Path) -> list[Path]:
     ]
 
 
+@style.plot_style()
 def draw_fit(result: FitResult, folder: str | Path) -> list[Path]:
     """The pictures of every fitted run, `NAME_RUN.png`, and of a descent, written to a folder."""
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    named = [(run, name) for run, _ in fitted_runs(result) for name in PICTURES]
-    files = [PICTURES[name](result, run, folder / f"{name}_{run + 1}.png") for run, name in named]
+    files = []
+    for run, _ in fitted_runs(result):
+        for name, draw in PICTURES.items():
+            files.append(style.save(draw(result, run), folder / f"{name}_{run + 1}.png"))
     if result.descent:
-        return [*files, descent(result, 0, folder / "descent.png")]
+        files.append(style.save(descent(result), folder / "descent.png"))
     return files
 
 
@@ -182,12 +185,12 @@ def _modes(result: FitResult) -> str:
     return markdown_table([("mode", "period [s]", *swings), *rows])
 
 
-def part_rows(result: FitResult) -> list[tuple[str, ...]]:
+def part_rows(result: FitResult) -> Rows:
     """RMS angle error of head, middle and tail of every run, per link and in all."""
     links = result.windows.theta.shape[2]
     rows = [("run", "part", *(f"link {j + 1}" for j in range(links)), "all")]
     for run, trace in fitted_runs(result):
-        t, measured, simulated, _ = fit_over_trace(result, run)
+        t, measured, simulated = fit_over_trace(result, run)
         for name, low, high in TRACE_PARTS:
             inside = (t >= low) & (t < high)
             if not inside.any():
@@ -215,6 +218,6 @@ def one_run_picture(found: Prediction, name: str, path: Path) -> Path:
         if not good.all():
             ax.plot(found.t[~good], simulated[~good, j], **beyond)
             ax.axvline(found.trusted, color=style.SECOND, lw=1.0, ls="--")
-    axes[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, markerscale=4)
+    style.legend_above(axes[0], 3, markerscale=4)
     style.time_axis(axes[-1], found.t)
     return style.save(figure, path)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from dropper_jax.base.markdown import Rows, cells, text_row
 from fitting.calibration.candidate import Candidate
 from fitting.calibration.disagreement import STRETCHES, Disagreement
 from fitting.calibration.law_fits import Law
@@ -14,23 +15,21 @@ from fitting.calibration.result import FitResult
 from fitting.estimate.scene_fit import SceneFit
 
 
-def parameter_rows(result: SceneFit) -> list[tuple[str, ...]]:
+def parameter_rows(result: SceneFit) -> Rows:
     """Name, value, error, interval, unit and remarks of every parameter, with a heading; a failed fit has no errors."""
     u = result.uncertainty
     rows = [("parameter", "value", "std error", "90 % low", "high", "unit", "")]
     for i, p in enumerate(result.parameters):
         digits = significant(result.values[i], u.std_error[i])
-        ends = (f"{x:.{digits}g}" for x in (u.low[i], u.high[i]))
-        if result.has_errors:
-            errors = (f"{u.std_error[i]:.2g}", *ends)
-        else:
-            errors = ("-", "-", "-")
-        row = (f"{result.values[i]:.{digits}g}", *errors)
-        rows.append((p.name, *row, p.unit, result.note(i)))
+        value, *errors = cells((result.values[i], u.low[i], u.high[i]), f".{digits}g")
+        errors = [f"{u.std_error[i]:.2g}", *errors]
+        if not result.has_errors:
+            errors = ["-", "-", "-"]
+        rows.append((p.name, value, *errors, p.unit, result.note(i)))
     return rows
 
 
-def interval_rows(result: SceneFit) -> list[tuple[str, ...]]:
+def interval_rows(result: SceneFit) -> Rows:
     """90 % intervals by profile likelihood and bootstrap, if requested, with a heading."""
     estimates = result.estimates()
     rows = [("parameter", "by", "90 % low", "high")]
@@ -38,16 +37,16 @@ def interval_rows(result: SceneFit) -> list[tuple[str, ...]]:
         for name, found in table.items():
             digits = significant(estimates[name]["value"], estimates[name]["std_error"])
             note = "" if found.get("converged", True) else ", not converged"
-            rows.append((name, by + note, *(f"{found[key]:.{digits}g}" for key in ("low", "high"))))
+            rows.append((name, by + note, *cells((found["low"], found["high"]), f".{digits}g")))
     return rows
 
 
-def named_rows(
-    corner: str, columns: Sequence[str], names: Sequence[str], numbers: np.ndarray, style: str
-) -> list[tuple[str, ...]]:
+def named_rows(corner: str, columns: Sequence[str], names: Sequence[str], numbers: np.ndarray, style: str) -> Rows:
     """A matrix of numbers with names of its rows and columns."""
-    rows = zip(names, numbers, strict=True)
-    return [(corner, *columns), *((name, *(format(float(x), style) for x in row)) for name, row in rows)]
+    rows = [(corner, *columns)]
+    for name, row in zip(names, numbers, strict=True):
+        rows.append((name, *cells(row, style)))
+    return rows
 
 
 def noise_text(result: FitResult) -> str:
@@ -111,57 +110,60 @@ def summary(result: FitResult) -> list[tuple[str, str]]:
     return pairs + [(f"held out {h.low:g}-{h.high:g} s", f"{h.rms:.3g} rad RMS") for h in result.held_out]
 
 
-def comparison_rows(laws: Sequence[Law]) -> list[tuple[str, ...]]:
+def comparison_rows(laws: Sequence[Law]) -> Rows:
     """The table as text."""
     lowest = min(law.bic for law in laws)
     rows = [
         ("law", "coefficients", "rms [rad]", "held out [rad]", "+- to best", "log score", "share", "BIC - minimum", "")
     ]
+    numbers = (
+        "{0.coefficients}|{0.rms:.4g}|{0.held_out:.4g}|{0.held_out_error:.2g}|{0.score:.1f} +- {0.score_error:.1f}|"
+        "{0.share:.0%}|{1:.1f}"
+    )
     for law in laws:
-        numbers = (f"{law.rms:.4g}", f"{law.held_out:.4g}", f"{law.held_out_error:.2g}")
-        scores = (f"{law.score:.1f} +- {law.score_error:.1f}", f"{law.share:.0%}", f"{law.bic - lowest:.1f}")
-        name = " = ".join((law.name, *law.equals))
+        note = law.refuted
         if law.chosen:
             note = "<- simplest possible"
         elif law.possible:
             note = "possible"
-        else:
-            note = law.refuted
-        rows.append((name, str(law.coefficients), *numbers, *scores, note))
+        rows.append((" = ".join((law.name, *law.equals)), *text_row(numbers, law, law.bic - lowest), note))
     return rows
 
 
-def advice_rows(candidates: Sequence[Candidate]) -> list[tuple[str, ...]]:
+def advice_rows(candidates: Sequence[Candidate]) -> Rows:
     """Other possible faults, as text."""
     rows = [("may be wrong", "frees", "gain", "p", "")]
     for row in candidates:
-        ends = ("-", "-", "indistinguishable from free parameters")
+        numbers = ("-", "-")
+        note = "indistinguishable from free parameters"
         if row.identifiable:
-            ends = (f"{row.gain:.1f}", f"{row.p:.2g}", " or ".join(["<-", *row.alike]) if row.worth_naming else "")
-        rows.append((row.name, ",".join(row.free), *ends))
+            numbers = text_row("{0.gain:.1f}|{0.p:.2g}", row)
+            note = " or ".join(["<-", *row.alike]) if row.worth_naming else ""
+        rows.append((row.name, ",".join(row.free), *numbers, note))
     return rows
 
 
-def recording_rows(rows: Sequence[Disagreement]) -> list[tuple[str, ...]]:
+def recording_rows(rows: Sequence[Disagreement]) -> Rows:
     """Where recordings of one motion disagree, as text."""
     found = [
         ("recording", "link", "samples", "RMS [rad]", "noise [rad]", "farthest off [rad]", "std error", "at [s]", "")
     ]
+    numbers = (
+        "{0.link}|{0.samples}|{0.rms:.3g}|{0.noise:.3g}|{0.mean:+.2g}|{0.std_error:.1g}|{0.low:.3g} to {0.high:.3g}"
+    )
     for row in rows:
-        sizes = (f"{x:.3g}" for x in (row.rms, row.noise))
         note = ""
         if row.disagrees:
             note = f"<- disagrees in {row.stretches} of {STRETCHES} stretches"
-        where = (f"{row.mean:+.2g}", f"{row.std_error:.1g}", f"{row.low:.3g} to {row.high:.3g}", note)
-        found.append((row.recording, str(row.link), str(row.samples), *sizes, *where))
+        found.append((row.recording, *text_row(numbers, row), note))
     return found
 
 
-def law_rows(laws: LawTests) -> list[tuple[str, ...]]:
+def law_rows(laws: LawTests) -> Rows:
     """Score tests of forces that the scene lacks, as text."""
     rows = [("the scene may lack", "size", "std error", "t", "p over all", "changes a value", "frees it")]
     for test in laws.tests:
-        numbers = (f"{test.change:.3g}", f"{test.error:.2g}", f"{test.t:.1f}", f"{test.p:.2g}")
+        numbers = text_row("{0.change:.3g}|{0.error:.2g}|{0.t:.1f}|{0.p:.2g}", test)
         name = " or ".join((test.name, *test.alike))
         rows.append((name, *numbers, "yes" if test.matters else "no", ",".join(test.free) or "-"))
     return rows

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from dropper_jax import load_scene
 from dropper_jax.analysis.spectrum import amplitude_spectrum
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import Table
+from dropper_jax.base.toml_text import jsonable
 from dropper_jax.integrators.rattle_4 import Rattle4
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.build import SceneLike, build
@@ -51,8 +53,8 @@ class Against:
 
     def part(self, index: int) -> slice:
         """The samples of head (0), middle (1) or tail (2)."""
-        first, last = np.searchsorted(self.t, ((0.0, *self.ends)[index], self.ends[index]))
-        return slice(int(first), None if index == len(PARTS) - 1 else int(last))
+        edges = np.searchsorted(self.t, (0.0, *self.ends[:-1], np.inf))
+        return slice(edges[index], edges[index + 1])
 
     def score(self, simulated: np.ndarray) -> np.ndarray:
         """RMS angle error and distance of spectra (2, 3) [rad] of simulated angles (k, n)."""
@@ -62,9 +64,8 @@ class Against:
         for i in range(len(PARTS)):
             part = self.part(i)
             found[0, i] = np.sqrt(np.nanmean(wrap(simulated[part] - self.measured[part]) ** 2))
-            one = self.spectrum(simulated, i)[1]
-            other = self.spectrum(self.interpolated, i)[1]
-            found[1, i] = np.sqrt(np.mean(np.sum((one - other) ** 2, axis=0)) / 2)
+            apart = self.spectrum(simulated, i)[1] - self.spectrum(self.interpolated, i)[1]
+            found[1, i] = np.sqrt(np.mean(np.sum(apart**2, axis=0)) / 2)
         return found
 
     def spectrum(self, x: np.ndarray, index: int) -> tuple[np.ndarray, np.ndarray]:
@@ -115,21 +116,22 @@ class TraceScores:
 
     def to_json(self) -> Table:
         """Plain values."""
-        begins = (0.0, *self.against.ends)
         cases = []
         for values, status, angle, spectrum in zip(self.values, self.status, self.angle, self.spectrum, strict=True):
-            named = dict(zip(self.paths, values.tolist(), strict=True))
+            named = dict(zip(self.paths, values, strict=True))
             cases.append({"values": named, "status": STATUS[status], **by_part(angle, spectrum)})
         best = {}
         for i, part in enumerate(PARTS):
             best[part] = {"angle": self.best_of(i), "spectrum": self.best_of(i, "spectrum")}
-        return {
-            "name": self.against.trace.name,
-            "samples": len(self.against.t),
-            "parts_s": {part: [begins[i], begins[i + 1]] for i, part in enumerate(PARTS)},
-            "cases": cases,
-            "best": best,
-        }
+        return jsonable(
+            {
+                "name": self.against.trace.name,
+                "samples": len(self.against.t),
+                "parts_s": dict(zip(PARTS, pairwise((0.0, *self.against.ends)), strict=True)),
+                "cases": cases,
+                "best": best,
+            }
+        )
 
 
 @dataclass(frozen=True)
@@ -157,17 +159,17 @@ class FittedScore:
 
     def to_json(self) -> Table:
         """Plain values."""
-        named = lambda values: dict(zip(self.paths, map(float, values), strict=True))  # noqa: E731
-        found = {"status": self.status, "values": named(self.values), "std_errors": named(self.errors)}
-        return found | by_part(self.angle, self.spectrum)
+        values = dict(zip(self.paths, self.values, strict=True))
+        errors = dict(zip(self.paths, self.errors, strict=True))
+        found = {"status": self.status, "values": values, "std_errors": errors}
+        return jsonable(found | by_part(self.angle, self.spectrum))
 
 
-def by_part(angle: np.ndarray, spectrum: np.ndarray) -> dict[str, dict[str, float | None]]:
-    """Scores (3,) [rad] by the names of parts; None for a case that failed."""
-    plain = lambda x: float(x) if np.isfinite(x) else None  # noqa: E731
+def by_part(angle: np.ndarray, spectrum: np.ndarray) -> dict[str, dict[str, float]]:
+    """Scores (3,) [rad] by the names of parts; NaN for a case that failed."""
     found = {}
     for part, a, s in zip(PARTS, angle, spectrum, strict=True):
-        found[part] = {"angle_rms_rad": plain(a), "spectrum_distance_rad": plain(s)}
+        found[part] = {"angle_rms_rad": a, "spectrum_distance_rad": s}
     return found
 
 
@@ -257,9 +259,8 @@ def sample_trace(trace: Trace, t: np.ndarray) -> np.ndarray:
     found = trace.at(t)
     for known, column in zip(np.isfinite(trace.theta).T, found.T, strict=True):
         times = trace.t[known]
-        after = np.clip(np.searchsorted(times, t), 1, len(times) - 1)
-        near = np.minimum(np.abs(t - times[after - 1]), np.abs(t - times[after]))
-        column[near > FARTHEST * trace.interval] = np.nan
+        nearest = times[np.rint(np.interp(t, times, np.arange(len(times)))).astype(int)]
+        column[np.abs(t - nearest) > FARTHEST * trace.interval] = np.nan
     return found
 
 
@@ -270,7 +271,9 @@ def part_ends(t: np.ndarray, parts: Sequence[float] | None) -> tuple[float, floa
         SceneError: two times that do not split the samples into three parts.
     """
     last = float(t[-1])
-    ends = [last * part for part in ENDS] if parts is None else [float(part) for part in parts]
+    ends = [last * part for part in ENDS]
+    if parts is not None:
+        ends = [float(part) for part in parts]
     counts = [0]
     if ends == sorted(ends) and len(ends) == 2:
         counts = np.histogram(t, [0.0, *ends, np.inf])[0]

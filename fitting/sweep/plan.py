@@ -12,7 +12,7 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -46,6 +46,12 @@ QUANTITIES = {
     "excursion": ("m", "maximum distance of a node from its start position"),
     "energy_final": ("J", "kinetic and potential energy at the end"),
 }
+#: What else may be stored, with unit and meaning.
+TRACES = {"positions": ("m", "position of the free nodes"), "tension": ("N", "tension of the links")}
+#: What is always stored: a chunk with a status is complete.
+MARKS = {"failed_at": ("s", "time of the first failed step"), "status": ("1", "how the case ended")}
+#: Dimensions of the arrays besides the cases.
+DIMENSIONS = {"angle_max": ("link",), "positions": ("time", "node", "axis"), "tension": ("time", "link")}
 SEED = "sea.waves.seed"
 STATUS = ("ok", "not_converged", "non_finite", "invalid_input")
 FORMAT = 1
@@ -94,7 +100,7 @@ class Plan:
     quantities: tuple[str, ...]
     traces: bool = False
     chunk: int = 64
-    settings: tuple[tuple[str, Any], ...] = ()
+    settings: dict[str, Any] = field(default_factory=dict)
     listed: bool = False
 
     @property
@@ -118,7 +124,7 @@ class Plan:
 
     @cached_property
     def stepper(self) -> Stepper:
-        return stepper_of(self.base[0], self.scene.run, **{"track_work": False, **dict(self.settings)})
+        return stepper_of(self.base[0], self.scene.run, **{"track_work": False, **self.settings})
 
     @property
     def is_adaptive(self) -> bool:
@@ -163,15 +169,19 @@ class Plan:
         """Number of free nodes of the largest case."""
         return max(model.free_nodes for model in self.models)
 
+    @property
+    def stored(self) -> dict[str, tuple[str, str]]:
+        """Unit and meaning of the arrays in the store, by name, the mark of a complete chunk last."""
+        named = {one.name: (one.unit, one.name) for one in self.named_quantities}
+        found = {name: (QUANTITIES | named)[name] for name in self.quantities}
+        if self.traces:
+            found |= TRACES
+        return found | MARKS
+
     def inner_shape(self, name: str) -> tuple[int, ...]:
         """Shape of the array of a case, with the links and nodes of the largest one."""
-        saves = self.scene.run.rows
-        shapes = {
-            "angle_max": (self.links,),
-            "positions": (saves, self.free_nodes, 3),
-            "tension": (saves, self.links),
-        }
-        return shapes.get(name, ())
+        sizes = {"time": self.scene.run.rows, "node": self.free_nodes, "link": self.links, "axis": 3}
+        return tuple(sizes[dimension] for dimension in DIMENSIONS.get(name, ()))
 
     def inputs(self, cases: np.ndarray) -> np.ndarray:
         """Values (cases, axes) of case numbers."""
@@ -205,24 +215,21 @@ class Plan:
 
     def identity(self) -> Table:
         """Plain values that identify the sweep; `from_identity` makes the same plan from them."""
-        return {
+        found = {
             "format": FORMAT,
             "scene": self.scene.as_written(),
             "vary": {axis.path: axis.values.tolist() for axis in self.axes},
             "quantities": list(self.quantities),
             "traces": self.traces,
             "chunk": self.chunk,
-            "settings": dict(self.settings),
-            **({"listed": True} if self.listed else {}),
-            **self._template(),
+            "settings": self.settings,
         }
-
-    def _template(self) -> Table:
-        """Plain values of the scene's template, if its parameters are varied."""
+        if self.listed:
+            found["listed"] = True
         template = self.scene.template
-        if template is None or not any(ScenePath(axis.path).section == "parameters" for axis in self.axes):
-            return {}
-        return {"template": {"table": template.table, "changes": template.changes}}
+        if template is not None and any(ScenePath(axis.path).section == "parameters" for axis in self.axes):
+            found["template"] = {"table": template.table, "changes": template.changes}
+        return found
 
 
 def from_identity(identity: Mapping[str, Any]) -> Plan:
@@ -282,13 +289,13 @@ def make_plan(
             known = f"{nearest(name, QUANTITIES)}; also SIGNAL.WHERE.STATISTIC, such as tension.chain.fairlead.max"
             raise SceneError(f"quantities: {name!r} is unknown; {known}")
     cases = _count_cases({path: values.size for path, values in lists.items()}, len(names), listed)
-    paths = _paths(scene, list(lists))
+    full = dict(zip(_paths(scene, list(lists)), lists.values(), strict=True))
     # the first value of every axis is in the base scene, so that an effect that the scene lacks exists
-    base = scene.with_values({path: values[0].item() for path, values in zip(paths, lists.values(), strict=True)})
-    axes = tuple(_axis(base, path, values) for path, values in zip(paths, lists.values(), strict=True))
+    base = scene.with_values({path: values[0].item() for path, values in full.items()})
+    axes = tuple(_axis(base, path, values) for path, values in full.items())
     if chunk is None:
         chunk = default_chunk(not build_model(base).geometry.is_path, cases)
-    found = Plan(base, axes, names, traces, chunk, tuple(sorted(settings.items())), listed)
+    found = Plan(base, axes, names, traces, chunk, settings, listed)
     if any(axis.resizes for axis in axes):
         for model, name in itertools.product(found.models, names):
             if name not in QUANTITIES:  # a model of another size may lack it
@@ -317,13 +324,6 @@ def default_chunk(system: bool, cases: int) -> int:
     if jax.default_backend() == "cpu":  # cases of a system run one after another: larger chunks gain nothing
         return 1 if system else 64
     return min(cases, 256 if system else LARGEST_BATCH)
-
-
-def describe_quantity(plan: Plan, name: str) -> tuple[str, str]:
-    """Unit and meaning of a quantity of a plan."""
-    if name in QUANTITIES:
-        return QUANTITIES[name]
-    return next(one.unit for one in plan.named_quantities if one.name == name), name
 
 
 def _count_cases(counts: Mapping[str, int], quantities: int, listed: bool) -> int:

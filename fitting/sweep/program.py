@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any, Literal, NamedTuple, TypeVar
 
@@ -57,28 +57,13 @@ Tree = TypeVar("Tree")
 Shape = tuple[Any, ...]
 
 
-@dataclass
-class Variant:
-    """Cases whose models have the same shape.
+class Members(NamedTuple):
+    """Members whose models have one shape: which they are (members,), and arguments for all, with stand-ins for the
+    others."""
 
-    Attributes:
-        plan: with a case of this shape as its base.
-        compiled: its program, None before it is needed.
-    """
-
-    plan: Plan
-    compiled: jax.stages.Compiled | None = None
-
-    @classmethod
-    def of(cls, plan: Plan, values: dict[str, Any], base: tuple[Model, State]) -> Variant:
-        """The variant of a case with these values by path, and its model and start."""
-        axes = tuple(
-            replace(axis, parameters=resolve(base[0], [axis.path], option="vary")) if axis.parameters else axis
-            for axis in plan.axes
-        )
-        own = replace(plan, scene=plan.scene.with_values(values), axes=axes)
-        own.__dict__["base"] = base  # found already: an equilibrium
-        return cls(own)
+    shape: Shape
+    own: np.ndarray
+    arguments: tuple[Any, ...]
 
 
 class Pending(NamedTuple):
@@ -86,20 +71,12 @@ class Pending(NamedTuple):
 
     Attributes:
         chunks: their numbers; refused: cases that the scene rejects (members,).
-        started: of each variant, which members it has (members,) and their arrays (members, ...).
+        started: of each shape, which members have it (members,) and their arrays (members, ...).
     """
 
     chunks: list[int]
     refused: np.ndarray
     started: list[tuple[np.ndarray, dict[str, jax.Array]]]
-
-
-class Members(NamedTuple):
-    """Members of one variant: which they are (members,), and arguments for all, with stand-ins for the others."""
-
-    variant: Variant
-    own: np.ndarray
-    arguments: tuple[Any, ...]
 
 
 class Program:
@@ -128,19 +105,19 @@ class Program:
         # Nor do cases with an accuracy, each of which has steps of its own.
         is_path = plan.base[0].geometry.is_path
         self.side_by_side = is_path and not (plan.is_adaptive or plan.stepper.easing or is_plain())
-        self._variants = {_shape_of(plan.base[0]): Variant(plan)}
+        #: By the shape of their models, plans with a case of that shape as their base, and programs made so far.
+        self._plans = {_shape_of(plan.base[0]): plan}
+        self._programs: dict[Shape, jax.stages.Compiled] = {}
 
     def compile(self, chunks: list[int]) -> None:
         """Make the programs of these chunks; every call is of the same shapes."""
-        for members in self._members(chunks)[0]:
-            self._program(members.variant, members.arguments)
+        for shape, _, arguments in self._members(chunks)[0]:
+            self._program(shape, arguments)
 
     def __call__(self, chunks: list[int]) -> Pending:
         """Start the chunks (at most one per device); `collect` waits for the results."""
         members, refused = self._members(chunks)
-        started = []
-        for variant, own, arguments in members:
-            started.append((own, self._program(variant, arguments)(*arguments)))
+        started = [(own, self._program(shape, arguments)(*arguments)) for shape, own, arguments in members]
         return Pending(chunks, refused, started)
 
     def at(self, values: np.ndarray) -> dict[str, np.ndarray]:
@@ -162,10 +139,9 @@ class Program:
                 whole = found.setdefault(name, np.full(shape, fill, value.dtype))
                 whole[(own, *map(slice, value.shape[1:]))] = value[own]
         found["status"] = np.where(refused, STATUS.index("invalid_input"), found["status"]).astype(np.int8)
-        for name, value in found.items():
-            if name not in ("status", "failed_at"):
-                value[found["status"] != 0] = np.nan
-        by_chunk = {}
+        for name in found.keys() - {"status", "failed_at"}:
+            found[name][found["status"] != 0] = np.nan
+        by_chunk: dict[int, dict[str, np.ndarray]] = {}
         for i, chunk in enumerate(pending.chunks):
             first = i * self.plan.chunk
             own = slice(first, first + len(self.plan.cases_of(chunk)))
@@ -173,18 +149,18 @@ class Program:
         return by_chunk
 
     def _members(self, chunks: list[int]) -> tuple[list[Members], np.ndarray]:
-        """The members of these chunks by variant, and which cases (members,) the scene rejects."""
+        """The members of these chunks by shape, and which cases (members,) the scene rejects."""
         plan = self.plan
-        padded = [*chunks, *([chunks[-1]] * (self.devices - len(chunks)))]
+        padded = np.pad(chunks, (0, self.devices - len(chunks)), mode="edge")
         values = plan.inputs(np.concatenate([np.resize(plan.cases_of(c), plan.chunk) for c in padded]))
-        every = np.ones(len(values), bool)
         if not self.by_start:
-            (variant,) = self._variants.values()
-            return [Members(variant, every, self._arguments(*plan.base, values))], ~every
+            (shape,) = self._plans
+            every = np.ones(len(values), bool)
+            return [Members(shape, every, self._arguments(*plan.base, values))], ~every
         keys = [tuple(row[self.by_start]) for row in values]
         built = {key: self._build(key) for key in dict.fromkeys(keys)}
         refused = np.array([built[key] is None for key in keys])
-        first = next((made for made in built.values() if made is not None), (next(iter(self._variants)), plan.base))
+        first = next(filter(None, built.values()), (next(iter(self._plans)), plan.base))
         cases = [built[key] or first for key in keys]
         found = []
         for shape in dict.fromkeys(shape for shape, _ in cases):
@@ -193,7 +169,7 @@ class Program:
             bases = [base if mine else instead for mine, (_, base) in zip(own, cases, strict=True)]
             model = stack([m for m, _ in bases]) if self.by_scene else plan.base[0]
             arguments = self._arguments(model, stack([s for _, s in bases]), values)
-            found.append(Members(self._variants[shape], own, arguments))
+            found.append(Members(shape, own, arguments))
         return found, refused
 
     def _arguments(self, model: Model, start: State, values: np.ndarray) -> tuple[Any, ...]:
@@ -207,7 +183,7 @@ class Program:
         return tuple(map(jax.device_put, arguments, axes))
 
     def _build(self, key: tuple[float, ...]) -> tuple[Shape, tuple[Model, State]] | None:
-        """Model and start of a case, and their shape, for which there then is a variant."""
+        """Model and start of a case, and their shape, for which there then is a plan."""
         plan = self.plan
         axes = [plan.axes[i] for i in self.by_start]
         values = {axis.path: axis.values.dtype.type(x).item() for axis, x in zip(axes, key, strict=True)}
@@ -216,17 +192,22 @@ class Program:
         except SceneError:
             return None
         shape = _shape_of(base[0])
-        if shape not in self._variants:
+        if shape not in self._plans:
             if base[0].line.links > plan.links or base[0].free_nodes > plan.free_nodes:
                 what = "has more links or nodes than the first and the last value"
                 raise SceneError(f"vary: {', '.join(values)}: a value {what}. Use one sweep for each value")
-            self._variants[shape] = Variant.of(plan, values, base)
+            own = []
+            for axis in plan.axes:
+                known = resolve(base[0], [axis.path], option="vary") if axis.parameters else ()
+                own.append(replace(axis, parameters=known))
+            self._plans[shape] = replace(plan, scene=plan.scene.with_values(values), axes=tuple(own))
+            self._plans[shape].__dict__["base"] = base  # found already: an equilibrium
         return shape, base
 
-    def _program(self, variant: Variant, arguments: tuple[Any, ...]) -> jax.stages.Compiled:
-        """The program of a variant, compiled at its first call; as one kernel, unless its runs are too brief."""
-        if variant.compiled is None:
-            run = partial(run_case, variant.plan, variant.plan.stepper)
+    def _program(self, shape: Shape, arguments: tuple[Any, ...]) -> jax.stages.Compiled:
+        """The program of a shape, compiled at its first call; as one kernel, unless its runs are too brief."""
+        if shape not in self._programs:
+            run = partial(run_case, self._plans[shape], self._plans[shape].stepper)
             if self.side_by_side:
                 chunk = one_kernel(lanes(run, self.in_axes))
                 options = LANES_OPTIONS
@@ -239,8 +220,8 @@ class Program:
             specs = tuple(PartitionSpec() if axis is None else PartitionSpec("device") for axis in self.in_axes)
             out = PartitionSpec("device")
             mapped = jax.shard_map(chunk, mesh=self.mesh, in_specs=specs, out_specs=out, check_vma=False)
-            variant.compiled = compile_lowered(jax.jit(mapped).lower(*arguments), options)
-        return variant.compiled
+            self._programs[shape] = compile_lowered(jax.jit(mapped).lower(*arguments), options)
+        return self._programs[shape]
 
 
 def _shape_of(model: Model) -> Shape:
@@ -260,23 +241,21 @@ def run_case(
         if axis.parameters:
             model = apply(model, axis.parameters, jnp.broadcast_to(value, (len(axis.parameters),)))
     run = plan.scene.run
-    every = run.save_every
     named = plan.named_quantities
-    if every == 1 and not plan.is_adaptive:
-        watch = None
-    else:
+    watch = None
+    if run.save_every > 1 or plan.is_adaptive:
         watch = quantity_signals(named, start.r)
     zero = jnp.zeros((), model.dtype)
     tally = Tally(zero - jnp.inf, zero + jnp.inf, zero, jnp.ones_like(start.tension), zero, zero)
 
     def continue_to_save(progress: Progress | Adaptive) -> tuple[Progress | Adaptive, Trajectory]:
         if isinstance(progress, Progress):
-            return advance(stepper, model, progress, dt, saves=1, save_every=every, watch=watch)
+            return advance(stepper, model, progress, dt, saves=1, save_every=run.save_every, watch=watch)
         accuracy = jnp.asarray(run.accuracy, model.dtype)
         progress, (row, _) = advance_adaptively(stepper, model, progress, dt, accuracy, saves=1, watch=watch)
         return progress, row
 
-    def save(carry: Carry, _: None) -> tuple[Carry, tuple[tuple[jax.Array, ...], tuple[jax.Array, jax.Array] | None]]:
+    def save(carry: Carry, _: None) -> tuple[Carry, dict[str, jax.Array]]:
         progress, tally = carry
         progress, row = continue_to_save(progress)
         tally = _count(model, start, progress.state, tally, row)
@@ -284,21 +263,24 @@ def run_case(
         extremes = {}
         if watch is not None and row.extremes is not None:
             extremes = watch.over_steps(row.extremes)
-        signals = tuple(
-            extremes[one] if one in extremes else one.instant(model, start.r, s.r, s.v, s.tension, s.t, s.parted)
-            for one in named
-        )
-        return (progress, tally), (signals, (s.r, s.tension) if plan.traces else None)
+        saved = {}
+        for one in named:
+            if one in extremes:
+                saved[one.name] = extremes[one]
+            else:
+                saved[one.name] = one.instant(model, start.r, s.r, s.v, s.tension, s.t, s.parted)
+        if plan.traces:
+            saved |= {"positions": s.r, "tension": s.tension}
+        return (progress, tally), saved
 
     first: Progress | Adaptive = begin(stepper, model, start)
     if plan.is_adaptive:
         first = adaptive_start(stepper, model, first)
-    (progress, tally), (signals, traces) = jax.lax.scan(save, (first, tally), None, length=run.rows)
+    (progress, tally), saved = jax.lax.scan(save, (first, tally), None, length=run.rows)
     if isinstance(progress, Adaptive):
         progress = progress.progress
     failed = progress.first_bad >= 0
     why = jnp.where(jnp.isfinite(tally.residual), STATUS.index("not_converged"), STATUS.index("non_finite"))
-    code = jnp.where(failed, why, 0)
     s = progress.state
     seen = observe(model, s.r, s.v, s.t, s.parted, s.own)
     known = {
@@ -309,22 +291,21 @@ def run_case(
         "excursion": tally.excursion,
         "energy_final": seen.kinetic + seen.potential,
     }
-    found = {name: value for name, value in known.items() if name in plan.quantities}
-    for one, x in zip(named, signals, strict=True):
-        found[one.name] = statistic(one.statistic, x, run.interval, over_steps=watch is not None)
-    if traces is not None:
-        found |= {"positions": traces[0], "tension": traces[1]}
-    at = jnp.where(failed, (progress.first_bad + 1) * dt, jnp.nan)
-    return found | {"status": code.astype(jnp.int8), "failed_at": at}
+    for one in named:
+        saved[one.name] = statistic(one.statistic, saved[one.name], run.interval, over_steps=watch is not None)
+    return {
+        **{name: value for name, value in known.items() if name in plan.quantities},
+        **saved,
+        "status": jnp.where(failed, why, 0).astype(jnp.int8),
+        "failed_at": jnp.where(failed, (progress.first_bad + 1) * dt, jnp.nan),
+    }
 
 
 def _count(model: Model, start: State, s: State, tally: Tally, row: Trajectory) -> Tally:
     links = model.links(s.r, model.ends(s.t))
-    # rigid links keep their lengths; those that stretch are measured
-    if model.line.axial.elastic:
+    length = model.line.length
+    if model.line.axial.elastic:  # rigid links keep their lengths
         length = safe_norm(links)
-    else:
-        length = model.line.length
     tension = row.tension[0]
     least = tension
     largest = tension

@@ -141,7 +141,7 @@ def _fill(store: SweepStore, scheduler: Scheduler | None, say: Progress) -> Swee
         rate = ran * plan.scene.run.steps / run_s
     verdict = store.verdict
     if verdict is None:
-        verdict = check_steps(plan.extreme_cases(), say, **dict(plan.settings))
+        verdict = check_steps(plan.extreme_cases(), say, **plan.settings)
         store.verdict = verdict
     return SweepResult(
         path=store.path,

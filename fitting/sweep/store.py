@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import warnings
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +18,7 @@ from dropper_jax.base.files import Lock, remove, remove_leftovers, unfinished_fo
 from dropper_jax.base.store import Store, StoreStopped, differences
 from dropper_jax.run.members import StepVerdict
 from dropper_jax.run.storage import extra
-from fitting.sweep.plan import QUANTITIES, STATUS, Plan, describe_quantity
+from fitting.sweep.plan import DIMENSIONS, MARKS, QUANTITIES, STATUS, TRACES, Plan
 
 if TYPE_CHECKING:
     import zarr
@@ -30,14 +31,12 @@ PENDING = -1
 PACKAGES = ("jax", "jaxlib", "dropper-jax")
 #: Number of differences listed in an error message.
 MOST_DIFFERENCES = 3
-#: Dimensions of the arrays besides the inputs.
-DIMENSIONS = ("case", "time", "node", "link", "axis")
 
 
 def input_names(paths: list[str]) -> list[str]:
     """Names of the inputs in the store: the last part of a path if it is unique, otherwise the whole path."""
     short = [path.rsplit(".", 1)[-1] for path in paths]
-    taken = {*QUANTITIES, "status", "failed_at", "positions", "tension", *DIMENSIONS}
+    taken = {*QUANTITIES, *TRACES, *MARKS, "case", *chain.from_iterable(DIMENSIONS.values())}
     unclear = [name.isdecimal() or name in taken or short.count(name) > 1 for name in short]
     return [path if doubt else name for path, name, doubt in zip(paths, short, unclear, strict=True)]
 
@@ -62,7 +61,8 @@ class SweepStore(Store[int, dict[str, np.ndarray]]):
     stopped = SweepStopped
 
     def __init__(self, path: str | Path, plan: Plan, versions: dict[str, str], mix_versions: bool = False) -> None:
-        self.path, self.plan = Path(path), plan
+        self.path = Path(path)
+        self.plan = plan
         zarr = extra("zarr", "sweep")
         self.lock = Lock(self.path)
         try:
@@ -120,7 +120,8 @@ class SweepStore(Store[int, dict[str, np.ndarray]]):
         if other:
             earlier = group.attrs.get("versions_mixed", [])
             group.attrs["versions_mixed"] = [*(earlier if isinstance(earlier, list) else []), here]
-        shapes = {name: (self.plan.cases, *inner) for name, (inner, *_) in self._variables().items()}
+        plan = self.plan
+        shapes = {name: (plan.cases, *plan.inner_shape(name)) for name in plan.stored}
         try:
             whole = all(tuple(group[name].shape) == shape for name, shape in shapes.items())
         except Exception:  # any error of Zarr on damaged metadata
@@ -131,21 +132,26 @@ class SweepStore(Store[int, dict[str, np.ndarray]]):
     def _create(self, group: zarr.Group, versions: dict[str, str]) -> None:
         plan = self.plan
         cases = plan.inputs(np.arange(plan.cases))
-        for name, column, axis in zip(input_names([a.path for a in plan.axes]), cases.T, plan.axes, strict=True):
+        names = input_names([axis.path for axis in plan.axes])
+        for name, column, axis in zip(names, cases.T, plan.axes, strict=True):
             value = column.astype(axis.values.dtype)
             array = group.create_array(name, data=value, chunks=(plan.cases,), dimension_names=("case",))
             array.attrs.update({"units": axis.unit, "long_name": axis.path})
-        names = " ".join(input_names([axis.path for axis in plan.axes]))
-        for name, (inner, dimensions, unit, meaning, numbers) in self._variables().items():
+        number = {"dtype": plan.scene.run.dtype, "fill_value": np.nan}
+        # stored raw, one byte per case: a status file is either whole or not readable
+        raw = {"dtype": "int8", "fill_value": PENDING, "compressors": None}
+        numbers: dict[str, dict[str, Any]] = {"failed_at": number | {"dtype": "float64"}, "status": raw}
+        for name, (unit, meaning) in plan.stored.items():
+            inner = plan.inner_shape(name)
             array = group.create_array(
                 name,
                 shape=(plan.cases, *inner),
                 chunks=(plan.chunk, *inner),
-                dimension_names=("case", *dimensions),
-                **numbers,
+                dimension_names=("case", *DIMENSIONS.get(name, ())),
+                **numbers.get(name, number),
             )
             # xarray reads the inputs as coordinates
-            array.attrs.update({"units": unit, "long_name": meaning, "coordinates": names})
+            array.attrs.update({"units": unit, "long_name": meaning, "coordinates": " ".join(names)})
         group["status"].attrs.update(
             {"flag_values": [PENDING, *range(len(STATUS))], "flag_meanings": " ".join(("pending", *STATUS))}
         )
@@ -153,28 +159,6 @@ class SweepStore(Store[int, dict[str, np.ndarray]]):
         with warnings.catch_warnings():  # Zarr 3 supports it, though its specification does not have it yet
             warnings.simplefilter("ignore")
             extra("zarr", "sweep").consolidate_metadata(group.store)
-
-    def _variables(self) -> dict[str, tuple[Any, ...]]:
-        """Shape of a case, its dimensions, unit, meaning, and numbers in the store, by name; the mark last."""
-        number = {"dtype": self.plan.scene.run.dtype, "fill_value": np.nan}
-        found: dict[str, tuple[Any, ...]] = {}
-        for name in self.plan.quantities:
-            dimensions = ()
-            if name == "angle_max":
-                dimensions = ("link",)
-            about = describe_quantity(self.plan, name)
-            found[name] = (self.plan.inner_shape(name), dimensions, *about, number)
-        if self.plan.traces:
-            about = {
-                "positions": (("time", "node", "axis"), "m", "position of the free nodes"),
-                "tension": (("time", "link"), "N", "tension of the links"),
-            }
-            found |= {name: (self.plan.inner_shape(name), *row, number) for name, row in about.items()}
-        found["failed_at"] = ((), (), "s", "time of the first failed step", number | {"dtype": "float64"})
-        # stored raw, one byte per case: a status file is either whole or not readable
-        raw = {"dtype": "int8", "fill_value": PENDING, "compressors": None}
-        found["status"] = ((), (), "1", "how the case ended", raw)
-        return found
 
     def has(self, key: int) -> bool:
         try:
@@ -184,11 +168,11 @@ class SweepStore(Store[int, dict[str, np.ndarray]]):
 
     def read(self, key: int) -> dict[str, np.ndarray] | None:
         if self.has(key):
-            return {name: self.group[name][self._cases(key)] for name in self._variables()}
+            return {name: self.group[name][self._cases(key)] for name in self.plan.stored}
         return None
 
     def write(self, key: int, found: dict[str, np.ndarray]) -> None:
-        for name in self._variables():
+        for name in self.plan.stored:
             self.group[name][self._cases(key)] = found[name]
 
     def _cases(self, key: int) -> slice:

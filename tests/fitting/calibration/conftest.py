@@ -18,7 +18,7 @@ from jaxlib.mlir import ir
 from scipy.integrate import solve_ivp
 
 from fitting import Convention, FitSettings, Trace, prepare
-from fitting.calibration.fit import estimate
+from fitting.calibration.estimating import as_method, estimate
 from fitting.calibration.summarise import summarise
 
 LENGTH, MASS = np.array([0.3, 0.25]), np.array([0.12, 0.09])
@@ -126,9 +126,21 @@ def ready(rods):
 
 
 @pytest.fixture(scope="session")
-def ten(ready, motion):
-    found = []
-    for seed in range(10):
-        prepared = ready(seen(motion, seed))
-        found.append(summarise(prepared, "windows", estimate(prepared, "windows")))
-    return found
+def fitted():
+    """`fitted(prepared, method, ...)`: the result of an estimator, with its further arguments."""
+
+    def run(prepared, method="windows", *more, **options):
+        solution = estimate(prepared, method, *more, **options)
+        return summarise(prepared, as_method(method).name, solution)
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def prepared(ready, motion):
+    return ready(seen(motion, 0))
+
+
+@pytest.fixture(scope="session")
+def ten(ready, motion, fitted):
+    return [fitted(ready(seen(motion, seed))) for seed in range(10)]

@@ -4,31 +4,24 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import wrong_laws as study
 
-from fitting.calibration.fit import estimate
 from fitting.calibration.laws import with_law
-from fitting.calibration.summarise import summarise
 from fitting.parameters.missing_forces import UNITS
 
 #: Dry friction [N m] of 0.3 % of a rod's weight times its length.
 DRY = 1e-3
 
 
-def joined(prepared):
-    return summarise(prepared, "shooting", estimate(prepared, "shooting"))
-
-
 @pytest.fixture(scope="module")
-def rubbed(two, ready):
-    """The fit of a trace with dry friction, without it in the scene, and its preparation."""
-    prepared = ready(two.seen(two.swing([1.2, 0.6], dry=DRY), 3))
-    return prepared, joined(prepared)
+def rubbed(two, ready, fitted):
+    """The fit of a trace with dry friction, without it in the scene."""
+    return fitted(ready(two.seen(two.swing([1.2, 0.6], dry=DRY), 3)), "shooting")
 
 
 @pytest.mark.check
-def test_missing_forces_have_the_derivatives_of_the_effects_and_change_nothing_at_zero(two, ready, motion):
+def test_missing_forces_have_the_derivatives_of_the_effects_and_change_nothing_at_zero(prepared):
     """The scene has viscous joints and quadratic drag; its drag is averaged over a step, an error of second order."""
-    prepared = ready(two.seen(motion, 0))
     names = [p.name for p in prepared.simulator.compiled]
     every = [next(p for p in prepared.simulator.compiled if p.name == f"missing.{kind}") for kind in UNITS]
     view = prepared.simulator.view_of([*prepared.parameters, *every])
@@ -49,50 +42,35 @@ def test_right_laws_end_ok(ten):
     assert np.median([min(test.p for test in result.laws.tests) for result in ten]) > 0.1
 
 
-def test_dry_friction_that_the_scene_lacks_is_a_model_error_that_names_it(rubbed):
-    _, result = rubbed
-    assert result.status == "model_error"
-    assert result.laws.wrong.name == "dry friction in the joints"
-    assert result.laws.wrong.change == pytest.approx(DRY, rel=0.3)
-    assert "--free viscous,b_q,effects.joint_friction.dry" in result.message
-    assert result.to_json()["laws"][0]["matters"]
-
-
-def test_a_force_that_is_shown_leaves_nothing_to_others(rubbed):
+def test_dry_friction_that_the_scene_lacks_is_a_model_error_that_names_it_and_nothing_else(rubbed):
     """Without dry friction, the trace alone also shows viscous friction and drag that changes with time."""
-    _, result = rubbed
-    assert [test.name for test in result.laws.significant] == ["dry friction in the joints"]
-    assert result.laws.wrong.p < 1e-6
+    assert rubbed.status == "model_error"
+    assert rubbed.laws.wrong.name == "dry friction in the joints"
+    assert rubbed.laws.wrong.change == pytest.approx(DRY, rel=0.3)
+    assert "--free viscous,b_q,effects.joint_friction.dry" in rubbed.message
+    assert rubbed.to_json()["laws"][0]["matters"]
+    assert [test.name for test in rubbed.laws.significant] == ["dry friction in the joints"]
+    assert rubbed.laws.wrong.p < 1e-6
 
 
 def test_a_law_that_is_freed_starts_from_the_end_of_the_fit_without_it(rubbed):
     """The trace shows friction of its own in the joints."""
-    prepared, result = rubbed
-    wider = with_law(prepared, result.laws.wrong.free, result.solution)
-    assert [p.name for p in wider.parameters[:2]] == [p.name for p in prepared.parameters]
-    assert [p.name for p in wider.parameters[2:]] == ["effects.joint_friction.dry"]
-    np.testing.assert_array_equal(wider.values[:2], result.values)
+    wider = with_law(rubbed.prepared, rubbed.laws.wrong.free, rubbed.solution)
+    names = [p.name for p in rubbed.prepared.parameters]
+    assert [p.name for p in wider.parameters] == [*names, "effects.joint_friction.dry"]
+    np.testing.assert_array_equal(wider.values[:2], rubbed.values)
 
 
-def test_quadratic_drag_that_is_left_out_is_a_model_error_that_names_it(two, ready, motion):
+def test_quadratic_drag_that_is_left_out_is_a_model_error_that_names_it(two, ready, fitted, motion):
     """Quadratic drag kept at zero: it is named."""
     prepared = ready(two.seen(motion, 1), start={two.FREE[1]: 0.0})
-    solution = estimate(prepared, "shooting", frozen=np.array([False, True]))
-    result = summarise(prepared, "shooting", solution)
+    result = fitted(prepared, "shooting", frozen=np.array([False, True]))
     assert result.status == "model_error"
     assert "quadratic drag" in (result.laws.wrong.name, *result.laws.wrong.alike)
 
 
 @pytest.fixture(scope="module")
-def study():
-    """The chains of `wrong_laws`."""
-    import wrong_laws
-
-    return wrong_laws
-
-
-@pytest.fixture(scope="module")
-def quadratic(study):
+def quadratic():
     """`quadratic(seed)`: the fit of linear drag alone to a chain of `wrong_laws` that has quadratic drag alone."""
 
     def fitted(seed):
@@ -120,7 +98,7 @@ def test_a_force_that_a_trace_neither_shows_nor_excludes_is_in_a_warning(quadrat
 
 
 @pytest.mark.check
-def test_noise_with_a_memory_does_not_explain_windows_that_do_not_join(study):
+def test_noise_with_a_memory_does_not_explain_windows_that_do_not_join():
     """A loose hook looks like correlated noise in every window; b_q would be ten times the true one, 7 errors off."""
     draw = replace(study.draw(105), fault="loose_hook")
     rig, _ = study.with_fault(draw, None)

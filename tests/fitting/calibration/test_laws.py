@@ -76,8 +76,13 @@ def test_chance_of_a_gain_from_coefficients_on_their_bound_is_that_of_draws(q):
     assert chance(-1.0, q) == 1.0
 
 
-def law(name: str, cost: float) -> Law:
-    return Law(name, len(LADDER[name]), 0.0, 0.0, 0.0, "ok", {}, free=len(LADDER[name]), cost=cost)
+def laws(costs: dict[str, float], **changes) -> list[Law]:
+    """Laws by their names and costs."""
+    sizes = {name: len(LADDER[name]) for name in costs}
+    return [
+        Law(name, sizes[name], 0.0, 0.0, 0.0, "ok", {}, free=sizes[name], cost=cost, **changes)
+        for name, cost in costs.items()
+    ]
 
 
 def scores(*totals: float) -> list[Scores]:
@@ -99,7 +104,7 @@ def scores(*totals: float) -> list[Scores]:
 )
 def test_what_the_traces_leave_possible(costs, logs, words):
     names = ("none", "linear", "quadratic", "linear + quadratic")
-    rows = decide([law(n, c) for n, c in zip(names, costs, strict=True)], scores(*logs))
+    rows = decide(laws(dict(zip(names, costs, strict=True))), scores(*logs))
     assert verdict(rows) == words
     assert sum(row.chosen for row in rows) == 1
     assert all(row.possible for row in rows if row.chosen)
@@ -107,8 +112,7 @@ def test_what_the_traces_leave_possible(costs, logs, words):
 
 
 def test_a_part_that_no_trace_could_have_shown_keeps_its_law_possible():
-    names = ("none", "linear", "quadratic", "linear + quadratic")
-    rows = [law(n, c) for n, c in zip(names, (50.0, 20.0, 25.0, 19.8), strict=True)]
+    rows = laws({"none": 50.0, "linear": 20.0, "quadratic": 25.0, "linear + quadratic": 19.8})
     rows[3] = replace(rows[3], unseen=("quadratic",))
     logs = scores(-60.0, -30.0, -36.0, -30.5)
     assert verdict(decide(rows, logs)) == "undecided {linear, linear + quadratic}"
@@ -118,8 +122,7 @@ def test_a_part_that_no_trace_could_have_shown_keeps_its_law_possible():
 
 def test_two_parts_more_are_open_only_where_one_of_them_is():
     """Linear drag is imitated by quadratic drag and dry friction together, whatever the traces exclude of each."""
-    names = ("linear", "linear + quadratic", "linear + dry", "linear + quadratic + dry")
-    rows = [law(n, c) for n, c in zip(names, (20.0, 19.9, 19.9, 19.8), strict=True)]
+    rows = laws({"linear": 20.0, "linear + quadratic": 19.9, "linear + dry": 19.9, "linear + quadratic + dry": 19.8})
     rows[3] = replace(rows[3], unseen=("linear", "quadratic", "dry"))
     logs = scores(-30.0, -30.5, -30.4, -31.0)
     assert verdict(decide(rows, logs)) == "linear"
@@ -129,10 +132,9 @@ def test_two_parts_more_are_open_only_where_one_of_them_is():
 
 def test_a_law_that_did_not_converge_stands_where_its_cost_does():
     """Its cost is an upper limit; where that is too high, it may be the fit's fault, and is said so."""
-    names = ("none", "dry", "linear + dry")
-    costs = (90.0, 20.0, 19.9)
-    rows = [replace(law(n, c), status="not_converged") for n, c in zip(names, costs, strict=True)]
-    found = decide(rows[:2] + [replace(rows[2], status="ok")], scores(-95.0, -30.0, -30.5))
+    rows = laws({"none": 90.0, "dry": 20.0, "linear + dry": 19.9})
+    rows[:2] = (replace(row, status="not_converged") for row in rows[:2])
+    found = decide(rows, scores(-95.0, -30.0, -30.5))
     assert verdict(found) == "dry"
     assert found[0].refuted.startswith("not_converged; lacks what dry has")
 
@@ -140,23 +142,23 @@ def test_a_law_that_did_not_converge_stands_where_its_cost_does():
 @pytest.mark.filterwarnings("error")
 def test_a_trace_of_one_window_is_decided_by_likelihood_alone():
     none = Scores(np.zeros(0), np.zeros(0), np.zeros(0, int))
-    rows = decide([law("none", 50.0), law("linear", 20.0), law("linear + quadratic", 19.8)], [none] * 3)
+    rows = decide(laws({"none": 50.0, "linear": 20.0, "linear + quadratic": 19.8}), [none] * 3)
     assert verdict(rows) == "linear"
     assert np.isnan([row.score_error for row in rows]).all()
 
 
 def test_what_a_rough_cost_keeps_from_a_fit_is_no_evidence_for_a_larger_law():
-    names, logs = ("none", "dry", "linear + dry"), scores(-95.0, -30.0, -30.5)
-    rows = [law(n, c) for n, c in zip(names, (90.0, 30.0, 20.0), strict=True)]
+    logs = scores(-95.0, -30.0, -30.5)
+    rows = laws({"none": 90.0, "dry": 30.0, "linear + dry": 20.0})
     assert verdict(decide(rows, logs)) == "linear + dry"
     rows[1] = replace(rows[1], unreached=9.0)
     assert verdict(decide(rows, logs)) == "undecided {dry, linear + dry}"
 
 
 def test_joined_windows_decide_between_the_laws_that_separate_ones_leave():
-    names = ("linear", "quadratic", "linear + quadratic", "linear + dry", "linear + quadratic + dry")
-    rows = [law(n, c) for n, c in zip(names, (20.0, 50.0, 19.8, 19.9, 19.8), strict=True)]
-    rows = [replace(row, unseen=() if row.name == "linear" else ("quadratic", "dry")) for row in rows]
+    costs = {"linear": 20.0, "quadratic": 50.0, "linear + quadratic": 19.8, "linear + dry": 19.9}
+    rows = laws(costs | {"linear + quadratic + dry": 19.8}, unseen=("quadratic", "dry"))
+    rows[0] = replace(rows[0], unseen=())
     rows = decide(rows, scores(-30.0, -60.0, -30.2, -30.1, -30.3))
     left = [row.name for row in rows if row.possible]
     assert left == ["linear", "linear + quadratic", "linear + dry", "linear + quadratic + dry"]
@@ -171,8 +173,7 @@ def test_joined_windows_decide_between_the_laws_that_separate_ones_leave():
 
 
 def test_joined_windows_refute_a_law_that_is_much_less_likely():
-    rows = [law("linear + quadratic", 20.0), law("quadratic + dry", 20.5)]
-    rows = decide(rows, scores(-30.0, -30.2))
+    rows = decide(laws({"linear + quadratic": 20.0, "quadratic + dry": 20.5}), scores(-30.0, -30.2))
     for apart, words in ((3.0, "undecided {linear + quadratic, quadratic + dry}"), (5.0, "linear + quadratic")):
         costs = {"linear + quadratic": 25.0, "quadratic + dry": 25.0 + apart}
         assert verdict(decide_joined(rows, costs, dict.fromkeys(costs, ()))) == words

@@ -1,5 +1,6 @@
 """Several recordings of one motion: their biases, what they disagree about, and the command. Truth by SciPy."""
 
+import re
 from dataclasses import replace
 from functools import partial
 
@@ -9,7 +10,6 @@ from hard_scenes import rods
 from scipy.integrate import solve_ivp
 
 import dropper_jax as dj
-from dropper_jax.base.errors import SceneError
 from dropper_jax.cli import main
 from fitting import Convention, FitSettings, Trace, fit
 from fitting.parameters.recordings import distance_from, find_delay, share_motion
@@ -45,15 +45,15 @@ def motion():
     return lambda t: solved(t)[:2].T
 
 
-def recorded(motion, name, rate, span, noise, seed, zero=(0.0, 0.0), scale=1.0, delay=0.0):
+def recorded(motion, name="A", rate=100, span=(0.0, 4.0), noise=0.003, seed=0, zero=(0, 0), scale=1.0, delay=0.0):
     t = np.arange(*span, 1 / rate)
     theta = zero + scale * motion(t) + noise * np.random.default_rng(seed).standard_normal((len(t), 2))
     return Trace(name, t + delay, theta, convention=Convention("down", 1, "rad"))
 
 
-def biased(motion, seed=1):
+def biased(motion):
     """A slower and noisier recording that starts later, ends later, and has biases."""
-    return recorded(motion, "B", 60, (1.0, 6.0), 0.006, seed, (0.02, -0.03), 1.01, 1.2371)
+    return recorded(motion, "B", 60, (1.0, 6.0), 0.006, 1, (0.02, -0.03), 1.01, 1.2371)
 
 
 #: Of the biased recording, in the model's convention: from the horizontal, positive downwards.
@@ -69,54 +69,47 @@ def deviations(result):
 
 @pytest.fixture(scope="module")
 def fitted(motion):
-    first = recorded(motion, "A", 100, (0.0, 4.0), 0.003, 0)
-    return fit([first, biased(motion)], SCENE, ["b_l"], settings=SETTINGS)
+    """`fitted(*recordings)`: their fit as one motion."""
+    return lambda *recordings: fit(recordings, SCENE, ["b_l"], settings=SETTINGS)
 
 
 @pytest.mark.check
-def test_biases_of_a_second_recording_are_found_within_their_errors(fitted):
-    assert fitted.status == "ok", fitted.message
-    off = deviations(fitted)
+def test_biases_and_noise_of_a_second_recording_are_found_within_their_errors_and_none_disagrees(motion, fitted):
+    found = fitted(recorded(motion), biased(motion))
+    assert found.status == "ok", found.message
+    off = deviations(found)
     assert len(off) == 5
     assert max(map(abs, off.values())) < 3, off
-    assert fitted.uncertainty.std_error[-1] < 1e-4  # of the delay, a hundredth of its sampling interval
-
-
-@pytest.mark.check
-def test_each_recording_has_its_own_noise_and_none_disagrees(fitted):
-    noise = {(row.recording, row.link): row.noise for row in fitted.recordings}
+    assert found.uncertainty.std_error[-1] < 1e-4  # of the delay, a hundredth of its sampling interval
+    noise = {(row.recording, row.link): row.noise for row in found.recordings}
     assert noise["A", 1] == pytest.approx(0.003, rel=0.15)
     assert noise["B", 2] == pytest.approx(0.006, rel=0.15)
-    assert not any(row.disagrees for row in fitted.recordings)
-    assert [row["recording"] for row in fitted.to_json()["recordings"]] == ["A", "A", "B", "B"]
+    assert not any(row.disagrees for row in found.recordings)
+    assert [row["recording"] for row in found.to_json()["recordings"]] == ["A", "A", "B", "B"]
 
 
 @pytest.mark.check
-def test_a_link_that_only_one_recording_shows_is_fitted_from_it(motion):
-    first = recorded(motion, "A", 100, (0.0, 4.0), 0.003, 0)
+def test_a_link_that_only_one_recording_shows_is_fitted_from_it(motion, fitted):
+    first = recorded(motion)
     first.theta[:, 1] = np.nan
-    second = recorded(motion, "B", 60, (1.0, 6.0), 0.006, 1, (0.02, -0.03), 1.01, 1.2371)
-    found = fit([first, second], SCENE, ["b_l"], settings=SETTINGS)
+    found = fitted(first, biased(motion))
     assert found.status == "ok", found.message
     assert max(map(abs, deviations(found).values())) < 3
     assert any("A: shows nothing of link 2" in warning for warning in found.warnings)
 
 
 @pytest.mark.check
-def test_the_table_names_the_recording_and_the_time_that_disagree(motion):
-    first = recorded(motion, "A", 100, (0.0, 5.0), 0.003, 0)
-    slipped = recorded(motion, "B", 100, (0.0, 5.0), 0.003, 1)
-    late = slipped.t > 4.0
-    slipped.theta[late, 1] += 0.03
-    third = recorded(motion, "C", 50, (0.0, 5.0), 0.003, 2)
-    found = fit([first, slipped, third], SCENE, ["b_l"], settings=SETTINGS)
+def test_the_table_names_the_recording_and_the_time_that_disagree(motion, fitted):
+    slipped = recorded(motion, "B", span=(0.0, 5.0), seed=1)
+    slipped.theta[slipped.t > 4.0, 1] += 0.03
+    found = fitted(recorded(motion, span=(0.0, 5.0)), slipped, recorded(motion, "C", 50, (0.0, 5.0), seed=2))
     worst = max(found.recordings, key=lambda row: abs(row.mean) / row.std_error)
     assert (worst.recording, worst.link) == ("B", 2)
     assert any(warning.startswith("B disagrees") for warning in found.warnings)
 
 
 def test_the_delay_is_found_before_any_fit_and_another_period_is_named(motion):
-    first = recorded(motion, "A", 100, (0.0, 4.0), 0.003, 0).in_model_convention(Convention("down", 1, "rad"))
+    first = recorded(motion).in_model_convention(Convention("down", 1, "rad"))
     second = biased(motion).in_model_convention(Convention("down", 1, "rad"))
     assert find_delay(first, second).value == pytest.approx(1.2371, abs=2e-3)
     t = np.arange(0, 20, 0.01)
@@ -132,7 +125,7 @@ def test_the_delay_is_found_before_any_fit_and_another_period_is_named(motion):
 def test_the_sign_of_a_recording_that_begins_within_the_swing_is_that_of_the_first_one(motion, sign):
     """A hanging chain has no sign of its own: a file that states none is read as the first recording shows it."""
     model, _ = dj.build(SCENE)
-    first = recorded(motion, "A", 100, (0.0, 4.0), 0.003, 0).in_model_convention(Convention("down", 1, "rad"))
+    first = recorded(motion).in_model_convention(Convention("down", 1, "rad"))
     second = biased(motion)
     for begin in (1.5, 1.8, 2.1, 2.4):
         kept = second.t > begin
@@ -142,18 +135,15 @@ def test_the_sign_of_a_recording_that_begins_within_the_swing_is_that_of_the_fir
         assert any("inferred from the first recording" in warning for warning in warnings)
 
 
-def test_wrong_recordings_are_refused_in_one_line(motion):
-    first = recorded(motion, "A", 100, (0.0, 4.0), 0.003, 0)
-    with pytest.raises(SceneError, match="one recording; needed: two"):
-        fit([first], SCENE, ["b_l"], settings=SETTINGS)
-    with pytest.raises(SceneError, match="same name"):
-        share_motion([first, first])
-    with pytest.raises(SceneError, match="cannot be combined with a static start"):
-        fit([first, biased(motion)], SCENE, ["b_l", "release.time"], settings=SETTINGS)
-    with pytest.raises(SceneError, match="Use --same-motion"):
-        fit([first, biased(motion)], SCENE, ["b_l", "recording.B.delay"])
-    with pytest.raises(SceneError, match=r"recording\.B\.offset.*does not exist"):
-        fit([first, biased(motion)], SCENE, ["b_l", "recording.B.offset"], settings=SETTINGS)
+def test_wrong_recordings_are_refused_in_one_line(motion, refusal):
+    first, both = recorded(motion), [recorded(motion), biased(motion)]
+    assert "one recording; needed: two" in refusal(fit, [first], SCENE, ["b_l"], settings=SETTINGS)
+    assert "same name" in refusal(share_motion, [first, first])
+    static = refusal(fit, both, SCENE, ["b_l", "release.time"], settings=SETTINGS)
+    assert "cannot be combined with a static start" in static
+    assert "Use --same-motion" in refusal(fit, both, SCENE, ["b_l", "recording.B.delay"])
+    unknown = refusal(fit, both, SCENE, ["b_l", "recording.B.offset"], settings=SETTINGS)
+    assert re.search(r"recording\.B\.offset.*does not exist", unknown)
 
 
 @pytest.mark.check
@@ -163,16 +153,14 @@ def test_the_command_takes_files_of_two_programs_as_one_motion_or_as_two_runs(tm
     def pendulum(t, state):
         return [state[1], -G / 0.5 * np.sin(state[0]) - 0.3 * state[1]]
 
-    solved = solve_ivp(pendulum, (0, 25), [0.5, 0.0], dense_output=True, rtol=1e-10, atol=1e-12).sol
+    angle = solve_ivp(pendulum, (0, 25), [0.5, 0.0], dense_output=True, rtol=1e-10, atol=1e-12).sol
     noise = np.random.default_rng(3)
     t = np.arange(0, 20, 0.01)
-    encoder = solved(t)[0] + 0.001 * noise.standard_normal(len(t))
-    rows = "\n".join(f"{a:.3f},{b:.6f}" for a, b in zip(t, encoder, strict=True))
-    (tmp_path / "encoder.csv").write_text("time [s],angle [rad]\n" + rows + "\n")
+    rows = np.stack([t, angle(t)[0] + 0.001 * noise.standard_normal(len(t))], axis=1)
+    np.savetxt("encoder.csv", rows, ("%.3f", "%.6f"), ",", header="time [s],angle [rad]", comments="")
     t = np.arange(2, 24, 1 / 30)
-    film = np.degrees(1.02 * solved(t)[0] + 0.004 * noise.standard_normal(len(t)))
-    rows = "\n".join(f"{a - 2:.4f};{b:.4f}" for a, b in zip(t, film, strict=True))
-    (tmp_path / "film.csv").write_text("time [s];angle [deg]\n" + rows + "\n")
+    rows = np.stack([t - 2, np.degrees(1.02 * angle(t)[0] + 0.004 * noise.standard_normal(len(t)))], axis=1)
+    np.savetxt("film.csv", rows, "%.4f", ";", header="time [s];angle [deg]", comments="")
     text = printed(["fit", "encoder.csv", "film.csv", "--same-motion", "--quiet"]).out
     for name in ("recording.film.scale", "recording.film.delay", "--same-motion", "farthest off"):
         assert name in text

@@ -16,7 +16,6 @@ from fitting.calibration.candidate import Candidate
 from fitting.calibration.fit import estimate
 from fitting.calibration.freeing import promising
 from fitting.calibration.result import window_length
-from fitting.calibration.summarise import summarise
 
 
 @pytest.fixture(scope="module")
@@ -47,29 +46,21 @@ def spoiled(two, motion, seed, how):
 
 
 @pytest.fixture(scope="module")
-def clean(two, ready, motion):
+def clean(ten):
     """Standard errors of clean traces: median of three."""
-    found = []
-    for seed in range(3):
-        prepared = ready(two.seen(motion, seed))
-        found.append(summarise(prepared, "windows", estimate(prepared, "windows")).uncertainty.std_error)
-    return np.median(found, axis=0)
+    return np.median([result.uncertainty.std_error for result in ten[:3]], axis=0)
 
 
 @pytest.mark.check
 @pytest.mark.parametrize(
-    ("how", "kind", "wider"),
-    [
-        ("unlike", "white", 3.0),
-        ("memory", "correlated", 3.0),
-        ("jitter", "jitter", 1.6),
-    ],
+    ("how", "kind", "wider"), [("unlike", "white", 3.0), ("memory", "correlated", 3.0), ("jitter", "jitter", 1.6)]
 )
-def test_the_noise_of_a_trace_is_named_and_measured_by_its_own_residuals(two, ready, motion, clean, how, kind, wider):
+def test_the_noise_of_a_trace_is_named_and_measured_by_its_own_residuals(
+    two, ready, fitted, motion, clean, how, kind, wider
+):
     """Two draws of each: their errors cover, and are little larger than those of clean traces."""
     for seed in (30, 31):
-        prepared = ready(spoiled(two, motion, seed, how))
-        result = summarise(prepared, "windows", estimate(prepared, "windows"))
+        result = fitted(ready(spoiled(two, motion, seed, how)))
         noise = result.noise_table()
         assert result.status == "ok"
         assert noise["kind"] == kind
@@ -87,12 +78,10 @@ def test_the_noise_of_a_trace_is_named_and_measured_by_its_own_residuals(two, re
 
 
 @pytest.mark.check
-def test_a_misfit_that_is_no_noise_is_not_taken_for_noise_and_widens_the_errors(two, ready, motion):
+def test_a_misfit_that_is_no_noise_is_not_taken_for_noise_and_widens_the_errors(two, ready, fitted, motion):
     """Without its quadratic part the law is wrong: misfits are smooth, the noise stays white, blocks tell the error."""
-    trace = two.seen(motion, 0, two.NOISE / 5)
-    prepared = ready(trace)
-    solution = estimate(prepared, "windows", frozen=np.array([False, True]))
-    result = summarise(prepared, "windows", solution)
+    result = fitted(ready(two.seen(motion, 0, two.NOISE / 5)), frozen=np.array([False, True]))
+    solution = result.solution
     white = np.sqrt(1 / solution.information[0, 0])
     assert result.noise_table()["kind"] == "white"
     assert result.uncertainty.blocks > 0
@@ -105,12 +94,12 @@ def test_a_misfit_that_is_no_noise_is_not_taken_for_noise_and_widens_the_errors(
 
 
 @pytest.mark.check
-def test_a_clock_that_runs_late_is_found_beside_the_damping(two, rods, motion):
+def test_a_clock_that_runs_late_is_found_beside_the_damping(two, rods, fitted, motion):
     """Frames 0.5 % further apart than the trace tells; lengths and gravity are known."""
     trace = two.seen(motion, 4)
     late = replace(trace, t=trace.t / 1.005)
     prepared = prepare(late, rods, [*two.FREE, "clock.rate"], settings=two.SETTINGS, priors={"clock.rate": (1.0, 0.02)})
-    result = summarise(prepared, "windows", estimate(prepared, "windows"))
+    result = fitted(prepared)
     assert result.status == "ok"
     error = result.uncertainty.std_error
     assert np.all(np.abs(result.values - [*two.TRUTH, 1.005]) < 3 * error)
@@ -193,15 +182,14 @@ def test_what_spoils_a_trace_is_freed_until_nothing_gains(two, rods, motion):
 
 
 @pytest.mark.check
-def test_outliers_pull_a_fit_by_students_loss_less_and_are_named(two, ready, motion):
+def test_outliers_pull_a_fit_by_students_loss_less_and_are_named(two, ready, fitted, motion):
     """One sample in fifty is 0.1 to 0.3 rad off."""
     trace = two.seen(motion, 3)
     rng = np.random.default_rng(5)
     off = rng.random(trace.theta.shape) < 0.02
     theta = trace.theta + np.where(off, rng.uniform(0.1, 0.3, off.shape) * rng.choice([-1, 1], off.shape), 0.0)
     prepared = ready(replace(trace, theta=theta))
-    plain = summarise(prepared, "windows", estimate(prepared, "windows"))
-    robust = summarise(prepared, "windows", estimate(prepared, "windows", StudentT()))
+    plain, robust = fitted(prepared), fitted(prepared, "windows", StudentT())
     assert robust.status == "ok"
     error = robust.uncertainty.std_error
     assert np.all(np.abs(robust.values - two.TRUTH) < 3 * error)

@@ -11,7 +11,6 @@ import optax
 import pytest
 
 import dropper_jax as dj
-from dropper_jax import SceneError
 from fitting import Camera, FitSettings, TraceLoss, fit, loss_of_trace, observe, simulate_truth, write_trace
 from fitting.estimate.least_squares import fit_windows
 from fitting.estimate.windows import Starts
@@ -21,9 +20,8 @@ pytestmark = pytest.mark.usefixtures("optimised")
 
 
 @pytest.fixture(scope="module")
-def problem(two, ready, motion):
+def problem(two, prepared):
     """Two rods seen by SciPy, five times off."""
-    prepared = ready(two.seen(motion, 0))
     return TraceLoss(replace(prepared, begin=5 * two.TRUTH))
 
 
@@ -43,9 +41,8 @@ def test_the_loss_has_the_slopes_of_differences_and_goes_through_jit_grad_and_vm
         ends.append((both[0] - both[1]) / (2 * size))
     np.testing.assert_allclose(slopes[0], ends, rtol=1e-5)
     turn = 1e-6 * jnp.eye(problem.starts.theta.shape[1])[0]
-    moved = [
-        problem.loss(problem.params, Starts(problem.starts.theta + s * turn, problem.starts.omega)) for s in (1, -1)
-    ]
+    theta, omega = problem.starts
+    moved = [problem.loss(problem.params, Starts(theta + side * turn, omega)) for side in (1, -1)]
     assert float(slopes[1].theta[:, 0].sum()) == pytest.approx(float(moved[0] - moved[1]) / 2e-6, rel=1e-4)
 
 
@@ -103,22 +100,26 @@ def test_a_loop_of_ones_own_finds_the_damping(problem, two, ten):
     assert np.all(np.abs(x * problem.scale - two.TRUTH) < 3 * ten[0].uncertainty.std_error)
 
 
-@pytest.fixture(scope="module")
-def program(tmp_path_factory, chain):
-    """What the program of docs/fits.md leaves after it ran on three links for 3 s, from ten times off."""
+def run_docs(mark, **names):
+    """What the program of docs/fits.md with these words leaves, for another scene and file."""
     text = re.findall(r"^```python\n(.*?)^```", (DOCS / "fits.md").read_text(), re.M | re.S)
-    (text,) = (block for block in text if "lax.scan" in block)
-    effects = {"weight": {}, "linear_damping": {"b_l": 0.002}, "quadratic_damping": {"b_q": 0.001}}
-    start = {"kind": "static", "release_nodes": [1], "release_force": [[0.0, 0.0, 0.6]]}
-    scene = chain([0.15] * 3, [0.05] * 3, start, right=[0.25, 0.0, 0.0], effects=effects)
-    file = tmp_path_factory.mktemp("program") / "RUN.csv"
-    write_trace(file, observe(simulate_truth(scene, 3.0, 60.0, 8), Camera(rate=60.0, angle_noise=5e-4), 0))
-    names = {"scene": scene, "file": file}
+    (text,) = (block for block in text if mark in block)
     for old, new in (('"dropper-release-a"', "scene"), ('"RUN.csv"', "file")):
         assert text.count(old) == 1
         text = text.replace(old, new)
     exec(compile(text, "fits.md", "exec"), names)
     return names
+
+
+@pytest.fixture(scope="module")
+def program(tmp_path_factory, chain):
+    """The program of the docs after it ran on three links for 3 s, from ten times off."""
+    effects = {"weight": {}, "linear_damping": {"b_l": 0.002}, "quadratic_damping": {"b_q": 0.001}}
+    start = {"kind": "static", "release_nodes": [1], "release_force": [[0.0, 0.0, 0.6]]}
+    scene = chain([0.15] * 3, [0.05] * 3, start, right=[0.25, 0.0, 0.0], effects=effects)
+    file = tmp_path_factory.mktemp("program") / "RUN.csv"
+    write_trace(file, observe(simulate_truth(scene, 3.0, 60.0, 8), Camera(rate=60.0, angle_noise=5e-4), 0))
+    return run_docs("lax.scan", scene=scene, file=file)
 
 
 @pytest.mark.check
@@ -136,14 +137,8 @@ def test_the_short_program_of_the_docs_ends_where_separate_windows_do_from_ten_t
 @pytest.mark.check
 def test_the_random_walk_of_the_docs_has_the_errors_of_the_fit(program):
     """Its 200 draws are worth about 25 independent ones."""
-    text = re.findall(r"^```python\n(.*?)^```", (DOCS / "fits.md").read_text(), re.M | re.S)
-    (text,) = (block for block in text if "log_density" in block)
-    for old, new in (('"dropper-release-a"', "scene"), ('"RUN.csv"', "file")):
-        assert text.count(old) == 1
-        text = text.replace(old, new)
     problem = loss_of_trace(program["file"], program["scene"], ["b_l", "b_q"], settings=FitSettings(window=0.5))
-    names = {"scene": program["scene"], "file": program["file"], "problem": problem}
-    exec(compile(text, "fits.md", "exec"), names)
+    names = run_docs("log_density", scene=program["scene"], file=program["file"], problem=problem)
     result, draws = names["result"], np.array(names["draws"])
     error = result.uncertainty.std_error
     np.testing.assert_allclose((draws.mean(axis=0) - result.values) / error, 0.0, atol=0.7)
@@ -152,9 +147,10 @@ def test_the_random_walk_of_the_docs_has_the_errors_of_the_fit(program):
 
 
 @pytest.mark.check
-def test_a_release_whose_windows_have_no_start_is_refused(program):
-    with pytest.raises(SceneError, match=r"free: 'release\.time\.0' cannot be part of this loss. Use"):
-        loss_of_trace(program["file"], program["scene"], ["b_l", "release.time"], settings=FitSettings(window=0.5))
+def test_a_release_whose_windows_have_no_start_is_refused(program, refusal):
+    given = program["file"], program["scene"], ["b_l", "release.time"]
+    found = refusal(loss_of_trace, *given, settings=FitSettings(window=0.5))
+    assert "free: 'release.time.0' cannot be part of this loss. Use" in found
 
 
 @pytest.mark.check

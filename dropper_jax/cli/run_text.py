@@ -30,8 +30,9 @@ def text(solution: Solution) -> str:
         ("integrator", "{integrator}, solver {solver}, {dtype}".format(**solution.settings)),
         ("time", _steps(solution)),
         ("mass of links", link_mass_words(solution.scene.link_mass_nodes)),
-        *((name, form.format(solution)) for name, form in FACTS.items()),
+        ("steps", f"{solution.failed_steps} failed, {solution.retried_steps} retried"),
         *_step_facts(solution),
+        *((name, form.format(solution)) for name, form in FACTS.items()),
         *(("broken", failure_words(row)) for row in solution.broken),
         ("wall time", f"{solution.compile_s:.2f} s compilation, {solution.run_s:.3f} s run"),
     ]
@@ -40,7 +41,6 @@ def text(solution: Solution) -> str:
 
 #: Facts of a run: formats of its attributes by name.
 FACTS = {
-    "steps": "{0.failed_steps} failed, {0.retried_steps} retried",
     "residual": "{0.max_residual:.1e} maximum, scaled; closure {0.max_closure_error:.1e} m",
     "energy": "balance error {0.energy_drift:.1e} J (reference {0.energy_scale:.3g} J)",
     "speed": "{0.max_speed:.3g} m/s maximum",

@@ -66,17 +66,17 @@ class Rope(Elastic):
     def residual(self, start: LinkStart, d1: Array, tension: Array, length: Array, h: Array) -> Array:
         step = StretchStep.of(self, start, length, h)
 
-        def pull(size: Array) -> Array:
+        def tension_of(size: Array) -> Array:
             spring = self._unclipped_spring(step, size)
             return spring + jnp.minimum(self._damper_of(step, size), spring)
 
-        return self._taut_or_slack(pull, d1, tension, length)
+        return self._taut_or_slack(tension_of, d1, tension, length)
 
-    def _taut_or_slack(self, pull: Callable[[Array], Array], d: Array, tension: Array, length: Array) -> Array:
-        """`max(pull(size), 0) = T` of links d, as elongations (n,) [m]."""
+    def _taut_or_slack(self, tension_of: Callable[[Array], Array], d: Array, tension: Array, length: Array) -> Array:
+        """`max(tension_of(size), 0) = T` of links d, as elongations (n,) [m]."""
         size = safe_norm(self.unstretch_broken(d, length))
         elongation = length * tension / self.EA
-        return taut_or_slack(lambda x: length / self.EA * pull(x), size, self._slack(length), elongation)
+        return taut_or_slack(lambda x: length / self.EA * tension_of(x), size, self._slack(length), elongation)
 
     def at_rest(self, d: Array, tension: Array, length: Array) -> Array:
         return self._taut_or_slack(lambda size: self.spring(size, length), d, tension, length)
@@ -85,11 +85,11 @@ class Rope(Elastic):
         _, stretching = self._stretching(d, rate, length)
         damper = 0.0 if self.damping is None else self.damping / length * stretching
 
-        def pull(size: Array) -> Array:
+        def tension_of(size: Array) -> Array:
             spring = self.spring(size, length)
             return spring + jnp.minimum(damper, spring)
 
-        return self._taut_or_slack(pull, d, tension, length)
+        return self._taut_or_slack(tension_of, d, tension, length)
 
     def tension(self, d: Array, rate: Array, length: Array) -> Array:
         size = safe_norm(d)

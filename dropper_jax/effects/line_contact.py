@@ -65,9 +65,9 @@ class LineContact(Effect):
         others = [b.name for b in (*scene.bodies, *scene.buoys)]
         path = "effects.line_contact"
 
-        def check_name(where: str, name: str, known: Iterable[str], what: str) -> None:
-            if name not in known:
-                hint = nearest(name, known) if known else "none exist"
+        def check_name(where: str, name: str, names: Iterable[str], what: str) -> None:
+            if name not in names:
+                hint = nearest(name, names) if names else "none exist"
                 raise SceneError(f"{path}.{where}: {name!r} is not a {what}; {hint}")
 
         def check_line(where: str, name: str) -> None:

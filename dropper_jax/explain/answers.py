@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import Table
@@ -316,7 +317,7 @@ def _along(scene: Scene, worn: Scene, state: State) -> np.ndarray:
             change[i] = np.asarray(b) - np.asarray(a)
     rows = [row[None] for row in change.values()]
 
-    def tension(shift: jax.Array) -> jax.Array:
+    def tension(shift: Array) -> Array:
         return settle(shift_model(model, list(change), rows, shift), state, loads, there=True).tension
 
     return np.asarray(jax.jvp(tension, (jnp.zeros(1),), (jnp.ones(1),))[1])

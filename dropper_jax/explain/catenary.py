@@ -24,6 +24,7 @@ from functools import partial
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 from scipy.optimize import brentq, root
 
 #: Largest row [m] of a solution, per metre of length.
@@ -128,7 +129,7 @@ def _start(line: Hanging) -> np.ndarray:
     return np.array([np.log(max(horizontal, SMALLEST)), vertical])
 
 
-def _span_and_rise(x: jax.Array, line: Hanging, rests: bool) -> jax.Array:
+def _span_and_rise(x: Array, line: Hanging, rests: bool) -> Array:
     """Span and rise (2,) [m] of the forces x; differences are written so that they keep their digits in taut lines."""
     total = line.weight * line.length
     h = jnp.exp(x[0]) * total
@@ -147,7 +148,7 @@ def _span_and_rise(x: jax.Array, line: Hanging, rests: bool) -> jax.Array:
 
 
 @jax.jit
-def _compiled(x: jax.Array, line: Hanging, rests: bool) -> tuple[jax.Array, jax.Array]:
+def _compiled(x: Array, line: Hanging, rests: bool) -> tuple[Array, Array]:
     return _span_and_rise(x, line, rests), jax.jacfwd(_span_and_rise)(x, line, rests)
 
 

@@ -125,10 +125,10 @@ def scan_parts(p: Parameters) -> tuple[int, int]:
     return len(consts), len(carry)
 
 
-def _grow(carry: list[bool], after: Callable[[list[bool]], list[bool]]) -> list[bool]:
+def _grow(carry: list[bool], next_carry: Callable[[list[bool]], list[bool]]) -> list[bool]:
     """Which carried values have members: one that gets them in an iteration has them from the start."""
     while True:
-        grown = [a or b for a, b in zip(carry, after(carry), strict=False)]
+        grown = [a or b for a, b in zip(carry, next_carry(carry), strict=False)]
         if grown == carry:
             return carry
         carry = grown
@@ -138,11 +138,11 @@ def which_scanned(p: Parameters, many: list[bool]) -> list[bool]:
     """For the carry and the saved values."""
     consts, carried = scan_parts(p)
 
-    def after(carry: list[bool]) -> list[bool]:
+    def next_carry(carry: list[bool]) -> list[bool]:
         return _which(p["jaxpr"], [*many[:consts], *carry, *many[consts + carried :]])
 
-    carry = _grow(many[consts : consts + carried], after)
-    return [*carry, *after(carry)[carried:]]
+    carry = _grow(many[consts : consts + carried], next_carry)
+    return [*carry, *next_carry(carry)[carried:]]
 
 
 def which_looped(p: Parameters, many: list[bool]) -> tuple[list[bool], bool]:
@@ -153,12 +153,12 @@ def which_looped(p: Parameters, many: list[bool]) -> tuple[list[bool], bool]:
     def stops(carry: list[bool]) -> bool:
         return _which(p["cond_jaxpr"], [*many[:tests], *carry])[0]
 
-    def after(carry: list[bool]) -> list[bool]:
+    def next_carry(carry: list[bool]) -> list[bool]:
         if stops(carry):
             return [True] * len(carry)
         return _which(p["body_jaxpr"], [*many[tests:bodies], *carry])
 
-    carry = _grow(many[bodies:], after)
+    carry = _grow(many[bodies:], next_carry)
     return carry, stops(carry)
 
 

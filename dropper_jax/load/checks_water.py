@@ -8,6 +8,7 @@ from functools import cached_property
 
 import jax
 import numpy as np
+from jax import Array
 from jax.typing import ArrayLike
 
 from dropper_jax.backend.programs import cached_jit
@@ -308,7 +309,7 @@ class Surface:
 
 
 @cached_jit()
-def _elevations(sea: Sea, positions: ArrayLike, times: ArrayLike) -> jax.Array:
+def _elevations(sea: Sea, positions: ArrayLike, times: ArrayLike) -> Array:
     # one instant after another: a sea of hundreds of components over all nodes and times at once would exceed the
     # memory
     return jax.lax.map(lambda one: sea.elevation(*one), (positions, times))

@@ -42,7 +42,7 @@ MOVING_ENDS = "moving_ends"
 Forces = dict[str, Array]
 
 
-def _joined(times: Iterable[Array | np.ndarray | None]) -> Array | None:
+def _join_times(times: Iterable[Array | np.ndarray | None]) -> Array | None:
     """All times (k,) [s]; None without any."""
     found = [jnp.ravel(part) for part in times if part is not None]
     return jnp.concatenate(found) if found else None
@@ -95,13 +95,13 @@ class Model:
     @property
     def kinks(self) -> Array | None:
         """Times (k,) [s] at which fixed points jump in velocity or acceleration; None if they never do."""
-        return _joined(e.kinks for e in self.having(Displacement))
+        return _join_times(e.kinks for e in self.having(Displacement))
 
     @property
     def corners(self) -> Array | None:
         """Times (k,) [s] at which an effect is not smooth in time; None if all are smooth."""
         of_sea = [] if self.sea is None else self.sea.corners
-        return _joined([*(e.corners for e in self.effects), *of_sea])
+        return _join_times([*(e.corners for e in self.effects), *of_sea])
 
     def having(self, slot: type[Role]) -> tuple[Role, ...]:
         """The effects that fill a slot (see `model.slots`), in order."""

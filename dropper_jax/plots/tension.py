@@ -88,7 +88,7 @@ class Loads(NamedTuple):
         t: times (k,) [s].
         tension, low, high: tensions (k, n) and the range of the steps of each sample, in `unit`.
         unit: name of the unit, and its `size` [N].
-        kept: the samples.
+        samples: the samples.
     """
 
     t: np.ndarray
@@ -97,14 +97,14 @@ class Loads(NamedTuple):
     high: np.ndarray
     unit: str
     size: float
-    kept: slice
+    samples: slice
 
 
 def loads_of(run: Run) -> Loads:
-    kept = slice(int(len(run.t) > 2), None)
-    unit, size = force_unit(run.max_tension[kept])
-    tensions = (run.tension[kept] / size, run.min_tension[kept] / size, run.max_tension[kept] / size)
-    return Loads(run.t_tension[kept], *tensions, unit, size, kept)
+    samples = slice(int(len(run.t) > 2), None)
+    unit, size = force_unit(run.max_tension[samples])
+    tensions = (run.tension[samples] / size, run.min_tension[samples] / size, run.max_tension[samples] / size)
+    return Loads(run.t_tension[samples], *tensions, unit, size, samples)
 
 
 @style.with_style
@@ -137,14 +137,14 @@ def _largest(run: Run, loads: Loads) -> Panel:
 def held_points_panel(run: Run, loads: Loads) -> Panel:
     """Forces on the most loaded fixed points."""
     names = held_points(run.scene)
-    vectors = point_loads(Motion(run.scene, run.t, run.positions, loads.t, run.tension[loads.kept]))
+    vectors = point_loads(Motion(run.scene, run.t, run.positions, loads.t, run.tension[loads.samples]))
     forces = [vectors[name] for name in names]
     force = np.linalg.norm(forces, axis=-1).T / loads.size
     low = force
     high = force
     if run.point_load_min is not None and run.point_load_max is not None:
-        low = run.point_load_min[loads.kept, :, 2] / loads.size
-        high = run.point_load_max[loads.kept, :, 2] / loads.size
+        low = run.point_load_min[loads.samples, :, 2] / loads.size
+        high = run.point_load_max[loads.samples, :, 2] / loads.size
     tops = np.nanmax(high, axis=0)
     loaded = tops > UNLOADED * tops.max()
     shown = [i for i in np.argsort(-tops, kind="stable") if loaded[i]][:MOST]

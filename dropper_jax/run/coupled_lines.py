@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import SceneError
@@ -22,7 +23,7 @@ from dropper_jax.run.coupled_forces import half_link_mass, point_forces
 from dropper_jax.stepping.adaptive import Adaptive, adaptive_start, advance_adaptively
 from dropper_jax.stepping.integrate import Progress, begin, next_progress
 
-Array = jax.Array | np.ndarray
+Array = Array | np.ndarray
 Vectors = Sequence[Sequence[float]] | Array
 
 
@@ -45,10 +46,10 @@ class CoupledState(NamedTuple):
 class CoupledOutputs(NamedTuple):
     """Forces (c, 3) [N], maximum scaled residual, inner steps solved by the fallback, whether a step failed so far."""
 
-    forces: jax.Array
-    residual: jax.Array
-    retried: jax.Array
-    failed: jax.Array
+    forces: Array
+    residual: Array
+    retried: Array
+    failed: Array
 
 
 @partial(jax.tree_util.register_dataclass, data_fields=["model", "start"], meta_fields=["stepper"])
@@ -100,8 +101,8 @@ class CoupledLines:
         """
         dt = jnp.asarray(dt, self.model.dtype)
 
-        def advance(lines: CoupledLines) -> tuple[Progress, jax.Array, jax.Array]:
-            def one(_: jax.Array, result: tuple[Any, ...]) -> tuple[Any, ...]:
+        def advance(lines: CoupledLines) -> tuple[Progress, Array, Array]:
+            def one(_: Array, result: tuple[Any, ...]) -> tuple[Any, ...]:
                 progress, residual, retried = result
                 progress, taken = next_progress(lines.stepper, lines.model, progress, dt / count)
                 # not `maximum`, which would lose a NaN
@@ -131,14 +132,14 @@ class CoupledLines:
         dt = jnp.asarray(dt, self.model.dtype)
         accuracy = jnp.asarray(accuracy, self.model.dtype)
 
-        def advance(lines: CoupledLines) -> tuple[Adaptive, jax.Array, jax.Array]:
+        def advance(lines: CoupledLines) -> tuple[Adaptive, Array, Array]:
             after, (rows, _) = advance_adaptively(lines.stepper, lines.model, state.progress, dt, accuracy, saves=1)
             return after, rows.residual[0], rows.retried[0]
 
         return self._over(state, inputs, dt, advance)
 
     def _over(
-        self, state: CoupledState, inputs: PointMotion | tuple[Array, ...], dt: jax.Array, advance: Callable[..., Any]
+        self, state: CoupledState, inputs: PointMotion | tuple[Array, ...], dt: Array, advance: Callable[..., Any]
     ) -> tuple[CoupledState, CoupledOutputs]:
         """State and outputs after dt [s], over which `advance` takes the lines with their points on the way."""
         given = [jnp.asarray(a, self.model.dtype) for a in inputs if a is not None]
@@ -157,12 +158,12 @@ class CoupledLines:
         motion = replace(self._motion, begin=jnp.asarray(t, dtype), width=jnp.asarray(dt, dtype), **both._asdict())
         return replace(self, model=replace(self.model, effects=(*self.model.effects[:-1], motion)))
 
-    def forces(self, s: State) -> jax.Array:
+    def forces(self, s: State) -> Array:
         """Forces (c, 3) [N] on the points in a state."""
         return point_forces(self.model, s, self.indices)
 
     @property
-    def mass(self) -> jax.Array:
+    def mass(self) -> Array:
         """Mass (c,) [kg] of the halves of links at the points, added mass left out."""
         return half_link_mass(self.model, self.indices)
 

@@ -14,7 +14,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -28,7 +27,7 @@ from dropper_jax.run.growth import overgrown
 from dropper_jax.scene import LineSlice, SceneData, WholeLine, sliced_lines
 
 #: A NumPy or JAX array.
-Array = Any
+AnyArray = Any
 #: Height over the seabed below which a point lies on it [m]: anchors are at its height.
 ON_BED = 1e-3
 
@@ -36,12 +35,14 @@ ON_BED = 1e-3
 class Part(NamedTuple):
     """Links, or their parts at points (...): weight [N], buoyancy under water [N], length and diameter [m]."""
 
-    weight: Array
-    lift: Array
-    length: Array
-    diameter: Array
+    weight: AnyArray
+    lift: AnyArray
+    length: AnyArray
+    diameter: AnyArray
 
-    def force(self, at: Array, direction: Array, tension: Array, surface: Array | None, bed: Array) -> Array:
+    def force(
+        self, at: AnyArray, direction: AnyArray, tension: AnyArray, surface: AnyArray | None, bed: AnyArray
+    ) -> AnyArray:
         """Force (..., 3) [N] of links on their points; the buoyancy is smooth as in `effects.buoyancy`.
 
         Args:
@@ -198,8 +199,8 @@ class EndLinks:
 
 
 def load_on_fixed_point(
-    model: Model, links: tuple[int, ...], signs: tuple[float, ...], r: jax.Array, tension: jax.Array, t: jax.Array
-) -> jax.Array:
+    model: Model, links: tuple[int, ...], signs: tuple[float, ...], r: AnyArray, tension: AnyArray, t: AnyArray
+) -> AnyArray:
     """Force (3,) [N] of all lines on a fixed point, differentiable.
 
     Args:
@@ -212,8 +213,8 @@ def load_on_fixed_point(
 
 
 def end_forces_of_model(
-    model: Model, links: np.ndarray, starts: np.ndarray, nodes: jax.Array, tension: jax.Array, t: jax.Array
-) -> jax.Array:
+    model: Model, links: np.ndarray, starts: np.ndarray, nodes: AnyArray, tension: AnyArray, t: AnyArray
+) -> AnyArray:
     """Force (m, 3) [N] of end links on their points, differentiable.
 
     Args:

@@ -34,7 +34,7 @@ class Connected(NamedTuple):
     points: dict[str, PointSpec]
 
     @property
-    def held(self) -> list[PointSpec]:
+    def fixed_points(self) -> list[PointSpec]:
         """The fixed points."""
         return [point for point in self.points.values() if not point.is_free]
 
@@ -104,7 +104,7 @@ def check_fixed_points(scene: Scene) -> Iterator[str]:
     entries = {anchor.point for anchor in scene.anchors}
     doubtful = {name for name in high if "anchor" in name.lower() or name in entries}
     for system in _connected(scene):
-        names = {point.name for point in system.held}
+        names = {point.name for point in system.fixed_points}
         if not any(lift > 0.0 for _, lift in _lifts(scene, scene.sea, system)) or not names <= held.keys():
             continue
         doubtful |= {name for name in names if held[name][2] > HIGH_IN_THE_AIR * depth}
@@ -141,7 +141,7 @@ def check_lift(scene: Scene) -> Iterator[str]:
         lifts = _lifts(scene, scene.sea, system)
         floats = [z for z, lift in lifts if lift > 0.0]
         # those near the seabed may be meant to rest on it, and those below a fixed point hang on it
-        if not floats or max(floats) < -0.5 * depth or any(p.position[2] > -0.5 * depth for p in system.held):
+        if not floats or max(floats) < -0.5 * depth or any(p.position[2] > -0.5 * depth for p in system.fixed_points):
             continue
         own = sum(lift for _, lift in lifts)
         lines = sum(whole[i] * _carried_share(scene, scene.lines[i], whole[i]) for i in system.lines)

@@ -8,6 +8,7 @@ from functools import partial
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.model import Effect, Model, State
 from dropper_jax.residual import Stepper
@@ -46,7 +47,7 @@ def at_rest(case: Case, short: bool) -> Outcome:
     model, s = build(scene_of(case.scene))
     stepper = make_stepper(model)
 
-    def sum_of_positions(share: jax.Array) -> jax.Array:
+    def sum_of_positions(share: Array) -> Array:
         line = model.lines[0]
         changed = replace(model, lines=(replace(line, mass=line.mass * (1 + share)),))
         return jnp.sum(integrate(stepper, changed, s, case.dt, STEPS, STEPS)[0].r)
@@ -60,7 +61,7 @@ def _status(slope: float) -> str:
 
 
 @partial(jax.jit, static_argnums=0)
-def _objective(stepper: Stepper, share: jax.Array, model: Model, s: State, dt: jax.Array) -> jax.Array:
+def _objective(stepper: Stepper, share: Array, model: Model, s: State, dt: Array) -> Array:
     """A fixed combination of the last positions over the link length [-], with a relative change of masses, speeds and
     strengths."""
     line = model.lines[0]
@@ -73,11 +74,11 @@ def _objective(stepper: Stepper, share: jax.Array, model: Model, s: State, dt: j
 
 
 @partial(jax.jit, static_argnums=0)
-def _slope(stepper: Stepper, model: Model, s: State, dt: jax.Array) -> jax.Array:
+def _slope(stepper: Stepper, model: Model, s: State, dt: Array) -> Array:
     return jax.grad(lambda share: _objective(stepper, share, model, s, dt))(jnp.zeros((), model.dtype))
 
 
-def _scale_effect(effect: Effect, factor: jax.Array) -> Effect:
+def _scale_effect(effect: Effect, factor: Array) -> Effect:
     """The effect with its strength scaled: gravity or a damping coefficient; others unchanged."""
     for name in ("gravity", "b_l", "b_q"):
         if name in effect.__dataclass_fields__:

@@ -10,6 +10,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.run.build import build
 from dropper_jax.run.simulate import Solution, simulate
@@ -93,7 +94,7 @@ def _bad_member(case: Case, short: bool) -> Outcome:
     run = partial(integrate, make_stepper(model), model, dt=case.dt, steps=steps, save_every=steps)
 
     @jax.jit
-    def last(v: jax.Array) -> jax.Array:
+    def last(v: Array) -> Array:
         return jax.vmap(lambda x: run(replace(s, v=x))[0].r)(v)
 
     others = np.delete(np.arange(BATCH), BAD)

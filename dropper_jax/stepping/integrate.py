@@ -145,10 +145,10 @@ def scan_steps(
     def fill(i: Array, both: tuple[Carry, Rows]) -> tuple[Carry, Rows]:
         carry, row = advance(both[0], i)
 
-        def put(rows: Array, row: Array) -> Array:
+        def set_row(rows: Array, row: Array) -> Array:
             return jax.lax.dynamic_update_index_in_dim(rows, row.astype(rows.dtype), i, axis=0)
 
-        return carry, jax.tree.map(put, both[1], row)
+        return carry, jax.tree.map(set_row, both[1], row)
 
     return jax.lax.fori_loop(0, count, fill, (carry, rows))
 

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, parameter
@@ -35,9 +36,9 @@ class Unused(Effect):
     """An effect that no scene uses; it represents any effect added to the package later."""
 
     name = "unused_effect_of_the_proof"
-    strength: jax.Array = parameter("strength", unit="N", low=0.0)
+    strength: Array = parameter("strength", unit="N", low=0.0)
 
-    def force(self, k: Kinematics) -> jax.Array:
+    def force(self, k: Kinematics) -> Array:
         return self.strength * jnp.cosh(k.r)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import jax
+from jax import Array
 
 from dropper_jax.model import Model, State
 from dropper_jax.stepping.stepper import Stepper
@@ -19,7 +20,7 @@ def evaluation_work(model: Model, s: State) -> float:
     return counts.get("flops", 0.0) + functions + PER_UNKNOWN * unknowns(model)
 
 
-def _forces(model: Model, s: State) -> jax.Array:
+def _forces(model: Model, s: State) -> Array:
     return model.force(model.instant(s.r, s.v, s.t))
 
 

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 from scipy.optimize import brentq, least_squares
 
 from dropper_jax.backend.programs import cached_jit
@@ -241,13 +242,13 @@ def _slopes(
     moving: tuple[int, ...],
     quantities: tuple[Quantity, ...],
     model: Model,
-    rows: Sequence[jax.Array | np.ndarray],
+    rows: Sequence[Array | np.ndarray],
     pose: State,
-    loads: jax.Array,
-) -> jax.Array:
+    loads: Array,
+) -> Array:
     """Derivatives (q, p) of quantities of a static pose, along changes (p, ...) of some leaves of the model."""
 
-    def values(shift: jax.Array) -> jax.Array:
+    def values(shift: Array) -> Array:
         changed = shift_model(model, moving, rows, shift)
         there = settle(changed, pose, loads, there=True)
         return jnp.stack([q.of_pose(changed, there) for q in quantities])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.constants import VISCOSITY
@@ -49,7 +50,7 @@ def regime(solution: Solution) -> dict[str, float]:
 
 
 @cached_jit()
-def _across(sea: Sea, free: jax.Array, nodes: jax.Array, v: jax.Array, t: jax.Array) -> jax.Array:
+def _across(sea: Sea, free: Array, nodes: Array, v: Array, t: Array) -> Array:
     """Speeds (k, looked) [m/s] of the water normal to the links before the nodes `free`, relative to the nodes.
 
     Args:
@@ -57,7 +58,7 @@ def _across(sea: Sea, free: jax.Array, nodes: jax.Array, v: jax.Array, t: jax.Ar
         v: velocities of the evaluated nodes (k, looked, 3) [m/s].
     """
 
-    def one(nodes: jax.Array, v: jax.Array, t: jax.Array) -> jax.Array:
+    def one(nodes: Array, v: Array, t: Array) -> Array:
         r = nodes[free]
         along = r - nodes[free - 1]
         # the ends of a slack rope may coincide

@@ -7,6 +7,7 @@ from typing import NamedTuple, TypeVar
 
 import jax
 import numpy as np
+from jax import Array
 from jax.flatten_util import ravel_pytree
 
 from dropper_jax.base.errors import SceneError
@@ -47,7 +48,7 @@ class GradientCheck(NamedTuple):
 
 
 def check_gradient(
-    function: Callable[[Tree], float | jax.Array],
+    function: Callable[[Tree], float | Array],
     x: Tree,
     gradient: Tree,
     scale: Tree | None = None,

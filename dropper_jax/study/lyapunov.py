@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 from jax.dtypes import float0
 
 from dropper_jax.backend.programs import cached_jit
@@ -26,12 +27,12 @@ class Lyapunov(NamedTuple):
         converged: whether every step was solved, scalar.
     """
 
-    exponent: jax.Array
-    growth: jax.Array
-    converged: jax.Array
+    exponent: Array
+    growth: Array
+    converged: Array
 
 
-def lyapunov(model: Model, s: State, stepper: Stepper, dt: float | jax.Array, steps: int, seed: int = 0) -> Lyapunov:
+def lyapunov(model: Model, s: State, stepper: Stepper, dt: float | Array, steps: int, seed: int = 0) -> Lyapunov:
     """Follow one perturbation through the exact tangent map of the step, scaled back to size one after each.
 
         w_k = DS(s_k) w_{k-1} / |w_{k-1}|,    growth_k = sum_{i <= k} log |w_i|,    exponent: slope of its second half
@@ -55,16 +56,16 @@ def lyapunov(model: Model, s: State, stepper: Stepper, dt: float | jax.Array, st
 
 
 @cached_jit(static=("stepper", "steps"))
-def _measure_growth(model: Model, s: State, stepper: Stepper, dt: float | jax.Array, steps: int, seed: int) -> Lyapunov:
+def _measure_growth(model: Model, s: State, stepper: Stepper, dt: float | Array, steps: int, seed: int) -> Lyapunov:
     dt = jnp.asarray(dt, model.dtype)
     carry = begin(stepper, model, s).state
     dv = unit_perturbation(model, s, seed)
     tangent = jax.jvp(lambda v: begin(stepper, model, replace(s, v=v)).state, (s.v,), (dv,))[1]
 
-    def one(carry: tuple[State, State], _: None) -> tuple[tuple[State, State], tuple[jax.Array, jax.Array]]:
+    def one(carry: tuple[State, State], _: None) -> tuple[tuple[State, State], tuple[Array, Array]]:
         s, ds = carry
 
-        def advance(s: State) -> tuple[State, jax.Array]:
+        def advance(s: State) -> tuple[State, Array]:
             taken = advance_over(stepper, model, s, dt)
             return taken.state, taken.failed
 
@@ -79,7 +80,7 @@ def _measure_growth(model: Model, s: State, stepper: Stepper, dt: float | jax.Ar
 
 
 @cached_jit()
-def unit_perturbation(model: Model, s: State, seed: int) -> jax.Array:
+def unit_perturbation(model: Model, s: State, seed: int) -> Array:
     """A velocity (nodes, 3) [m/s] of size 1, drawn from `seed`, that does not stretch rigid links."""
     v = jax.random.normal(jax.random.key(seed), s.v.shape, model.dtype)
     still = jax.tree.map(jnp.zeros_like, s.v)
@@ -88,17 +89,17 @@ def unit_perturbation(model: Model, s: State, seed: int) -> jax.Array:
     return dv / perturbation_size(model, jnp.zeros_like(dv), dv)
 
 
-def perturbation_size(model: Model, dr: jax.Array, dv: jax.Array) -> jax.Array:
+def perturbation_size(model: Model, dr: Array, dv: Array) -> Array:
     """Size |w| [-] of a perturbation, as above."""
     length = jnp.mean(model.line.length)
     square = jnp.sum(dr * dr) / length**2 + jnp.sum(dv * dv) / (GRAVITY_SCALE * length)
     return jnp.sqrt(jnp.maximum(square, jnp.finfo(model.dtype).tiny))
 
 
-def _only_motion(ds: State, size: jax.Array) -> State:
+def _only_motion(ds: State, size: Array) -> State:
     """The scaled perturbation, without bookkeeping and time."""
 
-    def scale_leaf(x: jax.Array) -> jax.Array:
+    def scale_leaf(x: Array) -> Array:
         if getattr(x, "dtype", None) == float0:
             return x
         return x / size

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.analysis.angles import link_angles
 from dropper_jax.backend.programs import cached_jit
@@ -102,7 +103,7 @@ def runnable(schemes: Sequence[Scheme], model: Model) -> tuple[list[Scheme], lis
 
 
 #: Rows of a run, traced or on the host.
-Rows = jax.Array | np.ndarray
+Rows = Array | np.ndarray
 
 
 def link_vectors(model: Model, r: Rows, t: np.ndarray) -> np.ndarray:
@@ -111,7 +112,7 @@ def link_vectors(model: Model, r: Rows, t: np.ndarray) -> np.ndarray:
 
 
 @cached_jit()
-def _links(model: Model, r: jax.Array, t: jax.Array) -> jax.Array:
+def _links(model: Model, r: Array, t: Array) -> Array:
     return jax.vmap(lambda nodes, time: model.links(nodes, model.ends(time)))(r, t)
 
 
@@ -153,24 +154,24 @@ class Marched(NamedTuple):
         [J].
     """
 
-    r: jax.Array
-    v: jax.Array
-    tension: jax.Array
-    work: jax.Array
-    residual: jax.Array
-    bad: jax.Array
-    retried: jax.Array
-    path: jax.Array
+    r: Array
+    v: Array
+    tension: Array
+    work: Array
+    residual: Array
+    bad: Array
+    retried: Array
+    path: Array
 
 
 class _SoFar(NamedTuple):
     """Of a run: its last step, tensions of the first step since the saved row, and `Marched`'s values up to now."""
 
     progress: Progress
-    first: jax.Array
-    worst: jax.Array
-    retried: jax.Array
-    path: jax.Array
+    first: Array
+    worst: Array
+    retried: Array
+    path: Array
 
 
 @cached_jit(static=("stepper", "capacity"), kernel=True)
@@ -178,9 +179,9 @@ def march(
     stepper: Stepper,
     model: Model,
     s: State,
-    dt: jax.Array | float,
-    every: jax.Array | int,
-    saves: jax.Array | int,
+    dt: Array | float,
+    every: Array | int,
+    saves: Array | int,
     capacity: int,
 ) -> Marched:
     """`saves` times `every` steps of `dt` from s, in the first of `capacity` rows.
@@ -189,7 +190,7 @@ def march(
     """
     dt = jnp.asarray(dt, model.dtype)
 
-    def one(i: jax.Array, so_far: _SoFar) -> _SoFar:
+    def one(i: Array, so_far: _SoFar) -> _SoFar:
         after, taken = next_progress(stepper, model, so_far.progress, dt)
         path = so_far.path + jnp.sum((after.state.r - so_far.progress.state.r) ** 2) / dt
         first = jnp.where(i == 0, after.state.tension, so_far.first)
@@ -200,7 +201,7 @@ def march(
         s = progress.state
         return Marched(s.r, s.v, jnp.stack([s.tension, first]), s.work, worst, progress.first_bad, retried, path)
 
-    def save(so_far: _SoFar, _: jax.Array) -> tuple[_SoFar, Marched]:
+    def save(so_far: _SoFar, _: Array) -> tuple[_SoFar, Marched]:
         so_far = jax.lax.fori_loop(0, every, one, so_far)
         return so_far, row(so_far)
 
@@ -213,13 +214,13 @@ class MarchResult(NamedTuple):
     """Result of `march_with_accuracy`: states at the grid's times, accepted and rejected steps."""
 
     run: Marched
-    taken: jax.Array
-    refused: jax.Array
+    taken: Array
+    refused: Array
 
 
 @cached_jit(static=("stepper", "saves"), kernel=True)
 def march_with_accuracy(
-    stepper: Stepper, model: Model, s: State, grid: jax.Array | float, accuracy: jax.Array | float, saves: int
+    stepper: Stepper, model: Model, s: State, grid: Array | float, accuracy: Array | float, saves: int
 ) -> MarchResult:
     """`march` in steps that follow an accuracy, on a grid [s]; `path` by the trapezoidal rule, tensions are means."""
     grid = jnp.asarray(grid, model.dtype)
@@ -295,10 +296,10 @@ class GridRun:
 
 
 @cached_jit()
-def _energies(model: Model, r: jax.Array, v: jax.Array, t: jax.Array) -> jax.Array:
+def _energies(model: Model, r: Array, v: Array, t: Array) -> Array:
     """Energies (k,) [J] of states (k, nodes, 3) at times (k,)."""
 
-    def total(r: jax.Array, v: jax.Array, time: jax.Array) -> jax.Array:
+    def total(r: Array, v: Array, time: Array) -> Array:
         k = model.instant(r, v, time)
         return model.kinetic_energy(k) + model.potential_energy(k)
 

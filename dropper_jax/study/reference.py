@@ -8,6 +8,7 @@ from functools import partial
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import SceneError
@@ -165,8 +166,8 @@ def instant_tension(model: Model, r: Rows, v: Rows, t: np.ndarray) -> np.ndarray
 
 
 @cached_jit()
-def _tensions(model: Model, r: jax.Array, v: jax.Array, t: jax.Array) -> jax.Array:
-    def one(r: jax.Array, v: jax.Array, t: jax.Array) -> jax.Array:
+def _tensions(model: Model, r: Array, v: Array, t: Array) -> Array:
+    def one(r: Array, v: Array, t: Array) -> Array:
         k = model.instant(r, v, t)
         if model.line.axial.elastic:  # accelerations are not needed
             return model.tension_by_law(k)
@@ -176,5 +177,5 @@ def _tensions(model: Model, r: jax.Array, v: jax.Array, t: jax.Array) -> jax.Arr
 
 
 @cached_jit()
-def _sizes(model: Model, dr: jax.Array, dv: jax.Array) -> jax.Array:
+def _sizes(model: Model, dr: Array, dv: Array) -> Array:
     return jax.vmap(partial(perturbation_size, model))(dr, dv)

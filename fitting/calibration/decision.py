@@ -33,6 +33,7 @@ from math import comb
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 from scipy.special import chdtrc, ndtri
 
 from dropper_jax.effects.joint_friction import JointFriction
@@ -50,7 +51,7 @@ from fitting.traces import planar
 from fitting.traces.noise import smooth_stretch
 
 
-def dissipation(model: Model, theta: jax.Array, omega: jax.Array) -> jax.Array:
+def dissipation(model: Model, theta: Array, omega: Array) -> Array:
     """Power [W] dissipated by the damping in a pose with rates."""
     s = planar.to_state(model, theta, omega)
     k = model.instant(s.r, s.v, s.t, model.ends(s.t))
@@ -80,7 +81,7 @@ def unit_work(prepared: Prepared, simulator: Simulator, owner: Sequence[str | No
     others = np.array([part is None for part in owner])
 
     @jax.jit
-    def power(values: jax.Array, theta: jax.Array, omega: jax.Array) -> jax.Array:
+    def power(values: Array, theta: Array, omega: Array) -> Array:
         model = apply(simulator.model, simulator.parameters, values)
         return jax.vmap(lambda a, w: dissipation(model, *planar.close_chain(model, a, w)))(theta, omega)
 

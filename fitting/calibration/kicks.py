@@ -125,8 +125,8 @@ def find_kicks(solution: Solution, fit: Callable[[np.ndarray, Solution], Solutio
         if not len(first):
             break
         own = _only_starts(clean, windows, starts)
-        times, followed = _fit_following(clean, first, starts_from_previous_windows(own, ~good), limit)
-        left = misfit(followed)
+        times, continued = _fit_following(clean, first, starts_from_previous_windows(own, ~good), limit)
+        left = misfit(continued)
         whole = left <= limit
         if not whole.any():
             early = np.minimum(times, _first_missed(clean, first - 1, starts, limit))
@@ -139,7 +139,7 @@ def find_kicks(solution: Solution, fit: Callable[[np.ndarray, Solution], Solutio
             return kicks, replace(clean, starts=starts)
         # on a wrong branch, not kicked
         mine = first[whole]
-        starts = with_rows(starts, mine, pick(followed.starts, whole))
+        starts = with_rows(starts, mine, pick(continued.starts, whole))
         good[mine] = True
         size[mine] = left[whole]
     return [], solution
@@ -184,7 +184,7 @@ HALVINGS = 6
 
 
 def _fit_following(solution: Solution, which: np.ndarray, starts: Starts, limit: float) -> tuple[np.ndarray, Solution]:
-    """Times [s] up to which windows `which` can be followed, by halving, and these windows whole, with these starts."""
+    """Times [s] up to which windows `which` continue from these starts, by halving, and the windows in full."""
     mine = solution.windows.pick(which)
     starts = pick(starts, which)
     elapsed = mine.times() - mine.begin[:, None]

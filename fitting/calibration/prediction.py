@@ -15,6 +15,7 @@ from functools import partial
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from fitting.calibration.result import FitResult
 from fitting.estimate.simulator import Start, march
@@ -102,7 +103,7 @@ def predict(result: FitResult, run: int = 0) -> Prediction | None:
     return Prediction(t, measured, near, _parting(t, other - near), _parting(t, measured - near))
 
 
-def _simulator_of(result: FitResult, steps: int) -> Callable[..., tuple[jax.Array, jax.Array]]:
+def _simulator_of(result: FitResult, steps: int) -> Callable[..., tuple[Array, Array]]:
     """A run of the fit's model: observed angles and rates (steps + 1, n) on the trace's clock, from values (k,) and a
     start (n,)."""
     simulator = result.solution.problem.simulator
@@ -111,9 +112,9 @@ def _simulator_of(result: FitResult, steps: int) -> Callable[..., tuple[jax.Arra
     base = simulator.model
 
     @jax.jit
-    def run(values: jax.Array, theta: jax.Array, omega: jax.Array) -> tuple[jax.Array, jax.Array]:
+    def run(values: Array, theta: Array, omega: Array) -> tuple[Array, Array]:
         model = apply(base, parameters, values)
-        rate: jax.Array | float | None = clock_rate(parameters, values)
+        rate: Array | float | None = clock_rate(parameters, values)
         if rate is None:
             rate = 1.0
         theta, omega = planar.close_chain(model, theta, omega)
@@ -127,7 +128,7 @@ def _simulator_of(result: FitResult, steps: int) -> Callable[..., tuple[jax.Arra
         angles = jnp.concatenate([theta[None], angles])
         rates = jnp.concatenate([omega[None], rates])
 
-        def observe(angles: jax.Array) -> jax.Array:
+        def observe(angles: Array) -> Array:
             return camera_angles(model, parameters, values, angles)
 
         return jax.jvp(observe, (angles,), (rates * rate,))
@@ -135,7 +136,7 @@ def _simulator_of(result: FitResult, steps: int) -> Callable[..., tuple[jax.Arra
     return run
 
 
-def _at_times(t: np.ndarray, at: np.ndarray, motion: tuple[jax.Array, jax.Array]) -> np.ndarray:
+def _at_times(t: np.ndarray, at: np.ndarray, motion: tuple[Array, Array]) -> np.ndarray:
     """Angles at times t of a motion with angles and rates at times `at`."""
     from scipy.interpolate import CubicHermiteSpline  # noqa: PLC0415 - slow to import, and only a report needs it
 

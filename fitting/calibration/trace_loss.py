@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.run.build import SceneLike
@@ -28,32 +29,32 @@ class Blocks(NamedTuple):
     """A window at its best start so far: z (m2,), cost, and Gauss-Newton blocks A (m2, m2), B (m2, k), C (k, k), gz,
     gp."""
 
-    z: jax.Array
-    cost: jax.Array
-    A: jax.Array
-    B: jax.Array
-    C: jax.Array
-    gz: jax.Array
-    gp: jax.Array
+    z: Array
+    cost: Array
+    A: Array
+    B: Array
+    C: Array
+    gz: Array
+    gp: Array
 
 
 #: The best blocks so far, the next start and its damping.
-Trial = tuple[Blocks, jax.Array, jax.Array]
+Trial = tuple[Blocks, Array, Array]
 
 
 class GaussNewton(NamedTuple):
     """A loss at parameters (k,): value, gradient (k,) and information (k, k), the starts of the windows eliminated."""
 
-    value: jax.Array
-    gradient: jax.Array
-    information: jax.Array
+    value: Array
+    gradient: Array
+    information: Array
 
 
 #: Damping of the first step of a start.
 FIRST_DAMPING = 1e-3
 
 
-def differentiable(evaluate: Callable[..., tuple[jax.Array, ...]]) -> Callable[..., jax.Array]:
+def differentiable(evaluate: Callable[..., tuple[Array, ...]]) -> Callable[..., Array]:
     """The value of a function that returns its value and its slopes by its first arguments, which become derivatives.
 
     The rule is linear in the tangents, so that JAX can transpose it.
@@ -61,7 +62,7 @@ def differentiable(evaluate: Callable[..., tuple[jax.Array, ...]]) -> Callable[.
     value = jax.custom_jvp(lambda *at: evaluate(*at)[0])
 
     @value.defjvp
-    def rule(at: tuple[jax.Array, ...], tangents: tuple[jax.Array, ...]) -> tuple[jax.Array, jax.Array]:
+    def rule(at: tuple[Array, ...], tangents: tuple[Array, ...]) -> tuple[Array, Array]:
         found, *slopes = evaluate(*at)
         return found, sum(map(jnp.vdot, slopes, tangents), jnp.zeros_like(found))
 
@@ -114,16 +115,16 @@ class TraceLoss:
         self._moved_starts = jax.jit(self._move_starts)
         self._value = differentiable(self.value_and_grad)
 
-    def __call__(self, params: jax.Array) -> jax.Array:
+    def __call__(self, params: Array) -> Array:
         """The loss at parameters (k,) with the starts at their optimum; `jax.grad` gives its gradient."""
         return self._value(params)
 
-    def _loss(self, params: jax.Array, starts: Starts[jax.Array]) -> jax.Array:
+    def _loss(self, params: Array, starts: Starts[Array]) -> Array:
         """Half of chi-square and the priors, at parameters (k,) and starts."""
         cost = jax.vmap(self._cost, in_axes=(None, *(0 for _ in range(8))))(params, *starts, *self._samples)
         return jnp.sum(cost) + self._prior(params)
 
-    def _gauss_newton(self, params: jax.Array, starts: Starts[jax.Array] | None = None) -> GaussNewton:
+    def _gauss_newton(self, params: Array, starts: Starts[Array] | None = None) -> GaussNewton:
         """The loss with the starts at their optimum, its gradient and information by the parameters (k,).
 
         The elimination is written in JAX: `INNER` damped Gauss-Newton steps of every window's start in a `lax.scan`,
@@ -139,16 +140,16 @@ class TraceLoss:
         information = jnp.sum(best.C, axis=0) - eliminated[:, :-1] + jax.hessian(self._prior)(params)
         return GaussNewton(jnp.sum(best.cost) + prior, gradient, information)
 
-    def value_and_grad(self, params: jax.Array, starts: Starts[jax.Array] | None = None) -> tuple[jax.Array, jax.Array]:
+    def value_and_grad(self, params: Array, starts: Starts[Array] | None = None) -> tuple[Array, Array]:
         """The loss with the starts at their optimum and its gradient (k,), as of `gauss_newton`."""
         found = self.gauss_newton(params, starts)
         return found.value, found.gradient
 
-    def best_starts(self, params: jax.Array, starts: Starts[jax.Array] | None = None) -> Starts[jax.Array]:
+    def best_starts(self, params: Array, starts: Starts[Array] | None = None) -> Starts[Array]:
         """The starts at their optimum for these parameters, for example for the next call of `value_and_grad`."""
         return self._moved_starts(params, starts or self.starts)
 
-    def _move_starts(self, params: jax.Array, first: Starts[jax.Array]) -> Starts[jax.Array]:
+    def _move_starts(self, params: Array, first: Starts[Array]) -> Starts[Array]:
         model = apply(self.prepared.simulator.model, self.prepared.parameters, params)
         z = self._best(params, first).z
         moves = jnp.einsum("kij,ksj->ski", self._basis, z.reshape(len(z), 2, -1))  # of angles and of rates
@@ -156,8 +157,8 @@ class TraceLoss:
         return Starts(*jax.vmap(partial(planar.close_chain, model))(*moved))
 
     def _derivatives(
-        self, params: jax.Array, theta: jax.Array, omega: jax.Array, basis: jax.Array, *samples: jax.Array
-    ) -> tuple[jax.Array, jax.Array]:
+        self, params: Array, theta: Array, omega: Array, basis: Array, *samples: Array
+    ) -> tuple[Array, Array]:
         """Residuals (r,) of one window, and their derivatives (r, 2 m + k) by its start along the basis (n, m) and by
         the parameters, as a fit computes them."""
         windows = self.prepared.windows
@@ -166,33 +167,29 @@ class TraceLoss:
         found = self._window(params, seeds, *steps, theta, omega, basis, *samples)
         return found[1].ravel(), found[2].reshape(-1, len(seeds))
 
-    def _half_square(
-        self, params: jax.Array, theta: jax.Array, omega: jax.Array, *samples: jax.Array
-    ) -> tuple[jax.Array, ...]:
+    def _half_square(self, params: Array, theta: Array, omega: Array, *samples: Array) -> tuple[Array, ...]:
         """Half of chi-square of one window, and its slopes by the parameters, angles and rates."""
         r, slope = self._derivatives(params, theta, omega, jnp.eye(len(theta)), *samples)
         by_theta, by_omega, by_params = jnp.split(r @ slope, (len(theta), 2 * len(theta)))
         return 0.5 * jnp.sum(r**2), by_params, by_theta, by_omega
 
-    def _prior(self, params: jax.Array) -> jax.Array:
+    def _prior(self, params: Array) -> Array:
         """Half of the squared distances from the priors."""
         priors = [(i, *p.prior) for i, p in enumerate(self.prepared.parameters) if p.prior is not None]
         known = [(params[i] - mean) / sigma for i, mean, sigma in priors]
         known += [(each.share @ params - 1) / each.sigma for each in self.prepared.known.common]
         return 0.5 * sum((one**2 for one in known), jnp.zeros((), params.dtype))
 
-    def _best(self, params: jax.Array, starts: Starts[jax.Array] | None) -> Blocks:
+    def _best(self, params: Array, starts: Starts[Array] | None) -> Blocks:
         """Every window at the best start found, beginning at `starts`."""
         starts = starts or self.starts
         return jax.vmap(partial(self._best_start, params))(*starts, self._basis, *self._samples)
 
-    def _best_start(
-        self, params: jax.Array, theta: jax.Array, omega: jax.Array, basis: jax.Array, *measured: jax.Array
-    ) -> Blocks:
+    def _best_start(self, params: Array, theta: Array, omega: Array, basis: Array, *measured: Array) -> Blocks:
         """Levenberg and Marquardt's method for the start of one window, in the chart around (theta, omega)."""
         m = basis.shape[1]
 
-        def blocks(z: jax.Array) -> Blocks:
+        def blocks(z: Array) -> Blocks:
             at = theta + basis @ z[:m], omega + basis @ z[m:]
             r, slope = self._derivatives(params, *at, basis, *measured)
             own = slope[:, : 2 * m]
@@ -215,7 +212,7 @@ class TraceLoss:
         return jax.lax.scan(trial, (nothing, z, jnp.asarray(10 * FIRST_DAMPING)), None, length=INNER)[0][0]
 
     @staticmethod
-    def _regular(A: jax.Array) -> jax.Array:
+    def _regular(A: Array) -> Array:
         """A matrix that can be inverted even if a direction of a start shows in no sample."""
         size = jnp.trace(A, axis1=-2, axis2=-1)[..., None, None]
         return A + (1e-12 * size + 1e-300) * jnp.eye(A.shape[-1], dtype=A.dtype)

@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
-import jax
+from jax import Array
 
 from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.read import Table, Values
@@ -25,11 +25,11 @@ class SavedMotion(NamedTuple):
         gravity: [m/s^2].
     """
 
-    nodes: jax.Array
-    middle: jax.Array
-    tension: jax.Array
-    spacing: jax.Array | float = 1.0
-    gravity: jax.Array | float = GRAVITY
+    nodes: Array
+    middle: Array
+    tension: Array
+    spacing: Array | float = 1.0
+    gravity: Array | float = GRAVITY
 
 
 @dataclass(frozen=True)
@@ -71,18 +71,18 @@ class Channel(ABC):
         Raises:
             SceneError: a position that the scene does not have, or columns that do not fit.
         """
-        return cls(**given.common, **cls.own_fields(given))
+        return cls(**given.common, **cls.sensor_fields(given))
 
     @classmethod
     @abstractmethod
-    def own_fields(cls, given: Given) -> Table:
+    def sensor_fields(cls, given: Given) -> Table:
         """Fields by name that only this kind has, and those that give the position of the sensor."""
 
     @abstractmethod
-    def see(self, motion: SavedMotion) -> jax.Array:
+    def see(self, motion: SavedMotion) -> Array:
         """Output of a perfect sensor (times, columns) [SI]."""
 
-    def mounted(self, position: jax.Array, turn: jax.Array) -> Channel:
+    def mounted(self, position: Array, turn: Array) -> Channel:
         """The channel mounted in this way, for kinds with a `mounting`; differentiable."""
         return self
 
@@ -115,10 +115,10 @@ class AtNode(Channel):
     node: Node = Node(0, 0, 0.0)
 
     @classmethod
-    def own_fields(cls, given: Given) -> Table:
+    def sensor_fields(cls, given: Given) -> Table:
         return {"node": node_of(given.scene, given.table, given.path)}
 
-    def positions(self, motion: SavedMotion) -> jax.Array:
+    def positions(self, motion: SavedMotion) -> Array:
         """Positions of the sensor (times, 3) [m]."""
         first = motion.nodes[:, self.node.first]
         return first + self.node.share * (motion.nodes[:, self.node.second] - first)
@@ -132,10 +132,10 @@ class OnLink(Channel):
     second: int = 1
 
     @classmethod
-    def own_fields(cls, given: Given) -> Table:
+    def sensor_fields(cls, given: Given) -> Table:
         line, link = link_of(given.scene, given.table, given.path)
         return {"first": int(line.nodes[link]), "second": int(line.nodes[link + 1])}
 
-    def links(self, motion: SavedMotion) -> jax.Array:
+    def links(self, motion: SavedMotion) -> Array:
         """Vectors (times, 3) [m] from the link's first to its second node."""
         return motion.nodes[:, self.second] - motion.nodes[:, self.first]

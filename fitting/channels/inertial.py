@@ -17,8 +17,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
-import jax
 import jax.numpy as jnp
+from jax import Array
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.numerics import safe_norm
@@ -40,12 +40,12 @@ class Inertial(OnLink):
 
     margin: ClassVar[int] = 2
 
-    def link_direction(self, motion: SavedMotion) -> jax.Array:
+    def link_direction(self, motion: SavedMotion) -> Array:
         """Unit vectors (S, 3) along the link."""
         d = self.links(motion)
         return d / safe_norm(d)[:, None]
 
-    def side(self, along: jax.Array) -> jax.Array:
+    def side(self, along: Array) -> Array:
         """Unit vectors (S, 3) perpendicular to the link, nearest to the y axis."""
         y = jnp.array([0.0, 1.0, 0.0])
         across = y - along[:, 1:2] * along
@@ -67,7 +67,7 @@ class Accelerometer(Inertial):
     turn: Any = 0.0
 
     @classmethod
-    def own_fields(cls, given: Given) -> Table:
+    def sensor_fields(cls, given: Given) -> Table:
         table = given.table
         path = given.path
         axes = axes_of(table, path, AXES, AXES[: len(given.columns)], given.columns)
@@ -80,12 +80,12 @@ class Accelerometer(Inertial):
         else:
             position = node_of(given.scene, table, path).share * length
         turn = number_of(table, path, "turn", 0.0)
-        return {"axes": axes, "position": position, "turn": turn, **super().own_fields(given)}
+        return {"axes": axes, "position": position, "turn": turn, **super().sensor_fields(given)}
 
-    def mounted(self, position: jax.Array, turn: jax.Array) -> Channel:
+    def mounted(self, position: Array, turn: Array) -> Channel:
         return replace(self, position=position, turn=turn)
 
-    def see(self, motion: SavedMotion) -> jax.Array:
+    def see(self, motion: SavedMotion) -> Array:
         along = self.link_direction(motion)
         mount = motion.nodes[:, self.first] + self.position * along
         inner = along[self.margin : -self.margin]
@@ -106,14 +106,14 @@ class Gyro(Inertial):
     kind: ClassVar[str] = "gyro"
     measures: ClassVar[str] = "rad/s"
 
-    def see(self, motion: SavedMotion) -> jax.Array:
+    def see(self, motion: SavedMotion) -> Array:
         along = self.link_direction(motion)
         inner = along[self.margin : -self.margin]
         rate = differences(along, FIRST) / motion.spacing
         return jnp.sum(self.side(inner) * jnp.cross(inner, rate), axis=1, keepdims=True)
 
 
-def differences(rows: jax.Array, weights: tuple[float, ...]) -> jax.Array:
+def differences(rows: Array, weights: tuple[float, ...]) -> Array:
     """Sums (S - 4, m) of five neighbouring rows (S, m) with these weights."""
     count = len(rows) - len(weights) + 1
     return sum(weight * rows[i : i + count] for i, weight in enumerate(weights))

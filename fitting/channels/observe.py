@@ -7,6 +7,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.constants import GRAVITY
@@ -51,7 +52,7 @@ def begin(plan: Plan, setup: Setup, near: State) -> State:
     return state(model, s.r, s.v, jax.lax.stop_gradient(near.tension))
 
 
-def at_times(y: jax.Array, first: jax.Array, spacing: jax.Array, t: jax.Array) -> jax.Array:
+def at_times(y: Array, first: Array, spacing: Array, t: Array) -> Array:
     """Values (k, m) at times t (k,) [s] of rows y (S, m) at `first + i spacing`: cubics through four rows."""
     row = (t - first) / spacing
     i = jax.lax.stop_gradient(jnp.clip(jnp.floor(row) - 1, 0, y.shape[0] - 4)).astype(int)
@@ -61,8 +62,8 @@ def at_times(y: jax.Array, first: jax.Array, spacing: jax.Array, t: jax.Array) -
 
 
 def observe_channels(
-    plan: Plan, setup: Setup, near: State, dt: jax.Array, times: tuple[jax.Array, ...]
-) -> tuple[tuple[jax.Array, ...], State, jax.Array]:
+    plan: Plan, setup: Setup, near: State, dt: Array, times: tuple[Array, ...]
+) -> tuple[tuple[Array, ...], State, Array]:
     """Channel values at the stamps `times`, (k, m) each [SI]; the start; the first failed step (-1: none)."""
     model = setup.model
     s = begin(plan, setup, near)
@@ -92,18 +93,18 @@ def observe_channels(
     return tuple(shown), s, run.first_bad[-1]
 
 
-def shift_setup(setup: Setup, tangents: Setup, e: jax.Array) -> Setup:
+def shift_setup(setup: Setup, tangents: Setup, e: Array) -> Setup:
     """The setup after a step (k,) along each direction."""
     return jax.tree.map(lambda a, d: a + jnp.tensordot(e, d, 1), setup, tangents)
 
 
 @cached_jit(static=("plan",), kernel=True)
 def differentiate_channels(
-    plan: Plan, setup: Setup, tangents: Setup, near: State, dt: jax.Array, times: tuple[jax.Array, ...]
-) -> tuple[tuple[jax.Array, ...], tuple[jax.Array, ...], State, jax.Array]:
+    plan: Plan, setup: Setup, tangents: Setup, near: State, dt: Array, times: tuple[Array, ...]
+) -> tuple[tuple[Array, ...], tuple[Array, ...], State, Array]:
     """Channel values, their derivatives (k, m, directions), the start, and the first failed step."""
 
-    def of(e: jax.Array) -> Any:
+    def of(e: Array) -> Any:
         shown, s, bad = observe_channels(plan, shift_setup(setup, tangents, e), near, dt, times)
         return shown, (shown, s, bad)
 

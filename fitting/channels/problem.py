@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar, NamedTuple, TypeAlias
 
-import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.load.scene import Scene
@@ -256,7 +256,7 @@ class Problem(Residuals):
             started.append(start)
         return self.whiten_residuals(Evaluation(tuple(shown), tuple(slopes), tuple(started), failed, unstable))
 
-    def _pad_stamps(self, run: int, dtype: jnp.dtype) -> tuple[jax.Array, ...]:
+    def _pad_stamps(self, run: int, dtype: jnp.dtype) -> tuple[Array, ...]:
         """Stamps of a run's channels, the last one repeated up to the longest run's count."""
         most = np.max([[len(t) for t in other.t] for other in self.data.runs], axis=0)
         stamps = zip(self.data.runs[run].t, most, strict=True)

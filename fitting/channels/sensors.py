@@ -8,6 +8,7 @@ from typing import ClassVar
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.numerics import safe_norm
@@ -30,14 +31,14 @@ class Tension(Channel):
     link: int = 0
 
     @classmethod
-    def own_fields(cls, given: Given) -> Table:
+    def sensor_fields(cls, given: Given) -> Table:
         if "point" not in given.table:
             line, link = link_of(given.scene, given.table, given.path)
             return {"link": line.links.start + link}
         ends = ends_at(given.scene, read_text(given.table["point"], f"{given.path}.point"), given.path)
         return {"ends": ends} if len(ends) > 1 else {"link": ends[0][2]}
 
-    def see(self, motion: SavedMotion) -> jax.Array:
+    def see(self, motion: SavedMotion) -> Array:
         if not self.ends:
             return motion.tension[:, self.link, None]
         total = 0.0
@@ -74,13 +75,13 @@ class Pixel(AtNode):
     matrix: tuple[tuple[float, ...], ...] = ()
 
     @classmethod
-    def own_fields(cls, given: Given) -> Table:
+    def sensor_fields(cls, given: Given) -> Table:
         value_of(given.table, given.path, "camera", "the name of a [[camera]]")
         if len(given.columns) != 2:
             raise SceneError(f"{given.path}.columns: {len(given.columns)} columns; allowed: 2, u and v")
-        return {"matrix": given.projections[given.common["camera"]], **super().own_fields(given)}
+        return {"matrix": given.projections[given.common["camera"]], **super().sensor_fields(given)}
 
-    def see(self, motion: SavedMotion) -> jax.Array:
+    def see(self, motion: SavedMotion) -> Array:
         matrix = np.array(self.matrix)
         seen = self.positions(motion) @ matrix[:, :3].T + matrix[:, 3]
         depth = seen[:, 2:]
@@ -104,11 +105,11 @@ class Angle(OnLink):
     zero: str = "horizontal"
 
     @classmethod
-    def own_fields(cls, given: Given) -> Table:
+    def sensor_fields(cls, given: Given) -> Table:
         zero = read_text(given.table.get("zero", "horizontal"), f"{given.path}.zero", ANGLES)
-        return {"zero": zero, **super().own_fields(given)}
+        return {"zero": zero, **super().sensor_fields(given)}
 
-    def see(self, motion: SavedMotion) -> jax.Array:
+    def see(self, motion: SavedMotion) -> Array:
         d = self.links(motion)
         pairs = {"horizontal": (-d[:, 2], d[:, 0]), "down": (d[:, 0], -d[:, 2]), "azimuth": (d[:, 1], d[:, 0])}
         up, along = pairs[self.zero]
@@ -133,11 +134,11 @@ class Position(AtNode):
     axes: tuple[int, ...] = (0, 1, 2)
 
     @classmethod
-    def own_fields(cls, given: Given) -> Table:
+    def sensor_fields(cls, given: Given) -> Table:
         axes = axes_of(given.table, given.path, AXES, AXES, given.columns)
-        return {"axes": axes, **super().own_fields(given)}
+        return {"axes": axes, **super().sensor_fields(given)}
 
-    def see(self, motion: SavedMotion) -> jax.Array:
+    def see(self, motion: SavedMotion) -> Array:
         return self.positions(motion)[:, list(self.axes)]
 
 
@@ -148,7 +149,7 @@ class Depth(AtNode):
     kind: ClassVar[str] = "depth"
     measures: ClassVar[str] = "m"
 
-    def see(self, motion: SavedMotion) -> jax.Array:
+    def see(self, motion: SavedMotion) -> Array:
         return -self.positions(motion)[:, 2:]
 
 

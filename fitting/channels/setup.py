@@ -32,25 +32,25 @@ from fitting.parameters.parameter import Parameter, check_once
 from fitting.parameters.targets import Direction, ModelPlace, SetupPlace
 
 #: A number or array, of JAX in a program.
-Array = Any
+AnyArray = Any
 
 
 class Reading(NamedTuple):
     """Sensor of one channel: offset (m,) [SI], gain () [-], delay () [s], and how it is mounted on its link: position
     () [m], turn () [rad]."""
 
-    offset: Array
-    gain: Array
-    delay: Array
-    position: Array = 0.0
-    turn: Array = 0.0
+    offset: AnyArray
+    gain: AnyArray
+    delay: AnyArray
+    position: AnyArray = 0.0
+    turn: AnyArray = 0.0
 
 
 class Clock(NamedTuple):
     """Clock of one camera: a stamp t is taken at `rate t - delay` of the scene's time."""
 
-    delay: Array
-    rate: Array
+    delay: AnyArray
+    rate: AnyArray
 
 
 class Setup(NamedTuple):
@@ -64,7 +64,7 @@ class Setup(NamedTuple):
     """
 
     model: Model
-    start: dict[str, Array]
+    start: dict[str, AnyArray]
     readings: tuple[Reading, ...]
     clocks: tuple[Clock, ...]
 
@@ -219,7 +219,7 @@ def first_setup(scene: Scene, data: Data) -> Setup:
     return jax.tree.map(lambda x: jnp.asarray(x, scene.run.dtype), setup)
 
 
-def set_parameter(setup: Setup, p: Parameter, value: jax.Array) -> Setup:
+def set_parameter(setup: Setup, p: Parameter, value: AnyArray) -> Setup:
     """The setup with a parameter's value set; differentiable."""
     where = p.where
     if isinstance(where, ModelPlace | Direction):

@@ -29,6 +29,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import optax
+from jax import Array
 from scipy.linalg import eigvalsh, solve_triangular
 
 from dropper_jax.base.errors import Progress, SceneError, nearest
@@ -175,7 +176,7 @@ class Coordinates:
         """A gradient by the parameters (k,) as one by the coordinates."""
         return solve_triangular(self.root, gradient[self.free], lower=True)
 
-    def optimizer_position(self, values: np.ndarray) -> jax.Array:
+    def optimizer_position(self, values: np.ndarray) -> Array:
         """The parameters (k,) as the optimizer sees them."""
         return jnp.asarray(self.root.T @ values[self.free] / self.unit)
 

@@ -88,10 +88,10 @@ def static_pose(simulator: Simulator, values: np.ndarray) -> tuple[np.ndarray, n
         refusal = "rest: the scene has no pose at rest: {}. Use a line that hangs"
         parameters = simulator.compiled
 
-        def seen(model: Model, p: Array, theta: Array) -> Array:
+        def camera_view(model: Model, p: Array, theta: Array) -> Array:
             return camera_angles(model, parameters, p, theta)
 
-        store["rest"] = StaticPoses(simulator.model, parameters, refusal, seen=seen)
+        store["rest"] = StaticPoses(simulator.model, parameters, refusal, view=camera_view)
     whole, where = simulator.all_values(values)
     pose, slope = store["rest"].pose(whole)
     return pose, slope[:, where]

@@ -22,7 +22,7 @@ class StaticPoses:
     Args:
         refusal: message if there is no pose at the first values, with `{}` for the reason.
         loads: forces [N] on the nodes by the model, the values (k,) and the number of a run; None: none.
-        seen: the angles as they are seen, by the model, the values and the angles (n,).
+        view: the angles as they are seen, by the model, the values and the angles (n,).
     """
 
     def __init__(
@@ -31,7 +31,7 @@ class StaticPoses:
         parameters: Sequence[Parameter],
         refusal: str,
         loads: Callable[[Model, Array, int], Array | None] = lambda model, values, run: None,
-        seen: Callable[[Model, Array, Array], Array] = lambda model, values, theta: theta,
+        view: Callable[[Model, Array, Array], Array] = lambda model, values, theta: theta,
     ) -> None:
         self.model = model
         self.refusal = refusal
@@ -44,7 +44,7 @@ class StaticPoses:
         def angles(values: Array, near: State, run: int) -> tuple[Array, tuple[Array, State]]:
             changed, forces = loaded(values, run)
             s = statics.settle(changed, near, forces)
-            theta = seen(changed, values, planar.from_nodes(changed, s.r, jnp.zeros_like(s.r))[0])
+            theta = view(changed, values, planar.from_nodes(changed, s.r, jnp.zeros_like(s.r))[0])
             return theta, (theta, s)
 
         self._loaded = loaded

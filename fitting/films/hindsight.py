@@ -41,7 +41,7 @@ class TrackedChain:
     straight: bool = False
     exposure: float = 0.0
 
-    def known(self, positions: np.ndarray) -> np.ndarray:
+    def where_detected(self, positions: np.ndarray) -> np.ndarray:
         """`flat` or `pixels`, NaN if not detected."""
         return np.where(self.detected[..., None], positions, np.nan)
 
@@ -100,7 +100,7 @@ def _take(found: TrackedChain, there: Callable[[int], tuple[np.ndarray, Circles]
     expected = found.flat.copy()
     # frames to the nearest one in which the node itself is detected
     away = distance_transform_edt(~found.detected, sampling=(1.0, 1e6))
-    fast = 0.2 * fast_step(found.known(found.flat))
+    fast = 0.2 * fast_step(found.where_detected(found.flat))
     for i in np.flatnonzero((~found.detected).any(axis=1)):
         flat, circles = there(i)
         if not len(flat):
@@ -144,8 +144,8 @@ def bridge_gaps(found: TrackedChain) -> None:
 
 def remove_blur(found: TrackedChain) -> TrackedChain:
     """The positions corrected for a long exposure."""
-    share = exposure_share(found.known(found.flat))
-    shift = share * second_differences(found.known(found.flat))
+    share = exposure_share(found.where_detected(found.flat))
+    shift = share * second_differences(found.where_detected(found.flat))
     return replace(found, flat=found.flat - shift, exposure=float(np.sqrt(24 * share)))
 
 

@@ -177,7 +177,7 @@ def track(
         metres = _level_chain(metres)
     elif lens is not None:  # the rows of the picture are as level as the lens is known
         others = [replace(flat_by(other), parameters=chain.map.parameters) for other in lens.others]
-        row_error = level_error(chain.map, others, chain.known(chain.pixels))
+        row_error = level_error(chain.map, others, chain.where_detected(chain.pixels))
     error = np.where(marks.links, np.nan, _angle_errors(chain, ~marks.links, row_error))
     certain = error <= LARGEST_ERROR
     trace = to_trace(film.path.stem, t, metres, error, certain)
@@ -186,7 +186,7 @@ def track(
     if plane is None and chain.map.parameters is not None:
         slant = (float(chain.map.parameters[0]), float(chain.map.parameters[1]))
     status = "not_converged" if message else "ok"
-    lost = why_no_chain(chain.known(chain.flat), marks, error)
+    lost = why_no_chain(chain.where_detected(chain.flat), marks, error)
     if lost:
         status = "lost"
         message = (
@@ -268,7 +268,7 @@ def _metres(chain: TrackedChain, scale: float | None, distance: float | None) ->
 
 def _angle_errors(chain: TrackedChain, used: np.ndarray, level: float) -> np.ndarray:
     """Standard errors (k, n - 1) [rad]: scatter, and the uncertainty of `level` and of the map to the plane."""
-    found = np.hypot(scatter(chain.known(chain.flat), chain.error, used), level)
+    found = np.hypot(scatter(chain.where_detected(chain.flat), chain.error, used), level)
     flat = chain.map
     if flat.parameters is None or flat.covariance is None:
         return found

@@ -10,8 +10,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
-import jax
 import numpy as np
+from jax import Array
 
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.read import ScenePath, declared_fields, limits
@@ -165,7 +165,7 @@ def _adjust(p: Parameter, start: StartValues, bounds: Bounds, priors: Priors, wi
     return replace(p, value=value, low=low, high=high, prior=prior)
 
 
-def apply(model: Model, parameters: Sequence[Parameter], values: jax.Array) -> Model:
+def apply(model: Model, parameters: Sequence[Parameter], values: Array) -> Model:
     """The model with these values (k,); differentiable."""
     for kind in (ModelPlace, Direction):  # setting a value must not undo an earlier direction
         for i, p in enumerate(parameters):

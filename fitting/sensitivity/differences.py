@@ -373,9 +373,9 @@ def changed_values(problem: Study) -> np.ndarray:
     return np.array(rows)
 
 
-def _noise(value: float, shown: Run, own: np.ndarray) -> float:
+def _noise(value: float, shown: Run, by_samples: np.ndarray) -> float:
     """Standard deviation of the quantity by rounding, a median over the samples of the parameters and one of all."""
-    samples = np.append(own[own > 0.0], (shown.value - value) / np.sqrt(2.0))
+    samples = np.append(by_samples[by_samples > 0.0], (shown.value - value) / np.sqrt(2.0))
     samples = samples[np.isfinite(samples)]
     if not samples.size:
         return np.inf

@@ -91,11 +91,11 @@ class Plan:
         if self.of.at_rest:
             return self.measure(model, s, standing(s), s.t[None])
         if steps is None:
-            return self.measure(model, s, *self._own_run(model, s))
+            return self.measure(model, s, *self._run_adaptively(model, s))
         times = s.t + jnp.cumsum(jnp.asarray(steps.length))[jnp.asarray(steps.ends) - 1]
         return self.measure(model, s, self.march(model, s, steps, checkpoint), times)
 
-    def _own_run(self, model: Model, s: State) -> tuple[Trajectory, Array]:
+    def _run_adaptively(self, model: Model, s: State) -> tuple[Trajectory, Array]:
         """Saved states of a run from s along steps of its own, and their times."""
         rows = self.run.rows
         interval = jnp.asarray(self.run.interval, model.dtype)

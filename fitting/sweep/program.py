@@ -10,6 +10,7 @@ from typing import Any, Literal, NamedTuple, TypeVar
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 from jax.sharding import PartitionSpec
 
 from dropper_jax import SceneError
@@ -40,12 +41,12 @@ LANES_OPTIONS = {"xla_cpu_prefer_vector_width": 512}
 class Tally(NamedTuple):
     """Running extremes and sums of one case; `cosine` (n,) is the minimum of each link's angle from straight down."""
 
-    largest: jax.Array
-    smallest: jax.Array
-    total: jax.Array
-    cosine: jax.Array
-    excursion: jax.Array
-    residual: jax.Array
+    largest: Array
+    smallest: Array
+    total: Array
+    cosine: Array
+    excursion: Array
+    residual: Array
 
 
 Carry = tuple[Progress | Adaptive, Tally]
@@ -76,7 +77,7 @@ class Pending(NamedTuple):
 
     chunks: list[int]
     refused: np.ndarray
-    started: list[tuple[np.ndarray, dict[str, jax.Array]]]
+    started: list[tuple[np.ndarray, dict[str, Array]]]
 
 
 class Program:
@@ -233,9 +234,7 @@ def stack(trees: list[Tree]) -> Tree:
     return jax.tree.map(lambda *leaves: jnp.stack(leaves), *trees)
 
 
-def run_case(
-    plan: Plan, stepper: Stepper, model: Model, start: State, values: jax.Array, dt: jax.Array
-) -> dict[str, jax.Array]:
+def run_case(plan: Plan, stepper: Stepper, model: Model, start: State, values: Array, dt: Array) -> dict[str, Array]:
     """One case, with these values (axes,), from start to end; a pure function to batch."""
     for axis, value in zip(plan.axes, values, strict=True):
         if axis.parameters:
@@ -255,7 +254,7 @@ def run_case(
         progress, (row, _) = advance_adaptively(stepper, model, progress, dt, accuracy, saves=1, watch=watch)
         return progress, row
 
-    def save(carry: Carry, _: None) -> tuple[Carry, dict[str, jax.Array]]:
+    def save(carry: Carry, _: None) -> tuple[Carry, dict[str, Array]]:
         progress, tally = carry
         progress, row = continue_to_save(progress)
         tally = _count(model, start, progress.state, tally, row)

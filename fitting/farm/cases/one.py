@@ -10,6 +10,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.evaluation.fatigue import RANGE_ROUNDING, cycles
@@ -206,6 +207,6 @@ class Runner:
 
 
 @jax.jit
-def _nodes(model: Model, r: np.ndarray, t: np.ndarray) -> jax.Array:
+def _nodes(model: Model, r: np.ndarray, t: np.ndarray) -> Array:
     """All nodes (k, nodes, 3) [m], line by line, from saved free nodes."""
     return jax.vmap(lambda free, time: model.nodes(free, model.ends(time)))(r, jnp.asarray(t, model.dtype))

@@ -88,7 +88,7 @@ class Design:
         self._compiled: set[tuple[str, str]] = set()
         self._near: dict[object, State] = {}
         self._x = np.zeros(0)
-        self._known: dict[object, Any] = {}
+        self._of_current: dict[object, Any] = {}
         first = still(self.calm, self.variables, self.start, self.cases[0].storm)
         check_windows(first.model)
         check_depths(goals.depths, first.model)
@@ -106,10 +106,10 @@ class Design:
         """A property of a design, made once until another design is asked for."""
         if not np.array_equal(x, self._x):
             self._x = np.array(x)
-            self._known = {}
-        if key not in self._known:
-            self._known[key] = make()
-        return self._known[key]
+            self._of_current = {}
+        if key not in self._of_current:
+            self._of_current[key] = make()
+        return self._of_current[key]
 
     def run_start(self, x: np.ndarray, storm: Storm, polished: bool = False) -> RunStart:
         """Start of a window: calm model and equilibrium of a design in the current and level of a load case.

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.base.errors import silent
 from dropper_jax.base.fields import component, option
@@ -39,7 +39,7 @@ class StepPeaks:
 
     quantities: tuple[Quantity, ...] = option("of the storm")
 
-    def __call__(self, model: Model, before: State, after: State) -> tuple[jax.Array, jax.Array]:
+    def __call__(self, model: Model, before: State, after: State) -> tuple[Array, Array]:
         peaks = highest_signals(self.quantities, model, Steps(after.r[None], after.tension[None], jnp.ones(1)))
         return jnp.concatenate(peaks), after.t
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.load.scene import Scene
@@ -116,7 +117,7 @@ def in_waves(model: Model, sea: Sea) -> Model:
     return replace(model, sea=replace(model.sea, waves=waves))
 
 
-def named_leaves(model: Model) -> dict[str, jax.Array]:
+def named_leaves(model: Model) -> dict[str, Array]:
     """Leaves of a model by name, in order."""
     return {jax.tree_util.keystr(key): leaf for key, leaf in jax.tree_util.tree_flatten_with_path(model)[0]}
 

@@ -15,6 +15,7 @@ from typing import ClassVar, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.numerics import horizontal_norm, safe_norm
@@ -30,9 +31,9 @@ PEAK_WIDTH = 0.01
 class Steps(NamedTuple):
     """Free nodes (k, nodes, 3) [m] and tensions (k, n) [N] after steps, and the time that each step counts (k,) [s]."""
 
-    r: jax.Array
-    tension: jax.Array
-    time: jax.Array
+    r: Array
+    tension: Array
+    time: Array
 
 
 @dataclass(frozen=True)
@@ -45,10 +46,10 @@ class Quantity(ABC):
     is_instant: ClassVar[bool] = True
 
     @abstractmethod
-    def signal(self, model: Model, steps: Steps) -> jax.Array:
+    def signal(self, model: Model, steps: Steps) -> Array:
         """Values (k, m) of k steps."""
 
-    def soft(self, model: Model, steps: Steps, height: jax.Array) -> jax.Array:
+    def soft(self, model: Model, steps: Steps, height: Array) -> Array:
         """The soft peak for hard ones of about `height`, which is fixed; differentiable."""
         width = PEAK_WIDTH * height
         return width * jax.scipy.special.logsumexp(self.signal(model, steps) / width, b=steps.time[:, None])
@@ -61,7 +62,7 @@ class Load(Quantity):
     links: tuple[int, ...]
     scale: tuple[float, ...]
 
-    def signal(self, model: Model, steps: Steps) -> jax.Array:
+    def signal(self, model: Model, steps: Steps) -> Array:
         return jnp.maximum(steps.tension[:, np.array(self.links)], 0.0) * np.array(self.scale)
 
 
@@ -83,7 +84,7 @@ class AnchorLoad(Quantity):
     any_direction: bool
     uplift: float | None = None
 
-    def signal(self, model: Model, steps: Steps) -> jax.Array:
+    def signal(self, model: Model, steps: Steps) -> Array:
         start = jnp.zeros((), steps.r.dtype)
         load = lambda r, tension: load_on_fixed_point(model, self.links, self.signs, r, tension, start)  # noqa: E731
         force = jax.vmap(load)(steps.r, jnp.maximum(steps.tension, 0.0))
@@ -106,7 +107,7 @@ class Clearance(Quantity):
     pairs: tuple[tuple[int, int], ...]
     least: float
 
-    def signal(self, model: Model, steps: Steps) -> jax.Array:
+    def signal(self, model: Model, steps: Steps) -> Array:
         one, other = np.array(self.pairs).T
         return self.least / jnp.maximum(safe_norm(steps.r[:, one] - steps.r[:, other]), 1e-3 * self.least)
 
@@ -120,7 +121,7 @@ class Motion(Quantity):
 
     is_instant = False
 
-    def signal(self, model: Model, steps: Steps) -> jax.Array:
+    def signal(self, model: Model, steps: Steps) -> Array:
         own = steps.r[:, np.array(self.nodes)]
         mean = jnp.tensordot(steps.time, own, axes=1) / jnp.sum(steps.time)
         return self.scale * safe_norm(own - mean)
@@ -133,7 +134,7 @@ class Named(Quantity):
     of: named.Quantity
     scale: float
 
-    def signal(self, model: Model, steps: Steps) -> jax.Array:
+    def signal(self, model: Model, steps: Steps) -> Array:
         now = jnp.zeros((), steps.r.dtype)
         at = lambda r, tension: self.of.instant(model, r, r, r, tension, now)  # noqa: E731
         return self.scale * jax.vmap(at)(steps.r, steps.tension)

@@ -18,9 +18,9 @@ from dataclasses import dataclass, replace
 from itertools import product
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import Check, SceneError, raises_first
@@ -164,19 +164,19 @@ def check_windows(model: Model) -> None:
 
 
 def _run_phases(
-    stepper: Stepper, models: Sequence[Model], s: State, run: WindowRun, known: Sequence[jax.Array] = ()
-) -> tuple[list[jax.Array], Steps] | None:
+    stepper: Stepper, models: Sequence[Model], s: State, run: WindowRun, given: Sequence[Array] = ()
+) -> tuple[list[Array], Steps] | None:
     """The phases of a window in a row: lengths of the steps of each [s], and what they count; None if a step fails.
 
     Args:
-        known: lengths of the steps; by default they follow the accuracy.
+        given: lengths of the steps; by default they follow the accuracy.
     """
     parts = [1.0] if len(models) == 1 else [INTACT_PART, 1.0 - INTACT_PART]
     lengths = []
     rows = []
     for phase, model in enumerate(models):
-        if known:
-            length = known[phase]
+        if given:
+            length = given[phase]
         else:
             duration = parts[phase] * run.duration
             intervals = max(1, round(duration / run.interval))
@@ -195,10 +195,10 @@ def _run_phases(
 
 
 @cached_jit(static=("stepper",), kernel=True)
-def _advance_along(stepper: Stepper, model: Model, s: State, length: jax.Array) -> tuple[Progress, Trajectory]:
+def _advance_along(stepper: Stepper, model: Model, s: State, length: Array) -> tuple[Progress, Trajectory]:
     """The run in steps of these lengths (most,) [s], 0 after the last one; a row for each."""
 
-    def take(progress: Progress, i: jax.Array) -> tuple[Progress, Trajectory]:
+    def take(progress: Progress, i: Array) -> tuple[Progress, Trajectory]:
         before = jnp.where(i > 0, length[i - 1], 0.0)
         return advance_and_save(stepper, model, progress, length[i][None], 1, before=before[None])
 
@@ -206,7 +206,7 @@ def _advance_along(stepper: Stepper, model: Model, s: State, length: jax.Array) 
     return scan_steps(take, first, jnp.sum(length > 0.0), empty_trajectory(first, len(length)))
 
 
-def _counted_steps(lengths: list[jax.Array], rows: list[Trajectory]) -> Steps:
+def _counted_steps(lengths: list[Array], rows: list[Trajectory]) -> Steps:
     """The steps of the phases in a row; none count in the phase before a line breaks, or while waves rise."""
     last = lengths[-1]
     if len(lengths) > 1:
@@ -217,18 +217,18 @@ def _counted_steps(lengths: list[jax.Array], rows: list[Trajectory]) -> Steps:
 
 
 @cached_jit(static=("quantities",))
-def _hard(quantities: tuple[Quantity, ...], model: Model, steps: Steps) -> jax.Array:
+def _hard(quantities: tuple[Quantity, ...], model: Model, steps: Steps) -> Array:
     """Hard peaks (q,)."""
     highest = highest_signals(quantities, model, steps)
     return jnp.stack([jnp.max(jnp.where(steps.time > 0.0, x, -jnp.inf)) for x in highest])
 
 
 @cached_jit(static=("quantities",))
-def _soft(quantities: tuple[Quantity, ...], model: Model, heights: jax.Array, steps: Steps) -> jax.Array:
+def _soft(quantities: tuple[Quantity, ...], model: Model, heights: Array, steps: Steps) -> Array:
     return jnp.stack([q.soft(model, steps, heights[i]) for i, q in enumerate(quantities)])
 
 
-def highest_signals(quantities: tuple[Quantity, ...], model: Model, steps: Steps) -> list[jax.Array]:
+def highest_signals(quantities: tuple[Quantity, ...], model: Model, steps: Steps) -> list[Array]:
     """The largest value of each quantity at every time (q lists of k)."""
     return [jnp.max(q.signal(model, steps), axis=1) for q in quantities]
 

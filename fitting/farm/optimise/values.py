@@ -8,6 +8,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import SceneError
@@ -80,10 +81,10 @@ def rest(still: Still, near: State | None = None) -> Rest:
 @cached_jit(static=("moving",))
 def _by_variables(
     moving: tuple[int, ...], model: Model, slopes: list[np.ndarray], s: State, dr: np.ndarray
-) -> tuple[jax.Array, jax.Array]:
+) -> tuple[Array, Array]:
     """Derivative of minus the forces (p, free, 3), and of the tensions (p, n); positions move by dr (p, free, 3)."""
 
-    def rows(shift: jax.Array) -> tuple[jax.Array, jax.Array]:
+    def rows(shift: Array) -> tuple[Array, Array]:
         own = shift_model(model, moving, slopes, shift)
         r = s.r + jnp.tensordot(shift, dr, axes=1)
         return unbalanced(own, state(own, r, t=s.t), jnp.zeros_like(r))

@@ -162,7 +162,7 @@ class _Farm:
     points: list[str]
     lift: float
     waters: tuple[Water, ...]
-    known: dict[tuple[str, int], list[Floating]] = field(default_factory=dict)
+    floating_loads: dict[tuple[str, int], list[Floating]] = field(default_factory=dict)
 
     def month(self, month: str, say: Progress) -> Month:
         """Weights of a month, forces on the points and bounds on the number of floats."""
@@ -193,9 +193,11 @@ class _Farm:
         """Geometry of the farm on this number of floats: rows by state of the tide, and distance from its limits."""
         floats = dict(zip(self.points, spread(count, row.need_by_point_n), strict=True))
         key = (row.month, count)
-        if key not in self.known:
-            self.known[key] = [floating(self.site, self.season, row.month, water, floats) for water in self.waters]
-        poses = self.known[key]
+        if key not in self.floating_loads:
+            self.floating_loads[key] = [
+                floating(self.site, self.season, row.month, water, floats) for water in self.waters
+            ]
+        poses = self.floating_loads[key]
         deepest = max(pose.deepest_m for pose in poses)
         shallowest = min(pose.shallowest_m for pose in poses)
         limits = self.site.backbone

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scene_parts import fixed, free, line, system
+from scene_parts import fixed, free, line_of, system
 from scipy.special import ellipk
 
 import dropper_jax as dj
@@ -28,7 +28,7 @@ def with_dropper(**values) -> dj.Scene:
 
 def rope(name: str, start: str, end: str, links: int, length: float, **axial) -> dict:
     law = axial or {"law": "rope", "EA": 1e5, "damping": 50.0}
-    return line(name, start, end, links, length / links, mass=0.3, nodes="shared", axial=law)
+    return line_of(name, start, end, links, length / links, mass=0.3, nodes="shared", axial=law)
 
 
 def test_each_link_answers_by_its_own_law():

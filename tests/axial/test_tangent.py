@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scene_parts import fixed, free, line, system
+from scene_parts import fixed, free, line_of, system
 
 import dropper_jax as dj
 from dropper_jax.axial import DampedRope
@@ -30,7 +30,7 @@ def hanging(high: float) -> dj.Scene:
     end = (links * length - high) * np.array([0.06, 0.0, -1.0]) / np.hypot(0.06, 1.0)
     positions = np.linspace(np.zeros(3), end, links + 1)
     ends = [fixed("top", 0.0, 0.0, 0.0), free("end", *positions[-1].tolist(), mass=3.0)]
-    lines = [line("l", "top", "end", links, length, mass=0.5, axial=rope)]
+    lines = [line_of("l", "top", "end", links, length, mass=0.5, axial=rope)]
     start = {"kind": "positions", "positions": positions.tolist()}
     return dj.load_scene(system(ends, lines, dt=DT, duration=STEPS * DT, start=start))
 

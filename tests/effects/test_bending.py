@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scene_parts import fixed, free, line, system
+from scene_parts import fixed, free, line_of, system
 from scipy.integrate import solve_bvp
 
 import dropper_jax as dj
@@ -22,7 +22,7 @@ def rod(weight, **more):
 def beam(links, weight=0.1, EI=1e4):
     """A pinned beam of 10 m, so stiff that its own tension does not carry."""
     points = [fixed("a", 0.0, 0.0, 0.0), fixed("b", 10.0, 0.0, 0.0)]
-    lines = [line("beam", "a", "b", links, 10.0, type="rod")]
+    lines = [line_of("beam", "a", "b", links, 10.0, type="rod")]
     return system(points, lines, line_type=rod(weight), effects={"weight": {}, "bending": {"EI": EI}})
 
 
@@ -45,7 +45,7 @@ def halves(turned, **bending):
     table = beam(8)
     table["point"].append(free("middle", 5.0, 0.0, 0.0))
     ends = ("b", "middle") if turned else ("middle", "b")
-    table["line"] = [line("left", "a", "middle", 8, 5.0, type="rod"), line("right", *ends, 8, 5.0, type="rod")]
+    table["line"] = [line_of("left", "a", "middle", 8, 5.0, type="rod"), line_of("right", *ends, 8, 5.0, type="rod")]
     table["effects"]["bending"] |= bending
     return table
 
@@ -147,7 +147,7 @@ def test_a_single_line_is_clamped_as_systems_are():
     table = cantilever(links, EI)
     del table["line_type"]
     own = {"mass": mass / links, "diameter": 0.02, "axial": {"law": "elastic", "EA": 1e5}}
-    table["line"] = [line("beam", "a", "b", links, length / links, **own)]
+    table["line"] = [line_of("beam", "a", "b", links, length / links, **own)]
     solution = simulate(table)
     assert solution.settings["solver"] == "banded"
     x = np.linspace(0.0, length, links + 1)
@@ -176,7 +176,11 @@ def frame(rigid=False, links=5):
     """Three lines that meet at a point, one of them clamped; all are slack, as rigid links that bend must be."""
     own = {"law": "rigid"} if rigid else {"EA": 1e5, "law": "elastic"}
     points = [fixed("a", 0.0, 0.0, 0.0), free("b", 5.0, 0.0, 0.0, mass=2.0), fixed("c", 9.5, 0.0, 0.0)]
-    lines = [line("left", "a", "b", links, 5.2), line("right", "b", "c", links, 5.0), line("down", "b", "d", 2, 4.2)]
+    lines = [
+        line_of("left", "a", "b", links, 5.2),
+        line_of("right", "b", "c", links, 5.0),
+        line_of("down", "b", "d", 2, 4.2),
+    ]
     bending = {"clamped": ["c"], "directions": [[-1.0, 0.0, 0.3]], "joined": [["left", "right"], ["down", "right"]]}
     return system(
         [*points, free("d", 5.0, 0.0, -4.0, mass=3.0)],

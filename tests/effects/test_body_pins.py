@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from hard_scenes import by_a_rope, swing_period
-from scene_parts import fixed, free, line, system
+from scene_parts import fixed, free, line_of, system
 from scipy.special import ellipk
 
 import dropper_jax as dj
@@ -65,7 +65,7 @@ def moored(bodies=2):
     contact = {"pairs": [["left", "up"]], "bodies": [["left", "one"]], "damping": 5.0, "stiffness": 1e4}
     return system(
         [fixed("a", 0.0, 0.0, -4.0), free("b", 5.0, 0.0, -4.2, mass=2.0), fixed("c", 9.0, 0.5, -4.0)],
-        [line(name, start, end, 2, length, type="rod") for name, (start, end, length) in ends.items()],
+        [line_of(name, start, end, 2, length, type="rod") for name, (start, end, length) in ends.items()],
         line_type=[{"name": "rod", "mass": 1.0, "diameter": 0.1, "EI": 50.0, "EA": 1e5}],
         body=[one | {"spheres": [{"centre": [0.0, 0.0, 0.0], "diameter": 1.0}]}, two | {"pinned": True}],
         sea={"depth": 30.0},

@@ -5,7 +5,7 @@ from dataclasses import replace
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scene_parts import fixed, line
+from scene_parts import fixed, line_of
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
@@ -28,7 +28,7 @@ def test_coupled_surge_heave_and_pitch_of_a_moored_spar(spar):
     tight = length / (1.0 + pull / stiffness)
     own = {"mass": 1e-3, "diameter": 1e-3, "axial": {"law": "rope", "EA": stiffness}}
     scene |= {"point": [fixed("anchor", 0.0, 0.0, -draught - length)], "start": {"kind": "static"}}
-    scene["line"] = [line("rope", "anchor", "base", 1, tight, **own)]
+    scene["line"] = [line_of("rope", "anchor", "base", 1, tight, **own)]
     pose = equilibrium(scene)
     model = build_model(dj.load_scene(scene))
     base, axes = model.constraints[0].pose(model, pose.state.r)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scene_parts import fixed, free, line, system
+from scene_parts import fixed, free, line_of, system
 from scipy.integrate import quad, solve_ivp
 
 import dropper_jax as dj
@@ -33,7 +33,7 @@ def scene(links=24, **clamp):
     effects["clamp_motion"] = {**wall, "direction": directions.tolist(), **clamp}
     return system(
         [fixed("wall", 0.0, 0.0, 0.0), free("tip", LENGTH, 0.0, 0.0)],
-        [line("rod", "wall", "tip", links, LENGTH, type="rod")],
+        [line_of("rod", "wall", "tip", links, LENGTH, type="rod")],
         duration=8.0,
         line_type=[{"name": "rod", "mass": PER_METRE, "diameter": 0.02, "EA": 1e6, "law": "elastic"}],
         effects=effects,

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scene_parts import fixed, free, line, system
+from scene_parts import fixed, free, line_of, system
 from scipy.integrate import solve_ivp
 
 import dropper_jax as dj
@@ -27,7 +27,9 @@ TABLE = [5.0, 5.0, 3.8, 4.4, 4.4]  # [m]
 def scene(changing, dt=0.01, law="elastic", links=1, **run):
     """A mass on a vertical line that starts at rest in its equilibrium."""
     axial = {"law": law, "EA": EA, "damping": BA}
-    rope = line("rope", "drum", "mass", links, LENGTH / links, mass=MASS / links, axial=axial, length_in_time=changing)
+    rope = line_of(
+        "rope", "drum", "mass", links, LENGTH / links, mass=MASS / links, axial=axial, length_in_time=changing
+    )
     points = [fixed("drum", 0.0, 0.0, 0.0), free("mass", 0.0, 0.0, -LENGTH)]
     run = {"dt": dt, "duration": DURATION, **run}
     return system(points, [rope], name="mass on a winch", run=run, start={"kind": "static"})

@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scene_parts import fixed, free, line, system
+from scene_parts import fixed, free, line_of, system
 
 import dropper_jax as dj
 from dropper_jax.effects.nearest_points import contact_force, nearest_points
@@ -19,7 +19,7 @@ def crossing(damping=0.0, dt=0.005, **more):
     """Two slack ropes without weight that cross at a height of 0.2 m."""
     rope = {"name": "rope", "mass": 0.5, "diameter": THICK, "EA": 2000.0, "law": "rope"}
     points = [fixed("a", -SPAN, 0, 0), fixed("b", SPAN, 0, 0), fixed("c", 0, -SPAN, 0.2), fixed("d", 0, SPAN, 0.2)]
-    lines = [line(name, *ends, LINKS, 2.05 * SPAN, type="rope") for name, ends in (("low", "ab"), ("high", "cd"))]
+    lines = [line_of(name, *ends, LINKS, 2.05 * SPAN, type="rope") for name, ends in (("low", "ab"), ("high", "cd"))]
     contact = {"pairs": [["low", "high"]], "stiffness": STIFF, "damping": damping, **more}
     more = {"line_type": [rope], "effects": {"line_contact": contact}, "start": {"kind": "points"}}
     return system(points, lines, dt=dt, duration=0.5, **more)
@@ -107,7 +107,7 @@ def test_what_is_pressed_together_comes_back_to_rounding():
     del table["line_type"][0]["EA"]
     table["line_type"][0]["law"] = "rigid"
     table["point"][2:] = [fixed("c", 0.1, -1.0, 0.5), free("d", 0.1, 0.0, 0.2, mass=1.0)]
-    table["line"] = [line("low", "a", "b", 4, 2.1, type="rope"), line("high", "c", "d", 2, 1.5, type="rope")]
+    table["line"] = [line_of("low", "a", "b", 4, 2.1, type="rope"), line_of("high", "c", "d", 2, 1.5, type="rope")]
     table["effects"]["weight"] = {}
     solution = dj.simulate(table, dt=0.004, duration=0.6)
     assert solution.status == "ok", solution.failure
@@ -183,7 +183,7 @@ def beside(**floating):
     """A taut weightless rope on which a body or a buoy `float` falls, held by a slack tether, in thin water."""
     table = crossing() | {"sea": {"depth": 50.0, "density": 1e-3}} | floating
     table["point"][2:] = [fixed("c", 0.0, 0.0, 2.0)]
-    table["line"][1] = line("high", "c", "d", 2, 1.7, type="rope")
+    table["line"][1] = line_of("high", "c", "d", 2, 1.7, type="rope")
     table["effects"]["line_contact"] |= {"pairs": [], "bodies": [["low", "float"]]}
     return table
 
@@ -238,8 +238,8 @@ def test_stiff_ropes_that_slide_slowly_into_each_other_find_their_rest():
     """A loop hangs in another one: the descent needs several thousand iterations, each thousand of which helps."""
     axial = {"law": "rope", "EA": 5e6}
     ends = {"a": [0.0, 0.0, 0.0], "b": [1.5, 0.0, 0.0], "c": [0.7, -0.531, 0.0], "d": [0.7, 0.531, 0.0]}
-    low = line("low", "a", "b", 8, 0.375, mass=0.952, diameter=0.0519, axial=axial)
-    high = line("high", "c", "d", 8, 0.332, mass=2.24, diameter=0.0719, axial=axial)
+    low = line_of("low", "a", "b", 8, 0.375, mass=0.952, diameter=0.0519, axial=axial)
+    high = line_of("high", "c", "d", 8, 0.332, mass=2.24, diameter=0.0719, axial=axial)
     effects = {"weight": {}, "line_contact": {"pairs": [["low", "high"]], "stiffness": 28400.0}}
     points = [fixed(name, *position) for name, position in ends.items()]
     scene = system(points, [low, high], effects=effects, start={"kind": "points"})

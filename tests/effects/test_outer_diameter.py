@@ -5,7 +5,7 @@ import copy
 import jax
 import numpy as np
 import pytest
-from scene_parts import fixed, free, line, system
+from scene_parts import fixed, free, line_of, system
 
 import dropper_jax as dj
 from dropper_jax import build_model
@@ -17,7 +17,7 @@ CROP = {"name": "crop", "mass": MASS, "diameter": DISPLACED, "EA": 4e5, "cdn": C
 ROPE = {"name": "rope", "mass": 0.5, "diameter": 0.03, "EA": 4e5, "cdn": 1.2, "cdt": 0.0, "can": 1.1, "cat": 0.0}
 SCENE = system(
     [fixed("left", 0.0, 0.0, -5.0), LOW, fixed("right", 4.0, 0.0, -5.0)],
-    [line("dropper", "left", "low", 4, 4.0, type="crop"), line("rope", "low", "right", 3, 6.0, type="rope")],
+    [line_of("dropper", "left", "low", 4, 4.0, type="crop"), line_of("rope", "low", "right", 3, 6.0, type="rope")],
     line_type=[CROP, ROPE],
     sea={"depth": 20.0, "current": {"kind": "power", "speed": 0.5, "direction": 0.5 * np.pi, "exponent": 0.0}},
     effects={"weight": {}, "buoyancy": {}, "morison_drag": {}, "morison_inertia": {}},
@@ -64,6 +64,6 @@ def test_outer_diameter_survives_the_plain_form_and_needs_a_displaced_one(refusa
     loaded = dj.load_scene(scene)
     again = dj.load_scene(loaded.to_dict())
     np.testing.assert_array_equal(again.line.outer_diameter, [OUTER] * 4 + [0.03] * 3)
-    own = line("line", "a", "b", 2, 1.0, mass=1.0, outer_diameter=0.1)
+    own = line_of("line", "a", "b", 2, 1.0, mass=1.0, outer_diameter=0.1)
     bare = system([fixed("a", 0.0, 0.0, 0.0), free("b", 2.0, 0.0, 0.0)], [own])
     assert "line.0.outer_diameter: needs `diameter`" in refusal(dj.load_scene, bare)

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from hard_scenes import by_a_rope, swing_period
-from scene_parts import fixed, line, system
+from scene_parts import fixed, line_of, system
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 from scipy.special import ellipk
@@ -80,7 +80,7 @@ def test_arm_on_a_short_rope_swings_as_a_compound_pendulum():
     body = {"name": "stone", "position": [0.0, 0.0, -0.002], "attitude": [0.0, angle, 0.0]}
     body |= {"mass": mass, "centre_of_mass": [0.0, 0.0, -arm], "inertia": [moment, moment, 0.1]}
     body["attachments"] = {"top": [0.0, 0.0, 0.0]}
-    rope = line("rope", "hook", "top", 1, 0.002, mass=1e-3, diameter=0.02, axial={"law": "rope", "EA": 1e4})
+    rope = line_of("rope", "hook", "top", 1, 0.002, mass=1e-3, diameter=0.02, axial={"law": "rope", "EA": 1e4})
     scene = system([fixed("hook", 0.0, 0.0, 0.0)], [rope], dt=0.005, duration=12.0, body=[body])
     solution = dj.simulate(scene | {"start": {"kind": "points"}})
     pitch = solution.body("stone")["body_attitude"][:, 1]

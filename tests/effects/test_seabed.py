@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scene_parts import fixed, free, line, system
+from scene_parts import fixed, free, line_of, system
 
 import dropper_jax as dj
 
@@ -81,7 +81,10 @@ def sliding(friction):
     types.append(
         {"name": "thread", "mass": 1e-7, "diameter": 1e-6, "EA": 1.0}
     )  # slack: points need a way to a fixed one
-    lines = [line("chain", "a", "b", n, n * length, type="chain"), line("thread", "far", "a", 1, 30.0, type="thread")]
+    lines = [
+        line_of("chain", "a", "b", n, n * length, type="chain"),
+        line_of("thread", "far", "a", 1, 30.0, type="thread"),
+    ]
     more = {"line_type": types, "effects": effects, "start": {"kind": "points"}}
     return system([*ends, fixed("far", 0.0, 0.0, -4.0)], lines, dt=0.002, **more), angle
 

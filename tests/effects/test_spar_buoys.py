@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scene_parts import fixed, free, line, system
+from scene_parts import fixed, free, line_of, system
 from scipy.optimize import brentq
 
 from dropper_jax import build_model, equilibrium, load_scene, natural_modes
@@ -17,7 +17,7 @@ def moored_buoy(sea, **buoy):
     spar = {"mass": 1200.0, "diameter": 0.79, "height": 8.865, "cdn": 0.0, "cdt": 0.0, "can": 0.0, "cat": 0.0, **buoy}
     return system(
         [fixed("anchor", 0.0, 0.0, -30.0), free("buoy", 0.0, 0.0, -2.5)],
-        [line("rope", "anchor", "buoy", 4, 40.0, type="rope")],
+        [line_of("rope", "anchor", "buoy", 4, 40.0, type="rope")],
         line_type=[{"name": "rope", "mass": 1e-3, "diameter": 1e-3, "EA": 1e3}],
         buoy=[{"name": "spar", "point": "buoy", **spar}],
         sea={"depth": 30.0, **sea},

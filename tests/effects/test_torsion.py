@@ -5,7 +5,7 @@ from dataclasses import replace
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scene_parts import fixed, free, line, system
+from scene_parts import fixed, free, line_of, system
 
 import dropper_jax as dj
 from dropper_jax.analysis import writhe
@@ -29,7 +29,7 @@ def rod(links=LINKS, loaded=False, **more):
     """A rod that hangs down, with a mass at its end where it is loaded."""
     each = LENGTH / links
     points = [fixed("a", 0.0, 0.0, 0.0), free("b", 0.0, 0.0, -LENGTH, **({"mass": MASS} if loaded else {}))]
-    return twisted(points, [line("rod", "a", "b", links, each, mass=0.1 * each, **OWN)], **more)
+    return twisted(points, [line_of("rod", "a", "b", links, each, mass=0.1 * each, **OWN)], **more)
 
 
 @pytest.mark.check
@@ -145,8 +145,8 @@ def two_pieces(turned_round, pairs=True, **torsion):
     each = LENGTH / 8
     ends = ("b", "middle") if turned_round else ("middle", "b")
     points = [fixed("a", 0.0, 0.0, 0.0), free("middle", 0.0, 0.0, -3 * each), free("b", 0.0, 0.0, -LENGTH, mass=MASS)]
-    lines = [line("upper", "a", "middle", 3, each, mass=0.1 * each, **OWN)]
-    lines.append(line("lower", *ends, 5, each, mass=0.1 * each, **OWN))
+    lines = [line_of("upper", "a", "middle", 3, each, mass=0.1 * each, **OWN)]
+    lines.append(line_of("lower", *ends, 5, each, mass=0.1 * each, **OWN))
     if pairs:
         torsion = {"joined": [["upper", "lower"]], **torsion}
     return twisted(points, lines, duration=0.2, **torsion)

@@ -3,7 +3,7 @@
 import jax
 import numpy as np
 import pytest
-from scene_parts import fixed, line, system
+from scene_parts import fixed, line_of, system
 
 import dropper_jax as dj
 from dropper_jax import SceneError, build_model
@@ -20,7 +20,7 @@ def moored(**vessel):
     waves = {"kind": "regular", "amplitude": AMPLITUDE, "period": 8.0, "direction": HEADING}
     return system(
         [fixed("anchor", 0.0, 0.0, -30.0)],
-        [line("rope", "anchor", "fairlead", 4, 45.0, **own)],
+        [line_of("rope", "anchor", "fairlead", 4, 45.0, **own)],
         dt=0.05,
         duration=20.0,
         vessel=[barge | vessel],

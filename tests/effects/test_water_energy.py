@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scene_parts import fixed, free, line, system
+from scene_parts import fixed, free, line_of, system
 
 import dropper_jax as dj
 
@@ -23,7 +23,7 @@ def chain(effects: dict, sea: dict | None = None, duration: float = 60.0, dt: fl
     polar = [1.2, 1.0, 0.9, 0.7, 0.4, 0.1, -0.2]
     return system(
         [fixed("top", 0.0, 0.0, -3.0), free("end", 0.0, 0.0, -6.5)],
-        [line("line", "top", "end", 7, 0.5, mass=3.0, diameter=0.06)],
+        [line_of("line", "top", "end", 7, 0.5, mass=3.0, diameter=0.06)],
         run={"dt": dt, "duration": duration, "save_every": 5, **run},
         effects={"weight": {}, "buoyancy": {}, **effects},
         start={"kind": "angles", "zero": "down", "polar": polar, "azimuth": [0.1 * i for i in range(7)]},

@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scene_parts import fixed, line, system
+from scene_parts import fixed, line_of, system
 
 import dropper_jax as dj
 from dropper_jax.sea.make import waves_on
@@ -18,7 +18,7 @@ WATER = {"morison_drag": {"cdn": 1.1, "cdt": 0.05}, "morison_inertia": {"can": 0
 SEA = {"depth": 15.0, "waves": {"kind": "spectrum", "hs": 1.2, "tp": 6.0, "count": 8}}
 SCENE = system(
     [fixed("a", 0, 0, 0.3), fixed("b", 1.0, 0.2, 0.2)],
-    [line("l", "a", "b", 5, 0.5, mass=4.0, diameter=0.08)],
+    [line_of("l", "a", "b", 5, 0.5, mass=4.0, diameter=0.08)],
     dt=0.04,
     effects={"weight": {}, "buoyancy": {}, **WATER},
     sea=SEA | {"current": {"speed": 0.5}, "wave_current": "doppler"},

@@ -236,22 +236,3 @@ def weight_on_thread(
             **more,
         }
     )
-
-
-def free(position: list[float], **body: Any) -> dict[str, Any]:
-    """A free point of `scene_of`."""
-    return {"kind": "free", "position": position, **body}
-
-
-def line_of(name: str, start: str, end: str, links: int, length: Any, **values: Any) -> dict[str, Any]:
-    """A line from one point to another; `length` [m] of a link, or of a line with a type."""
-    return {"name": name, "from": start, "to": end, "links": links, "length": length, **values}
-
-
-def scene_of(points: dict[str, Any], *lines: dict[str, Any], **sections: Any) -> dict[str, Any]:
-    """A scene of points by name, positions of fixed ones or `free` ones, and lines; by default with weight alone."""
-    listed = []
-    for name, given in points.items():
-        listed.append({"name": name, **(given if isinstance(given, dict) else {"position": given})})
-    start = {"run": {"dt": 0.01, "duration": 0.1}, "point": listed, "line": list(lines), "effects": {"weight": {}}}
-    return start | sections

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from hard_scenes import free, line_of, scene_of
+from scene_parts import free_at, line_of, scene_of
 
 import dropper_jax as dj
 from dropper_jax import SceneError, Solution
@@ -15,7 +15,7 @@ ARRAYS = ("t", "t_tension", "positions", "velocities", "tension", "work", "kinet
 PENDULUM = "conical-pendulum-damped"
 #: A line that hangs and snaps taut, with its drag: steps that follow, work, a held end that moves.
 ROPE = scene_of(
-    {"top": [0.0, 0.0, 0.0], "load": free([0.85, 0, 0])},
+    {"top": [0.0, 0.0, 0.0], "load": free_at([0.85, 0, 0])},
     line_of("rope", "top", "load", 3, 0.3, mass=0.5, nodes="shared", axial={"law": "rope", "EA": 2e3, "damping": 5.0}),
     run={"dt": 0.02, "duration": 0.4, "accuracy": 0.01},
     effects={"weight": {}, "end_motion": {"point": "top", "amplitude": [0.05, 0.0, 0.0], "period": 0.5}},

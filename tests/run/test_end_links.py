@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hard_scenes import free, line_of, scene_of
+from scene_parts import free_at, line_of, scene_of
 from scipy.integrate import solve_ivp
 from scipy.optimize import fsolve
 
@@ -125,7 +125,7 @@ def test_a_line_out_of_the_water_has_its_weight_above_the_surface_only(first, la
 def test_ropes_of_a_float_at_the_surface_pull_with_their_weight_in_water():
     anchors = [-8.0, 0.0, -5.0], [8.0, 0.0, -5.0]
     ropes = scene(*anchors, 14.0, 28, mass=12.0, diameter=0.06)
-    buoy = {"name": "float", **free([0.0, 0.0, -0.1], mass=20.0, volume=0.2)}
+    buoy = {"name": "float", **free_at([0.0, 0.0, -0.1], mass=20.0, volume=0.2)}
     rope = ropes["line"][0]
     ropes["line"] = [rope | {"name": "left", "to": "float"}, rope | {"name": "right", "from": "float"}]
     ropes["point"] += [buoy]

@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from hard_scenes import hung_line, line_of, scene_of
+from hard_scenes import hung_line
+from scene_parts import line_of, scene_of
 
 import dropper_jax as dj
 

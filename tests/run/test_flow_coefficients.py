@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from hard_scenes import free, line_of, scene_of
+from scene_parts import free_at, line_of, scene_of
 
 import dropper_jax as dj
 from dropper_jax.effects.cylinder import amplification, rough_added_mass, rough_drag, steady_drag
@@ -17,7 +17,7 @@ ROUGH = {
     "morison_inertia": {"coefficients": "rough_cylinder", "cat": 0.1},
 }
 SCENE = scene_of(
-    {"a": [0, 0, -1.0], "b": free([0, 0, -5.0])},
+    {"a": [0, 0, -1.0], "b": free_at([0, 0, -5.0])},
     line_of("l", "a", "b", 4, 1.0, mass=40.0, diameter=0.15),
     run={"dt": 0.02, "duration": 0.2},
     effects={"weight": {}, "buoyancy": {}, **ROUGH},

@@ -4,7 +4,7 @@ import shutil
 
 import numpy as np
 import pytest
-from hard_scenes import line_of, scene_of
+from scene_parts import line_of, scene_of
 
 import dropper_jax as dj
 from dropper_jax import SceneError

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hard_scenes import line_of, scene_of
+from scene_parts import line_of, scene_of
 
 import dropper_jax as dj
 

@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from hard_scenes import free, line_of, scene_of
+from scene_parts import free_at, line_of, scene_of
 
 from dropper_jax import SceneError, load_scene, packaged_scene, scene_names
 from dropper_jax.cli import main
@@ -28,7 +28,7 @@ def longline(anchors=("west", "east"), **values):
     attached = [{"point": f"t{k}", "at": 10.0 * k} for k in (1, 2, 3)]
     lines.append(line_of("backbone", "b1", "b2", 4, 40.0, type="library:rope-polypropylene-0.03", attach=attached))
     for k in (1, 2, 3):
-        points[f"e{k}"] = free([10.0 * k, 0.0, -9.0], mass=1.0)
+        points[f"e{k}"] = free_at([10.0 * k, 0.0, -9.0], mass=1.0)
         lines.append(line_of(f"rope-{k}", f"t{k}", f"e{k}", 2, given["hang"], type="library:mussel-dropper-7.53"))
     sea = {"depth": given["depth"], "current": {"kind": "power", "speed": given["speed"]}}
     effects = {name: {} for name in ("weight", "buoyancy", "morison_drag", "morison_inertia", "seabed")}
@@ -98,7 +98,7 @@ def test_no_packaged_scene_is_doubtful(name):
 def test_the_tension_of_a_line_that_is_too_short_is_that_of_springs_in_series():
     """A rope of 10 m and one of 20 m between points 36 m apart: T = 6 m/(10 m/EA + 20 m/(2 EA))."""
     scene = scene_of(
-        {"a": [0.0, 0.0, 0.0], "m": free([10.0, 0.0, 0.0]), "b": [36.0, 0.0, 0.0]},
+        {"a": [0.0, 0.0, 0.0], "m": free_at([10.0, 0.0, 0.0]), "b": [36.0, 0.0, 0.0]},
         line_of("one", "a", "m", 2, 5.0, mass=1.0, axial={"EA": 1e4}),
         line_of("two", "m", "b", 2, 10.0, mass=1.0, axial={"EA": 2e4}),
     )

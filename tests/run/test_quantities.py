@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hard_scenes import free, line_of, scene_of
+from scene_parts import free_at, line_of, scene_of
 
 import dropper_jax as dj
 from dropper_jax import SceneError
@@ -14,7 +14,7 @@ from dropper_jax.stepping.extremes import Extremes
 from dropper_jax.study.design import solve_design
 
 SCENE = scene_of(
-    {"west": [-8.0, 0.0, -10.0], "east": [8.0, 1.0, -10.0], "buoy": free([0.5, 0.0, -4.0], mass=20.0, volume=0.2)},
+    {"west": [-8.0, 0.0, -10.0], "east": [8.0, 1.0, -10.0], "buoy": free_at([0.5, 0.0, -4.0], mass=20.0, volume=0.2)},
     line_of("west-leg", "west", "buoy", 3, 10.0, type="rope"),
     line_of("east-leg", "buoy", "east", 3, 10.0, type="rope"),
     run={"dt": 0.02, "duration": 1.0},
@@ -100,7 +100,7 @@ def test_a_wrong_name_shows_the_near_ones(posed, name, words, refusal):
 
 def test_the_anchor_of_a_single_line_is_its_fixed_end_also_if_the_free_end_is_listed_first():
     line = line_of("chain", "top", "low", 4, 0.3, mass=0.1)
-    model = dj.build_model(scene_of({"low": free([0.0, 0.0, -1.2]), "top": [0.0, 0.0, 0.0]}, line))
+    model = dj.build_model(scene_of({"low": free_at([0.0, 0.0, -1.2]), "top": [0.0, 0.0, 0.0]}, line))
     assert quantity("tension.chain.anchor.max", model).members == (0,)
     assert quantity("tension.chain.fairlead.max", model).members == (3,)
 

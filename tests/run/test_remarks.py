@@ -4,7 +4,8 @@ import json
 
 import numpy as np
 import pytest
-from hard_scenes import free, hung_line, line_of, scene_of
+from hard_scenes import hung_line
+from scene_parts import free_at, line_of, scene_of
 
 import dropper_jax as dj
 from dropper_jax import SceneError, load_scene
@@ -19,7 +20,7 @@ def moored(**motion):
     spar = {"name": "spar", "point": "buoy", "mass": 1200.0, "diameter": 0.79, "height": 8.0, "attachment": 1.0}
     effects = {"weight": {}, "seabed": {}, "seabed_friction": {"kinetic": 0.5}}
     return scene_of(
-        {"anchor": [0.0, 0.0, -30.0], "buoy": free([0.0, 0.0, -2.5])},
+        {"anchor": [0.0, 0.0, -30.0], "buoy": free_at([0.0, 0.0, -2.5])},
         line_of("rope", "anchor", "buoy", 4, 40.0, type="rope"),
         line_type=[kind],
         buoy=[spar],
@@ -139,7 +140,7 @@ def bent_rope(law):
     """A line with bending stiffness that stands on a clamp."""
     bending = {"EI": 20.0, "clamped": ["wall"], "directions": [[0.0, 0.0, 1.0]]}
     return scene_of(
-        {"wall": [0.0, 0.0, 0.0], "tip": free([0.5, 0.0, 0.5])},
+        {"wall": [0.0, 0.0, 0.0], "tip": free_at([0.5, 0.0, 0.5])},
         line_of("rod", "wall", "tip", 4, 0.2, mass=0.1, axial={"law": law, "EA": 1e5, "damping": 100.0}),
         run={"accuracy": 0.01, "duration": 0.3},
         start={"kind": "angles", "polar": [3.0] * 4},

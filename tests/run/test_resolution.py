@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from hard_scenes import free, line_of, scene_of
+from scene_parts import free_at, line_of, scene_of
 
 import dropper_jax as dj
 from dropper_jax.run.resolution import MOST_WARNINGS, limit_warnings, with_quality_checks, without_push
@@ -106,7 +106,7 @@ def hoisted(amplitude):
     """500 kg on 20 m of rope whose top heaves every 3 s."""
     motion = {"point": "top", "amplitude": [0.0, 0.0, amplitude], "period": 3.0, "ramp": 3.0}
     return scene_of(
-        {"top": [0.0, 0.0, 0.0], "mass": free([0, 0, -20.0])},
+        {"top": [0.0, 0.0, 0.0], "mass": free_at([0, 0, -20.0])},
         line_of("rope", "top", "mass", 1, 20.0, mass=500.0, axial={"law": "rope", "EA": 1e6}),
         run={"dt": 0.005, "duration": 9.0},
         effects={"weight": {}, "end_motion": motion},

@@ -5,7 +5,7 @@ import dataclasses
 import jax
 import numpy as np
 import pytest
-from hard_scenes import free, line_of, scene_of
+from scene_parts import free_at, line_of, scene_of
 
 import dropper_jax as dj
 from dropper_jax import build_model, report_run
@@ -28,7 +28,7 @@ def scene(**growth):
     points, lines = {}, []
     for i, name in enumerate(("dropper-1", "dropper-2", "mooring")):
         points[f"top-{i}"] = [3.0 * i, 0.0, -2.0]
-        points[f"end-{i}"] = free([3.0 * i, 0.0, -6.0], mass=30.0, volume=0.01)
+        points[f"end-{i}"] = free_at([3.0 * i, 0.0, -6.0], mass=30.0, volume=0.01)
         lines.append(line_of(name, f"top-{i}", f"end-{i}", 4, 4.0, type="rope"))
     return scene_of(
         points,

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hard_scenes import free, line_of, scene_of
+from scene_parts import free_at, line_of, scene_of
 
 import dropper_jax as dj
 from dropper_jax.cli.run_text import text, with_gaps
@@ -15,7 +15,7 @@ from dropper_jax.run.variables import STEP_EXTREMES
 
 #: A rope that goes slack and snaps taut under its moved end, and its load.
 ROPE = scene_of(
-    {"top": [0.0, 0.0, 0.0], "load": free([0.85, 0, 0])},
+    {"top": [0.0, 0.0, 0.0], "load": free_at([0.85, 0, 0])},
     line_of("rope", "top", "load", 3, 0.3, mass=0.5, nodes="shared", axial={"law": "rope", "EA": 2e3, "damping": 5.0}),
     run={"dt": 0.005, "duration": 0.8},
     effects={"weight": {}, "end_motion": {"point": "top", "amplitude": [0.05, 0.0, 0.0], "period": 0.5}},

@@ -3,7 +3,8 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from hard_scenes import free, hung_line, line_of, scene_of
+from hard_scenes import hung_line
+from scene_parts import free_at, line_of, scene_of
 
 from dropper_jax import Line, Model, Point, SceneError, build_model, equilibrium, load_scene, simulate, state
 from dropper_jax.axial import Rope
@@ -54,7 +55,7 @@ def test_network_solve_and_its_transpose_are_those_of_the_dense_jacobian(network
 
 CHAIN = {"name": "chain", "mass": 10.91, "diameter": 0.042, "EA": 48.884e6, "damping_ratio": 0.1}
 HANGING = scene_of(
-    {"a": [0.0, 0.0, 0.0], "joint": free([10.0, 0.0, -1.0], mass=100.0), "b": [20.0, 0.0, 0.0]},
+    {"a": [0.0, 0.0, 0.0], "joint": free_at([10.0, 0.0, -1.0], mass=100.0), "b": [20.0, 0.0, 0.0]},
     line_of("left", "a", "joint", 6, 12.0, type="chain"),
     line_of("right", "joint", "b", 6, 12.0, type="chain"),
     run={"dt": 0.02, "duration": 1.0},
@@ -88,7 +89,7 @@ def test_lines_of_a_system_are_found_in_the_solution():
 
 def test_held_points_are_pulled_along_the_links_that_end_there():
     table = scene_of(
-        {"a": [0.0, 0.0, 0.0], "free": free([6.0, 0.0, -8.0]), "b": [12.0, 0.0, 0.0]},
+        {"a": [0.0, 0.0, 0.0], "free": free_at([6.0, 0.0, -8.0]), "b": [12.0, 0.0, 0.0]},
         line_of("left", "a", "free", 2, 10.0, type="rope"),
         line_of("right", "b", "free", 2, 10.0, type="rope"),
         line_type=[ROPE],

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from hard_scenes import free, line_of, scene_of
 from PIL import Image
+from scene_parts import free_at, line_of, scene_of
 
 import dropper_jax as dj
 from dropper_jax import plots
@@ -12,7 +12,7 @@ from dropper_jax.scene import grown
 from dropper_jax.study.flow_regime import regime
 
 SCENE = scene_of(
-    {"a": [0, 0, -2.0], "b": free([0, 0, -6.0])},
+    {"a": [0, 0, -2.0], "b": free_at([0, 0, -6.0])},
     line_of("l", "a", "b", 4, 1.0, mass=2.0, diameter=0.04),
     run={"dt": 0.05, "duration": 4.0},
     effects={"weight": {}, "buoyancy": {}, "morison_drag": {"cdn": 1.2}},
@@ -55,7 +55,7 @@ def test_growth_over_depth_is_taken_where_the_links_hang():
 
 def test_growth_on_one_line_of_a_system_weighs_on_that_line_alone():
     points = {"a": [0, 0, -2.0], "c": [5.0, 0, -2.0]}
-    points |= {"b": free([0, 0, -6.0], mass=50.0), "d": free([5.0, 0, -6.0], mass=50.0)}
+    points |= {"b": free_at([0, 0, -6.0], mass=50.0), "d": free_at([5.0, 0, -6.0], mass=50.0)}
     scene = scene_of(
         points,
         line_of("bare", "a", "b", 4, 4.0, type="rope"),
@@ -125,7 +125,12 @@ def test_the_animation_shows_the_surface_rise_and_fall(solution, tmp_path):
 def test_flow_across_a_system_is_that_of_its_own_links(made):
     # two lines along the current, one above the other: no flow across either, but across a link between them
     line = {"mass": 1.0, "diameter": 0.1, "nodes": "shared", "axial": {"law": "rope", "EA": 1e6}}
-    points = {"a": [0.0, 0.0, -5.0], "b": free([10.0, 0.0, -5.0]), "c": [0.0, 0.0, -9.0], "d": free([10.0, 0.0, -9.0])}
+    points = {
+        "a": [0.0, 0.0, -5.0],
+        "b": free_at([10.0, 0.0, -5.0]),
+        "c": [0.0, 0.0, -9.0],
+        "d": free_at([10.0, 0.0, -9.0]),
+    }
     scene = scene_of(
         points,
         line_of("upper", "a", "b", 2, 5.0, **line),

@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scene_parts import fixed, free, line, system
+from scene_parts import fixed, free, line_of, system
 
 import dropper_jax as dj
 from dropper_jax.cli import main
@@ -228,7 +228,7 @@ def test_waves_that_cannot_be_are_refused_in_one_line(waves, start, refusal):
 
 SCENE = system(
     [fixed("a", 0, 0, -1.0), free("b", 0, 0, -4.0)],
-    [line("l", "a", "b", 3, 1.0, mass=12.0, diameter=0.08)],
+    [line_of("l", "a", "b", 3, 1.0, mass=12.0, diameter=0.08)],
     dt=0.04,
     effects={"weight": {}, "buoyancy": {}, "morison_drag": {"cdn": 1.1}, "morison_inertia": {"can": 0.8}},
     start={"kind": "angles", "zero": "down", "polar": [0.0] * 3},

@@ -5,7 +5,7 @@ import copy
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scene_parts import fixed, free, line, system
+from scene_parts import fixed, free, line_of, system
 
 import dropper_jax as dj
 from dropper_jax import build_model
@@ -18,7 +18,7 @@ from dropper_jax.sea.wave_files import elevation_components, from_wavespectra
 
 LINE = system(
     [fixed("a", 0, 0, -1), free("b", 0, 0, -5)],
-    [line("l", "a", "b", 4, 1.0, mass=5.0, diameter=0.05)],
+    [line_of("l", "a", "b", 4, 1.0, mass=5.0, diameter=0.05)],
     dt=0.02,
     duration=100.0,
     effects={"weight": {}, "buoyancy": {}, "morison_drag": {"cdn": 1.0}},

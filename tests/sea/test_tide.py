@@ -5,7 +5,7 @@ from dataclasses import replace
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scene_parts import fixed, free, line, system
+from scene_parts import fixed, free, line_of, system
 
 import dropper_jax as dj
 from dropper_jax import build_model
@@ -92,7 +92,7 @@ def test_tides_that_cannot_be_are_refused_in_one_line(sea, start, refusal):
 
 FLOAT = system(
     [fixed("anchor", 0, 0, -20.0), free("float", 0, 0, -4.0, mass=20.0, volume=0.2)],
-    [line("leg", "anchor", "float", 4, 16.0, type="rope")],
+    [line_of("leg", "anchor", "float", 4, 16.0, type="rope")],
     dt=1.0,
     duration=10.0,
     line_type=[{"name": "rope", "mass": 1.0, "diameter": 0.03, "EA": 1e5, "cdn": 1.2, "cdt": 0.0}],

@@ -5,7 +5,7 @@ from dataclasses import replace
 import jax
 import numpy as np
 import pytest
-from scene_parts import fixed, free, line, system
+from scene_parts import fixed, free, line_of, system
 
 import dropper_jax as dj
 from dropper_jax.run.wake_model import Elements, solve_wakes
@@ -164,7 +164,7 @@ def test_two_hundred_rows_slow_the_water_by_their_drag():
 ENDS = [(fixed(f"top-{i}", 4.0 * i, 0.0, -1.0), free(f"end-{i}", 4.0 * i, 0.0, -7.0)) for i in range(3)]
 SCENE = system(
     [point for pair in ENDS for point in pair],
-    [line(f"d{i}", f"top-{i}", f"end-{i}", 3, 6.0, type="sock") for i in range(3)],
+    [line_of(f"d{i}", f"top-{i}", f"end-{i}", 3, 6.0, type="sock") for i in range(3)],
     dt=0.05,
     duration=0.2,
     line_type=[{"name": "sock", "mass": 80.0, "diameter": 0.2, "EA": 1e5, "cdn": 1.3, "cdt": 0.0}],

@@ -105,8 +105,13 @@ class Progress(NamedTuple):
     """State of a run: the dynamic state, steps done, the first failed step (-1: no failure)."""
 
     state: State
-    steps_done: Array
+    done: Array
     first_bad: Array
+
+    @property
+    def steps_done(self) -> Array:
+        """Steps done, as of other carries; restart files have the field's name."""
+        return self.done
 
     @property
     def t(self) -> Array:
@@ -130,8 +135,8 @@ def begin(stepper: Stepper, model: Model, s: State) -> Progress:
 def next_progress(stepper: Stepper, model: Model, progress: Progress, dt: Array) -> tuple[Progress, Interval]:
     """The progress after one step of dt [s], and how it was taken."""
     taken = advance_over(stepper, model, progress.state, dt, progress.first_bad < 0)
-    first_bad = jnp.where(taken.failed & (progress.first_bad < 0), progress.steps_done, progress.first_bad)
-    return Progress(taken.state, progress.steps_done + 1, first_bad), taken
+    first_bad = jnp.where(taken.failed & (progress.first_bad < 0), progress.done, progress.first_bad)
+    return Progress(taken.state, progress.done + 1, first_bad), taken
 
 
 def scan_steps(

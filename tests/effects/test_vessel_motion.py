@@ -74,8 +74,11 @@ def test_point_of_a_vessel_follows_its_table_and_tightens_the_rope():
 @pytest.mark.parametrize(
     ("vessel", "told"),
     [
-        ({"rao": {**RAO, "heave": [[1.0, 0.7]] * 2}}, r"vessel.0.rao.heave: has 2 entries; allowed: 3"),
-        ({"rao": {**RAO, "heave": [[1.0, 0.7, 0.2]]}}, r"vessel.0.rao.heave: has 1 rows; allowed: 2"),
+        (
+            {"rao": {**RAO, "heave": [[1.0, 0.7]] * 2}},
+            r"vessel.0.rao.heave.0: .* has 2 entries; allowed: 3 numbers, one for each `frequency`",
+        ),
+        ({"rao": {**RAO, "heave": [[1.0, 0.7, 0.2]]}}, r"vessel.0.rao.heave: .* has 1 entries; allowed: 2 rows"),
         ({"rao": {key: value for key, value in RAO.items() if key != "phases"}}, "vessel.0.rao.phases: missing"),
         ({"rao": {**RAO, "headings": [1.0, 2.0]}}, "vessel.0.rao.headings: waves come at"),
         ({"rao": {**RAO, "frequency": [0.1, 0.2, 0.3]}}, "vessel.0.rao.frequency: .* leave out 100%"),

@@ -45,7 +45,8 @@ from dropper_jax import (
     load_scene,
     make_stepper,
 )
-from dropper_jax.effects.spar_buoys import Around, SparBuoys
+from dropper_jax.effects.spar_buoys import SparBuoys
+from dropper_jax.sea import Motion
 from dropper_jax.stepping.integrate import observe
 
 # [s]: the whole run, and from where on it counts as settled
@@ -100,7 +101,7 @@ def step_sizes(ratio: float) -> list[Found]:
 class SurfaceCurrent(SparBuoys):
     """The whole buoy feels the current at the surface."""
 
-    def prepare(self, k: Kinematics) -> Around:
+    def prepare(self, k: Kinematics) -> Motion:
         return _everywhere(self, k, super().prepare(k), surface=True)
 
 
@@ -108,11 +109,11 @@ class SurfaceCurrent(SparBuoys):
 class BaseCurrent(SparBuoys):
     """The whole buoy feels the current at its base."""
 
-    def prepare(self, k: Kinematics) -> Around:
+    def prepare(self, k: Kinematics) -> Motion:
         return _everywhere(self, k, super().prepare(k), surface=False)
 
 
-def _everywhere(buoys: SparBuoys, k: Kinematics, around: Around, surface: bool) -> Around:
+def _everywhere(buoys: SparBuoys, k: Kinematics, around: Motion, surface: bool) -> Motion:
     r = k.r[buoys.nodes(k.model)]
     if surface:
         height = jnp.zeros_like(r[:, 2])

@@ -36,7 +36,7 @@ def hanging():
         own = {key: value for key, value in own.items() if value is not None}
         return parts.system(
             [parts.fixed("top", 0.0, 0.0, -5.0), parts.free("end", 0.0, 0.0, -5.0 - length * links)],
-            [parts.line("line", "top", "end", links, length, **own)],
+            [parts.line_of("line", "top", "end", links, length, **own)],
             dt=0.001,
             effects=effects,
             start=start or {"kind": "angles", "zero": "down", "polar": [0.0] * links},
@@ -82,7 +82,7 @@ def afloat():
         afloat = {"name": "float", "position": list(position), "mass": mass, "centre_of_mass": list(centre)}
         return parts.system(
             [parts.fixed("a", 0.0, 0.0, -50.0), parts.fixed("b", 1.0, 0.0, -50.0)],
-            [parts.line("rope", "a", "b", 2, 2.0, **own)],
+            [parts.line_of("rope", "a", "b", 2, 2.0, **own)],
             run={"dt": 0.02, "duration": 20.0, **(run or {})},
             body=[{**afloat, "inertia": list(inertia), **shapes, **body}],
             sea={"depth": 100.0, **(sea or {})},

@@ -145,8 +145,9 @@ def test_the_local_motion_is_exact_on_cubics_with_gaps_and_does_not_smooth_a_whi
     t = np.linspace(0, 1, 60) ** 1.2
     y = 1 + 2 * t - 3 * t**2 + t**3
     y[10:20] = np.nan
-    (found,) = local_motion(t, y[:, None], 0.3, np.array([1e-9]), 0.2)
-    np.testing.assert_allclose(found, (1 + 0.6 - 0.27 + 0.027, 2 - 1.8 + 0.27), atol=1e-9)
+    ((value, slope),) = local_motion(t, y[:, None], 0.3, np.array([1e-9]), 0.2)
+    assert value == pytest.approx(1 + 0.6 - 0.27 + 0.027, abs=1e-10)
+    assert slope == pytest.approx(2 - 1.8 + 0.27, abs=1e-8)
     t = np.arange(200) / 200
     (found,) = local_motion(t, np.sin(60 * (t - 0.5))[:, None], 0.5, np.array([1e-3]), 0.1)
     np.testing.assert_allclose(found, (0.0, 60.0), rtol=0.01, atol=2e-3)

@@ -26,15 +26,6 @@ XLA_LOG = "TF_CPP_MIN_LOG_LEVEL"
 FATAL = "3"
 
 
-def prepare() -> None:
-    """Settings of a process that only runs commands, before JAX is imported."""
-    # allocations between two garbage collections: tracing makes millions of lasting objects, and with Python's default
-    # (700) the collector takes 10 % of the time
-    gc.set_threshold(100_000, 50, 100)
-    os.environ.setdefault(XLA_LOG, FATAL)
-    backend.stores_programs = True
-
-
 GROUP = "dropper.commands"
 PACKAGES = ("dropper-jax", "jax")
 HELP = ("-h", "--help")
@@ -47,6 +38,15 @@ GROUPS = {
     "Checks": ("doctor", "accuracy", "cost", "stability"),
 }
 OTHERS = "Others"
+
+
+def prepare() -> None:
+    """Settings of a process that only runs commands, before JAX is imported."""
+    # allocations between two garbage collections: tracing makes millions of lasting objects, and with Python's default
+    # (700) the collector takes 10 % of the time
+    gc.set_threshold(100_000, 50, 100)
+    os.environ.setdefault(XLA_LOG, FATAL)
+    backend.stores_programs = True
 
 
 class Command(Protocol):
@@ -127,7 +127,8 @@ def command_groups() -> dict[str, list[EntryPoint]]:
     found = {}
     for group, names in GROUPS.items():
         found[group] = [left.pop(name) for name in names if name in left]
-    return {group: entries for group, entries in {**found, OTHERS: list(left.values())}.items() if entries}
+    found[OTHERS] = list(left.values())
+    return {group: entries for group, entries in found.items() if entries}
 
 
 def grouped_commands() -> str:
@@ -159,7 +160,8 @@ def _help(entry: EntryPoint) -> str:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command; returns its exit code."""
-    argv = list(sys.argv[1:] if argv is None else argv)
+    if argv is None:
+        argv = sys.argv[1:]
     with_streams()
     prepare()
     with terminated_as_interrupted():

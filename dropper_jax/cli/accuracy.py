@@ -7,12 +7,17 @@ from collections.abc import Callable
 from pathlib import Path
 
 from dropper_jax.base.read import Table
+from dropper_jax.base.table_cells import record_cells
 from dropper_jax.cli.given import check_positive, number
 from dropper_jax.cli.options import add_quiet, add_scene, read_scene
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, picture
-from dropper_jax.cli.printing import STOPPED, done_object, print_line, progress, record_cells, record_table, row_printer
+from dropper_jax.cli.printing import STOPPED, done_object, print_line, progress, record_table, row_printer
 
 help = "measure errors and times of all integrators over a range of steps, row by row, and advise"
+
+
+#: Allowed steps and durations.
+POSITIVE = "a number > 0 s"
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -44,9 +49,9 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def run(args: Namespace) -> int:
-    for option, values in (("--dts", args.dts or ()), ("--span", () if args.span is None else (args.span,))):
-        for value in values:
-            check_positive(option, value, "a number > 0 s")
+    for dt in args.dts or ():
+        check_positive("--dts", dt, POSITIVE)
+    check_positive("--span", args.span, POSITIVE)
     scene = read_scene(args)
 
     from dropper_jax.study.accuracy import accuracy
@@ -90,7 +95,9 @@ def draw(found: Table, path: Path) -> None:
 
 def text(found: Table) -> str:
     """The report as text."""
-    parts = [_schemes(found)] if found["reference"] else []
+    parts = []
+    if found["reference"]:
+        parts.append(_schemes(found))
     if "loads" in found:
         parts.append(_loads(found["loads"]))
     if "numerical_damping" in found:
@@ -102,20 +109,19 @@ def text(found: Table) -> str:
 
 def _schemes(found: Table) -> str:
     """Errors and times of the schemes, and the advice; of an interrupted comparison the rows so far."""
-    parts = [
+    head = (
         "{scene}: compared over {horizon_s:.4g} s; perturbations grow at {lyapunov_per_s:.3g} 1/s and reach 100 times "
-        "after {trusted_span_s:.4g} s",
-        "reference: {made_by}; its error {error_estimate_rad:.2g} rad, against {checked_by}",
-    ]
-    values = {"scene": found["scene"], **found["reference"]}
-    return "\n\n".join(
-        [
-            *(part.format(**values) for part in parts),
-            record_table(found["rows"], SCHEMES),
-            "measured orders: " + ", ".join(f"{label} {order:.2f}" for label, order in found["orders"].items()),
-            "\n".join(item["text"] for item in found["advice"]),
-        ]
+        "after {trusted_span_s:.4g} s\n\n"
+        "reference: {made_by}; its error {error_estimate_rad:.2g} rad, against {checked_by}"
     )
+    orders = [f"{label} {order:.2f}" for label, order in found["orders"].items()]
+    parts = (
+        head.format(scene=found["scene"], **found["reference"]),
+        record_table(found["rows"], SCHEMES),
+        f"measured orders: {', '.join(orders)}",
+        "\n".join(item["text"] for item in found["advice"]),
+    )
+    return "\n\n".join(parts)
 
 
 def _loads(found: Table) -> str:

@@ -13,6 +13,7 @@ from dropper_jax.cli.run import OVERRIDES
 
 if TYPE_CHECKING:
     from dropper_jax.load.scene import Scene
+    from dropper_jax.model import Model
 
 help = "check a scene in seconds: masses, weights in water, densities, periods, time step, and what a run compiles"
 
@@ -43,7 +44,6 @@ def examine(scene: Scene) -> Table:
     from dropper_jax.load.checks_water import sea_warnings
     from dropper_jax.load.periods import periods, suggest_step
     from dropper_jax.run.arrays import bare_model
-    from dropper_jax.run.build import stepper_of
     from dropper_jax.run.growth import overgrown
     from dropper_jax.run.line_weights import line_weights, wet_weights
     from dropper_jax.run.plausibility import scene_warnings
@@ -52,68 +52,85 @@ def examine(scene: Scene) -> Table:
     grown = overgrown(scene)
     # without wakes, which need equilibria
     model = bare_model(grown)
+    warnings = [*scene_warnings(scene)]
+    if model.sea is not None:
+        warnings += sea_warnings(scene, model.sea)
     wet = wet_weights(scene)
-    stepper = stepper_of(model, scene.run)
     lines = []
     for line in whole_lines(grown):
         own = {"line": line.name, "links": line.spec.links, "length_m": line.spec.total}
         lines.append(own | {"mass_kg": line.spec.mass.sum(), "wet_weight_n": wet[line.links].sum()})
-    points = [point for point in scene.points if point.is_free]
-    mass = sum(point.mass or 0.0 for point in points)
-    volume = sum(point.volume or 0.0 for point in points)
-    lift = 0.0
-    if scene.sea is not None:
-        lift = scene.sea.gravity * (scene.sea.density * volume - mass)
-    warnings = [*scene_warnings(scene)]
-    if model.sea is not None:
-        warnings += sea_warnings(scene, model.sea)
     return {
         "lines": lines,
-        "points": {"free": len(points), "mass_kg": mass, "lift_n": lift},
+        "points": _free_points(scene),
         "line_weights": line_weights(scene),
         "periods_s": periods(scene),
         "accuracy": scene.run.accuracy,
         "save_interval_s": scene.run.interval,
         "dt_s": scene.run.step,
         "suggested_dt_s": suggest_step(scene),
-        "compiled": {
-            "integrator": scene.run.integrator,
-            "solver": stepper.solver_name,
-            "dtype": str(model.dtype),
-            "links": model.line.links,
-            "free_nodes": model.free_nodes,
-            "bodies": len(scene.bodies),
-            "effects": list(scene.effects),
-            "steps": scene.run.steps if scene.run.accuracy is None else None,
-        },
+        "compiled": _compiled(scene, model),
         "warnings": warnings,
+    }
+
+
+def _free_points(scene: Scene) -> Table:
+    """Number, mass [kg] and net lift [N] under water of the free points."""
+    points = [point for point in scene.points if point.is_free]
+    mass = sum(point.mass or 0.0 for point in points)
+    lift = 0.0
+    if scene.sea is not None:
+        volume = sum(point.volume or 0.0 for point in points)
+        lift = scene.sea.gravity * (scene.sea.density * volume - mass)
+    return {"free": len(points), "mass_kg": mass, "lift_n": lift}
+
+
+def _compiled(scene: Scene, model: Model) -> Table:
+    """What a run compiles: scheme, solver and sizes; None for the number of steps that follow an accuracy."""
+    from dropper_jax.run.build import stepper_of
+
+    steps = None
+    if scene.run.accuracy is None:
+        steps = scene.run.steps
+    return {
+        "integrator": scene.run.integrator,
+        "solver": stepper_of(model, scene.run).solver_name,
+        "dtype": str(model.dtype),
+        "links": model.line.links,
+        "free_nodes": model.free_nodes,
+        "bodies": len(scene.bodies),
+        "effects": list(scene.effects),
+        "steps": steps,
     }
 
 
 def text(scene: Scene, source: str, found: Table) -> str:
     """The facts as text; `source` is the scene as the user named it."""
+    weight = "weight in water [N]"
+    if scene.sea is None:
+        weight = "weight [N]"
     columns = {
         "line": "{line}",
         "links": "{links}",
         "length [m]": "{length_m:.5g}",
         "mass [kg]": "{mass_kg:.5g}",
-        "weight [N]" if scene.sea is None else "weight in water [N]": "{wet_weight_n:.5g}",
+        weight: "{wet_weight_n:.5g}",
     }
-    parts = found["compiled"]
-    step = found["suggested_dt_s"]
+    compiled = found["compiled"]
     compiles = "{integrator}, solver {solver}, {dtype}; {links} links, {free_nodes} free nodes, {bodies} rigid bodies"
-    own = found["points"]
+    points = found["points"]
     pairs = []
-    if own["mass_kg"] or own["lift_n"]:
-        weight = sum(row["wet_weight_n"] for row in found["lines"])
-        words = "{mass_kg:.4g} kg; their net lift submerged is {lift_n:.4g} N"
-        pairs.append(("floats, masses", f"{words.format(**own)}; lines weigh {weight:.4g} N in water"))
+    if points["mass_kg"] or points["lift_n"]:
+        of_lines = sum(row["wet_weight_n"] for row in found["lines"])
+        lift = "{mass_kg:.4g} kg; their net lift submerged is {lift_n:.4g} N".format(**points)
+        pairs.append(("floats, masses", f"{lift}; lines weigh {of_lines:.4g} N in water"))
+    for name, value in found["periods_s"].items():
+        pairs.append((WORDS[name], f"{value:.3g} s"))
     pairs += [
-        *((WORDS[name], f"{value:.3g} s") for name, value in found["periods_s"].items()),
         ("natural periods", f"dropper modes {source}"),
-        ("time steps", _steps(scene, step)),
-        ("a run compiles", compiles.format(**parts)),
-        ("effects", ", ".join(parts["effects"]) or "none"),
+        ("time steps", _steps(scene, found["suggested_dt_s"])),
+        ("a run compiles", compiles.format(**compiled)),
+        ("effects", ", ".join(compiled["effects"]) or "none"),
         ("a run", f"goes to {scene.run.duration:g} s, saved every {scene.run.interval:g} s"),
     ]
     lines = record_table(found["lines"], columns)
@@ -121,6 +138,7 @@ def text(scene: Scene, source: str, found: Table) -> str:
 
 
 def _steps(scene: Scene, suggested: float) -> str:
+    """Number and length of the steps, or their accuracy."""
     run = scene.run
     if run.accuracy is None:
         return f"{run.steps} of {run.step:g} s; {suggested:g} s suggested by periods, --accuracy 0.01 chooses them"

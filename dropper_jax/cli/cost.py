@@ -5,9 +5,10 @@ from __future__ import annotations
 from argparse import ArgumentParser, Namespace
 
 from dropper_jax.base.read import Table
+from dropper_jax.base.table_cells import record_cells, yes_no
 from dropper_jax.cli.options import add_quiet, add_scene, read_scene
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, picture
-from dropper_jax.cli.printing import STOPPED, done_object, record_cells, record_table, row_printer
+from dropper_jax.cli.printing import STOPPED, done_object, record_table, row_printer
 
 help = "operations, bytes and microseconds per step, with and without each effect"
 
@@ -65,14 +66,11 @@ def text(found: Table) -> str:
     proof = found["proof"]
     if proof is None:  # interrupted
         return "\n".join(parts)
-    yes = {True: "yes", False: "NO"}
-    return "\n".join(
-        [
-            *parts,
-            "",
-            "absent effects cost nothing:",
-            "  a scene whose effects are removed compiles to the same program as one that never had them: "
-            f"{yes[proof['removed_is_never_had']]}",
-            f"  a new effect in the package leaves the program unchanged: {yes[proof['new_effect_changes_nothing']]}",
-        ]
-    )
+    parts += [
+        "",
+        "absent effects cost nothing:",
+        "  a scene whose effects are removed compiles to the same program as one that never had them: "
+        f"{yes_no(proof['removed_is_never_had'])}",
+        f"  a new effect in the package leaves the program unchanged: {yes_no(proof['new_effect_changes_nothing'])}",
+    ]
+    return "\n".join(parts)

@@ -67,7 +67,9 @@ def run(args: Namespace) -> int:
     draw(solution, folder)
     print_line("drawing the animation")
     plots.animate(solution, folder / "animation.gif", progress=progress())
-    parts = {entry.name: _part(entry, folder) for entry in sorted(entry_points(group=GROUP), key=lambda e: e.name)}
+    parts = {}
+    for entry in sorted(entry_points(group=GROUP), key=lambda entry: entry.name):
+        parts[entry.name] = _part(entry, folder)
     sections = [_section(solution), *(part.markdown for part in parts.values())]
     atomic_write(folder / "report.md", "\n\n".join(sections) + "\n")
     code = report(solution, args.json, {key: part.values for key, part in parts.items()})
@@ -75,7 +77,9 @@ def run(args: Namespace) -> int:
         for part in parts.values():
             print(f"\n{part.text}")
     print_line(f"report and pictures are in {folder}")
-    return code or (OK if all(part.status == "ok" for part in parts.values()) else FAILED)
+    if code == OK and any(part.status != "ok" for part in parts.values()):
+        return FAILED
+    return code
 
 
 def _part(entry: EntryPoint, folder: Path) -> DemoPart:

@@ -47,19 +47,29 @@ def text(found: Installation) -> str:
     pairs = []
     for extra, packages in found.versions.items():
         named = ", ".join(f"{name} {version or 'is not installed'}" for name, version in packages.items())
-        pairs.append(("versions" if extra == "needed" else f"extra {extra}", named))
+        label = f"extra {extra}"
+        if extra == "needed":
+            label = "versions"
+        pairs.append((label, named))
     system = found.system
     pairs.append(("system", f"{system.platform}, {system.cores} cores, free memory {in_words(system.memory_bytes)}"))
     pairs.append(("devices", ", ".join(found.devices)))
-    pairs.append(("precision", "float64" if found.float64 else "float32 (JAX_ENABLE_X64 is off)"))
+    precision = "float64" if found.float64 else "float32 (JAX_ENABLE_X64 is off)"
+    pairs.append(("precision", precision))
     if found.devices[0].startswith("cpu"):
-        pairs.append(("one kernel", "each run is one CPU kernel" if found.one_kernel else "off"))
-        known = (f"{name} {'known' if ok else 'UNKNOWN'}" for name, ok in found.compiler_options.items())
-        pairs.append(("compiler", ", ".join(known)))
+        kernel = "each run is one CPU kernel" if found.one_kernel else "off"
+        pairs.append(("one kernel", kernel))
+        options = [f"{name} {KNOWN[known]}" for name, known in found.compiler_options.items()]
+        pairs.append(("compiler", ", ".join(options)))
     pairs.append(("cache", _cache_in_words(found.cache)))
     for check in found.checks:
-        pairs.append((check.name, f"{'ok' if check.ok else 'WRONG'}: {check.found}"))
+        pairs.append((check.name, f"{HOLDS[check.ok]}: {check.found}"))
     return listing(pairs)
+
+
+#: Words for options of the compiler, and for checks.
+KNOWN = {True: "known", False: "UNKNOWN"}
+HOLDS = {True: "ok", False: "WRONG"}
 
 
 def _cache_in_words(cache: Cache) -> str:

@@ -66,9 +66,11 @@ def run(args: Namespace) -> int:
     values = _object(scene, found, angles, bent)
     text = _text(lines, found, angles, bent)
     if not failed:
-        loads = [_loads(values["held_load_n"])] if "held_load_n" in values else []
-        last = f"ok: scaled residual {found.residual:.1e}"
-        text = "\n".join([text, *loads, _end_forces(values), *weights_table(scene), last])
+        parts = [text]
+        if "held_load_n" in values:
+            parts.append(_loads(values["held_load_n"]))
+        parts += [_end_forces(values), *weights_table(scene), f"ok: scaled residual {found.residual:.1e}"]
+        text = "\n".join(parts)
     return deliver(args, {**values, "warnings": remarks}, text, failure_of(found))
 
 
@@ -89,23 +91,28 @@ def _tide(scene: Scene, args: Namespace) -> int:
 
 def _tide_text(found: Table) -> str:
     rows = [_tide_row(row) for row in found["rows"]]
-    columns = [tuple(rows[0]), *(cells(row.values(), ".4g") for row in rows)]
+    lines = [list(rows[0]), *(cells(row.values(), ".4g") for row in rows)]
     note = "moved: maximum horizontal displacement of a node from the equilibrium without current at the mean level"
-    return f"{table(columns)}\n{note}"
+    return f"{table(lines)}\n{note}"
 
 
 def _tide_row(row: Table) -> dict[str, float]:
     """Numbers of an instant by their headings."""
-    keys = {"level [m]": "level_m", "current [m/s]": "speed_m_per_s", "moved [m]": "displacement_m"}
-    return {
+    numbers = {
         "time [h]": row["t_s"] / 3600.0,
-        **{name: row[key] for name, key in keys.items()},
-        **{f"{name} [N]": float(np.linalg.norm(load)) for name, load in row["held_load_n"].items()},
-        **{f"{name} used [%]": 100.0 * share for name, share in row["anchor_utilisation"].items()},
+        "level [m]": row["level_m"],
+        "current [m/s]": row["speed_m_per_s"],
+        "moved [m]": row["displacement_m"],
     }
+    for name, load in row["held_load_n"].items():
+        numbers[f"{name} [N]"] = float(np.linalg.norm(load))
+    for name, share in row["anchor_utilisation"].items():
+        numbers[f"{name} used [%]"] = 100.0 * share
+    return numbers
 
 
 def _object(scene: Scene, found: Equilibrium, angles: np.ndarray, bent: np.ndarray) -> Table:
+    """The equilibrium as the JSON object, with the angles (links, 2) [rad] and the curvature (nodes,) [1/m]."""
     from dropper_jax.run.line_weights import end_angles, end_forces, fixed_point_loads, line_weights
     from dropper_jax.scene.data import line_offsets, whole_lines
 
@@ -119,9 +126,8 @@ def _object(scene: Scene, found: Equilibrium, angles: np.ndarray, bent: np.ndarr
     )
     if found.status == "ok":
         pose = found.positions[None], found.tension[None]
-        each = {"end_forces_n": end_forces(scene, *pose), "end_angles_deg": end_angles(pose[0], whole_lines(scene))}
-        for key, ends in each.items():
-            result[key] = {name: {"first": float(x), "last": float(y)} for name, ((x, y),) in ends.items()}
+        result["end_forces_n"] = _by_end(end_forces(scene, *pose))
+        result["end_angles_deg"] = _by_end(end_angles(pose[0], whole_lines(scene)))
         result["line_weights"] = line_weights(scene)
     if scene.branched:
         loads = fixed_point_loads(scene, found.positions, found.tension)
@@ -129,10 +135,21 @@ def _object(scene: Scene, found: Equilibrium, angles: np.ndarray, bent: np.ndarr
     return result
 
 
+def _by_end(values: dict[str, np.ndarray]) -> dict[str, dict[str, float]]:
+    """Values (1, 2) of both ends of each line by the names of the ends."""
+    found = {}
+    for name, ends in values.items():
+        first, last = ends[0].tolist()
+        found[name] = {"first": first, "last": last}
+    return found
+
+
 def _text(lines: Sequence[LineSlice], found: Equilibrium, angles: np.ndarray, bent: np.ndarray) -> str:
+    """A table of nodes and links for each line."""
     parts = []
     for line in lines:
-        parts += [f"line {line.name}"] if len(lines) > 1 else []
+        if len(lines) > 1:
+            parts.append(f"line {line.name}")
         nodes = found.positions[line.nodes], bent[line.nodes]
         parts.append(_line_table(*nodes, found.tension[line.links], angles[line.links]))
     note = "angles and tension are those of the link that ends at the node; polar is 0 at the horizontal, down > 0"
@@ -157,7 +174,9 @@ def _loads(found: dict[str, np.ndarray]) -> str:
     for name, load in found.items():
         across = np.hypot(load[0], load[1])
         size = float(np.linalg.norm(load))
-        angle = f"{np.degrees(np.arctan2(load[2], across)):.2f}" if size else "-"
+        angle = "-"  # a zero load has no direction
+        if size > 0.0:
+            angle = f"{np.degrees(np.arctan2(load[2], across)):.2f}"
         rows.append((name, *cells((across, load[2], size), ".5g"), angle))
     return table(rows)
 
@@ -166,6 +185,8 @@ def _line_table(positions: np.ndarray, bent: np.ndarray, tension: np.ndarray, an
     heads = ("node", "x [m]", "y [m]", "z [m]", "curvature [1/m]", "polar [rad]", "azimuth [rad]", "tension [N]")
     nodes = np.column_stack([positions, bent])
     links = np.column_stack([angles, tension])
-    rows = [(str(i), *cells(node, ".5f")) for i, node in enumerate(nodes)]
-    ends = [("", "", ""), *(cells(link, ".5f") for link in links)]
-    return table([heads, *((*row, *end) for row, end in zip(rows, ends, strict=True))])
+    of_links = [("", "", ""), *(cells(link, ".5f") for link in links)]
+    rows: list[tuple[str, ...]] = [heads]
+    for i, (node, link) in enumerate(zip(nodes, of_links, strict=True)):
+        rows.append((str(i), *cells(node, ".5f"), *link))
+    return table(rows)

@@ -47,14 +47,16 @@ def run(args: Namespace) -> int:
 
 
 def _text(found: Explained) -> str:
+    """Questions and answers."""
     lines = [{**vars(line), "verdict": line.verdict} for line in found.lines]
+    ignored = found.ignored or ("nothing",)
     parts = [
         f"Is each line long enough?\n{record_table(lines, LENGTHS)}",
         f"What tension has each line along it?\n{record_table(lines, TENSIONS)}\n{OF_TENSIONS}",
         f"Which stiffness is meant?\n{record_table(lines, STIFFNESSES)}{_stiffness(found)}",
         f"What does internal damping change?\n{record_table(lines, DAMPINGS)}\n{OF_DAMPINGS}",
         f"What does 10 % wear do?\n{record_table(map(vars, found.wear), WEARS)}\n{OF_WEARS}",
-        "\n- ".join(["Which inputs were ignored?", *(found.ignored or ("nothing",))]),
+        "\n- ".join(["Which inputs were ignored?", *ignored]),
     ]
     return "\n\n".join(parts)
 

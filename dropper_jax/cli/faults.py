@@ -40,8 +40,8 @@ def with_streams() -> None:
 @contextmanager
 def terminated_as_interrupted() -> Iterator[None]:
     """Handle SIGTERM like SIGINT, so that partial results are kept. A handler set by other code is not replaced."""
-    mine = threading.current_thread() is threading.main_thread()
-    if not mine or signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL:
+    in_main_thread = threading.current_thread() is threading.main_thread()
+    if not in_main_thread or signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL:
         yield
         return
     signal.signal(signal.SIGTERM, _interrupt)
@@ -57,12 +57,12 @@ def defer_signals() -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    came: list[int] = []
+    received: list[int] = []
     before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
 
     def wait(number: int, frame: FrameType | None) -> None:
-        came.append(number)
-        if len(came) > 1:
+        received.append(number)
+        if len(received) > 1:
             raise KeyboardInterrupt
 
     for number in before:
@@ -72,7 +72,7 @@ def defer_signals() -> Iterator[None]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
-    if came:
+    if received:
         raise KeyboardInterrupt
 
 
@@ -103,7 +103,7 @@ def report_error(error: BaseException, as_json: bool) -> int:
     return code
 
 
-def _comes_of_an_interrupt(error: BaseException | None) -> bool:
+def _caused_by_interrupt(error: BaseException | None) -> bool:
     """Whether an interrupt is the cause: JAX turns one that comes while it compares keys into a ValueError."""
     while error is not None:
         if isinstance(error, KeyboardInterrupt):
@@ -127,20 +127,14 @@ def classify_error(error: BaseException) -> tuple[str, str, int]:
     text = " ".join(str(error).split())
     if NO_BACKEND in text:
         wanted = os.environ.get("JAX_PLATFORMS", "")
-        return (
-            "invalid_input",
-            f"JAX_PLATFORMS: {wanted!r} cannot be used here. Use cpu, or leave it unset",
-            INVALID_INPUT,
-        )
+        message = f"JAX_PLATFORMS: {wanted!r} cannot be used here. Use cpu, or leave it unset"
+        return "invalid_input", message, INVALID_INPUT
     if isinstance(error, MemoryError) or any(word in text for word in NO_MEMORY):
-        return (
-            "out_of_memory",
-            f"out of memory: {text[:shown] or 'no memory is free'}; a shorter run needs less",
-            FAILED,
-        )
+        message = f"out of memory: {text[:shown] or 'no memory is free'}; a shorter run needs less"
+        return "out_of_memory", message, FAILED
     if isinstance(error, RecursionError):
         return "invalid_input", "the input is nested too deeply", INVALID_INPUT
-    if _comes_of_an_interrupt(error):
+    if _caused_by_interrupt(error):
         return *STOPPED, INTERRUPTED
     what = f"{type(error).__name__}: {text}"[:shown]
     return "internal_error", f"internal: {what} (PYTHONDEVMODE=1 shows where; the input is not the cause)", FAILED

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 from argparse import ArgumentParser, Namespace
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,7 +16,7 @@ from dropper_jax.base.read import Table
 from dropper_jax.cli.given import check_positive, number, positive_integer, read_numbers
 from dropper_jax.cli.options import add_scene, read_scene
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, picture
-from dropper_jax.cli.printing import done_object, print_warnings, record_table, table
+from dropper_jax.cli.printing import Failure, done_object, print_warnings, record_table, table
 
 if TYPE_CHECKING:
     from dropper_jax.frequency.response import FrequencyResponse
@@ -59,28 +60,36 @@ def run(args: Namespace) -> int:
 
     from dropper_jax.frequency.response import frequency_response
 
-    waves = {"direction": None if args.direction is None else np.radians(args.direction)}
-    waves["frequencies"] = args.frequencies
+    waves: Table = {"direction": None, "frequencies": args.frequencies}
+    if args.direction is not None:
+        waves["direction"] = np.radians(args.direction)
     found = frequency_response(scene, states, duration=args.duration, **waves)
-    runs = _runs(scene, found, args.runs, waves) if args.runs else []
     if args.plot:
         _draw(scene.name, found, picture(args.plot, "frequency"))
     print_warnings(found.warnings)
-    failures = {  # the worst first
-        "not_converged": "the linearised drag still changes",
-        "not_linear": "lines go slack, so that tensions may be tens of per cent off; run these states in time",
-    }
     plain = done_object(scene=scene.name, duration_s=found.duration, basis_error=found.basis_error)
     plain |= {"warnings": found.warnings, "states": _rows(found)}
     text = _text(found)
-    if runs:
+    if args.runs:
+        runs = _runs(scene, found, args.runs, waves)
         plain["runs"] = runs
         text = f"{text}\n\n{record_table(map(_with_range, runs), RUNS)}"
-    failure = None
-    for status in failures:
-        if failure is None and status in found.status:
-            failure = (status, f"{failures[status]} (sea states: {found.status.count(status)})")
-    return deliver(args, plain, text, failure)
+    return deliver(args, plain, text, _failure(found))
+
+
+#: Messages of the states that fail, the worst first.
+FAILURES = {
+    "not_converged": "the linearised drag still changes",
+    "not_linear": "lines go slack, so that tensions may be tens of per cent off; run these states in time",
+}
+
+
+def _failure(found: FrequencyResponse) -> Failure | None:
+    """The worst failure of any sea state."""
+    for status, message in FAILURES.items():
+        if status in found.status:
+            return status, f"{message} (sea states: {found.status.count(status)})"
+    return None
 
 
 def _sea_states(args: Namespace) -> np.ndarray | None:
@@ -151,17 +160,18 @@ def _rows(found: FrequencyResponse) -> list[Table]:
         "tension_period_s": found.tension_period,
         "maximum_tension_n": found.maximum_tension,
     }
-    ends = []
-    for j, (line, point) in enumerate(found.ends):
-        ends.append({"line": line, "point": point, "static_tension_n": found.static_tension[j]})
     rows = []
     for i, (hs, tp) in enumerate(found.sea_states):
+        ends = []
+        for j, (line, point) in enumerate(found.ends):
+            end = {"line": line, "point": point, "static_tension_n": found.static_tension[j]}
+            ends.append(end | {key: values[i, j] for key, values in columns.items()})
         rows.append(
             {
                 "hs_m": hs,
                 "tp_s": tp,
                 "status": found.status[i],
-                "ends": [end | {key: x[i, j] for key, x in columns.items()} for j, end in enumerate(ends)],
+                "ends": ends,
                 "significant_motion_m": dict(zip(found.points, 4.0 * found.motion_deviation[i], strict=True)),
                 "slack_lines": [name for name, low in zip(found.lines, found.slack[i], strict=True) if low],
             }
@@ -174,12 +184,14 @@ def _rows(found: FrequencyResponse) -> list[Table]:
 
 def _text(found: FrequencyResponse) -> str:
     """The ends of one state, or the end with the maximum tension of each state."""
-    one = len(found.status) == 1
     heads = ("hs [m]", "tp [s]", "line", "point", "static [N]", "mean [N]", "deviation [N]", "period [s]")
     lines = [(*heads, "most probable maximum [N]", "lines that go slack")]
     numbers = (found.mean_tension, found.tension_deviation, found.tension_period, found.maximum_tension)
     for i, (hs, tp) in enumerate(found.sea_states):
-        for j in range(len(found.ends)) if one else [int(np.argmax(found.maximum_tension[i]))]:
+        shown: Sequence[int] = range(len(found.ends))
+        if len(found.status) > 1:
+            shown = [int(np.argmax(found.maximum_tension[i]))]
+        for j in shown:
             values = (found.static_tension[j], *(x[i, j] for x in numbers))
             slack = str(int(np.sum(found.slack[i])))
             lines.append((f"{hs:g}", f"{tp:g}", *found.ends[j], *cells(np.round(values, 4), ".5g"), slack))

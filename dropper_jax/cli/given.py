@@ -55,7 +55,7 @@ def check_positive(option: str, value: float | None, allowed: str) -> None:
 
 def split_names(text: str) -> list[str]:
     """Names separated by commas."""
-    return text.split(",")
+    return [name.strip() for name in text.split(",")]
 
 
 def step_length(text: str) -> float | str:
@@ -73,20 +73,24 @@ def read_numbers(
     Raises:
         SceneError: `OPTION: TEXT REASON`, where TEXT is `given` if the numbers are a part of it.
     """
+    if given is None:
+        given = text
     try:
         found = [float(part) for part in text.split(mark)]
     except ValueError:
         found = []
     if not found or count not in (None, len(found)):
-        raise SceneError(f"{option}: {(text if given is None else given)!r} {reason}")
+        raise SceneError(f"{option}: {given!r} {reason}")
     return found
 
 
 def read_spaced(text: str, option: str, reason: str, given: str | None = None) -> tuple[float, float, int]:
     """Ends and whole number, at least 1, of values of `LO:HI:N`."""
+    if given is None:
+        given = text
     low, high, count = read_numbers(text, option, reason, ":", 3, given)
     if count % 1.0 != 0.0 or count < 1:
-        raise SceneError(f"{option}: {(text if given is None else given)!r} {reason}")
+        raise SceneError(f"{option}: {given!r} {reason}")
     return low, high, int(count)
 
 

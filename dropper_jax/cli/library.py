@@ -32,8 +32,8 @@ def run(args: Namespace) -> int:
         found = []
         for name, f in FAMILIES.items():
             rows.append((f"{name}-{f.example:g}", f"{f.size} {f.low:g} to {f.high:g} {f.unit}. {f.source}"))
-            keys = ("size", "unit", "low", "high", "source")
-            found.append({"family": name, **{key: getattr(f, key) for key in keys}})
+            own = {"size": f.size, "unit": f.unit, "low": f.low, "high": f.high, "source": f.source}
+            found.append({"family": name, **own})
         crops = crop_values()
         published = published_crops()
         text = f"{listing(rows)}\n\n{record_table(crops, CROPS)}\n\n{_published_table(published)}"

@@ -52,11 +52,13 @@ def run(args: Namespace) -> int:
     pose = equilibrium(model)
     if pose.status != "ok":
         return print_result(args, {"scene": scene.name}, failure=failure_of(pose))
-    modes = natural_modes(model, pose.state, args.count if body is None else None)
-    numbers = np.arange(len(modes.period))
-    if body is not None:
-        numbers = np.sort(np.argsort(-modes.body_share[:, body])[: args.count])
-        modes = modes.pick(numbers)
+    if body is None:
+        modes = natural_modes(model, pose.state, args.count)
+        numbers = np.arange(len(modes.period))
+    else:
+        every = natural_modes(model, pose.state)
+        numbers = np.sort(np.argsort(-every.body_share[:, body])[: args.count])
+        modes = every.pick(numbers)
     if args.plot:
         from dropper_jax.study.pictures import mode_shapes
 
@@ -82,16 +84,16 @@ def _number_of(name: str, scene: Scene) -> int:
 
 
 def _text(scene: Scene, modes: Modes, found: Table) -> str:
+    """A row per mode; with bodies also their motions."""
     ratios = {"damping ratio": modes.damping_ratio}
     if "amplitude_m" in found:
         ratios[f"at {found['amplitude_m']:g} m"] = found["damping_ratio_at_amplitude"]
     rows = [("mode", "period [s]", "frequency [Hz]", *ratios, "fraction of x, y, z in the motion")]
     for i, (period, shape) in enumerate(zip(modes.period, modes.shape, strict=True)):
         share = np.sum(shape**2, axis=0) / np.sum(shape**2)
-        damping = (f"{ratio[i]:.3g}" for ratio in ratios.values())
-        rows.append(
-            (str(found["number"][i]), *cells((period, 1 / period), ".5g"), *damping, "  ".join(cells(share, ".2f")))
-        )
+        damping = cells([ratio[i] for ratio in ratios.values()], ".3g")
+        shares = "  ".join(cells(share, ".2f"))
+        rows.append((str(found["number"][i]), *cells((period, 1 / period), ".5g"), *damping, shares))
     if scene.bodies:
         return f"{table(rows)}\n{_bodies(scene, modes, found['number'])}"
     return table(rows)
@@ -101,9 +103,8 @@ def _bodies(scene: Scene, modes: Modes, numbers: np.ndarray) -> str:
     """Motion of the bodies in each mode: share of the kinetic energy, displacement of the reference point, rotation
     about the scene's axes."""
     heads = ("mode", "body", "share", "surge [m]", "sway [m]", "heave [m]", "roll [rad]", "pitch [rad]", "yaw [rad]")
-    rows = (
-        (str(number), body.name, f"{share:.2f}", *cells(own, ".3f"))
-        for number, mode, shares in zip(numbers, modes.bodies, modes.body_share, strict=True)
-        for body, own, share in zip(scene.bodies, mode, shares, strict=True)
-    )
-    return table([heads, *rows])
+    rows: list[tuple[str, ...]] = [heads]
+    for i, mode, shares in zip(numbers, modes.bodies, modes.body_share, strict=True):
+        for body, own, share in zip(scene.bodies, mode, shares, strict=True):
+            rows.append((str(i), body.name, f"{share:.2f}", *cells(own, ".3f")))
+    return table(rows)

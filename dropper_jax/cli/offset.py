@@ -9,7 +9,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import Table
-from dropper_jax.cli.given import read_numbers
+from dropper_jax.cli.given import read_numbers, split_names
 from dropper_jax.cli.options import add_quiet, add_scene, read_scene
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, picture
 from dropper_jax.cli.printing import done_object, progress, record_table
@@ -48,7 +48,7 @@ def run(args: Namespace) -> int:
 
     from dropper_jax.study.offsets import offset_curves
 
-    points = [name.strip() for name in args.points.split(",")]
+    points = split_names(args.points)
     rows = offset_curves(scene, points, directions, distances, progress(args.quiet))
     failed = next((row for row in rows if row["status"] != "ok"), None)
     if args.plot:
@@ -88,6 +88,7 @@ COLUMNS = {
 
 
 def _text(rows: list[Table]) -> str:
+    """A row per direction and distance, without numbers where there is no equilibrium."""
     lines = []
     for row in rows:
         line: Table = defaultdict(lambda: None, row)

@@ -29,7 +29,8 @@ def add_scene(parser: ArgumentParser, *examples: str, optional: bool = False) ->
     if examples:
         add_examples(parser, *examples)
     what = "name of a packaged scene, a TOML file, a MoorDyn input, or a mooring of MoorPy or RAFT (.yaml)"
-    parser.add_argument("scene", metavar="SCENE", help=what, nargs="?" if optional else None)
+    nargs = "?" if optional else None
+    parser.add_argument("scene", metavar="SCENE", help=what, nargs=nargs)
     parser.add_argument("--depth", type=number, help="water depth [m] for a MoorDyn input that has none")
     add_allow_outside(parser)
     add_effects(parser)
@@ -101,7 +102,9 @@ def read_scene(args: Namespace, run_values: Sequence[str] = (), notes: bool = Tr
         scene = Scene.from_dict(table, name)
     if notes:
         print_warnings(scene.notes)
-    return with_step(scene.with_values(values) if values else scene, args)
+    if values:
+        scene = scene.with_values(values)
+    return with_step(scene, args)
 
 
 def with_step(scene: Scene, args: Namespace) -> Scene:
@@ -129,12 +132,13 @@ def read_run(file: str, args: Namespace) -> Solution:
     """A saved run; JAX is imported after the file, or the rest of a killed run, was found."""
     path = Path(file)
     refuse_pipe(path, "run")
-    left = leftovers(path) if not path.exists() else []
-    try:
-        if not left and not (path.suffix.lower() == ".zarr" and path.is_dir()):
+    left = [] if path.exists() else leftovers(path)
+    is_store = path.suffix.lower() == ".zarr" and path.is_dir()
+    if not left and not is_store:
+        try:
             open(path, "rb").close()
-    except OSError as error:
-        raise unreadable(file, error) from None
+        except OSError as error:
+            raise unreadable(file, error) from None
 
     from dropper_jax.run.simulate import Solution
 
@@ -169,7 +173,18 @@ def _assignment(text: str) -> tuple[str, Plain]:
 
 #: Signals and statistics of `dropper_jax.run.quantities`, which imports JAX.
 SIGNALS = (
-    *("tension", "anchor", "angle", "line", "curvature", "offset", "excursion", "depth", "x", "y", "z", "period"),
+    "tension",
+    "anchor",
+    "angle",
+    "line",
+    "curvature",
+    "offset",
+    "excursion",
+    "depth",
+    "x",
+    "y",
+    "z",
+    "period",
     "energy",
 )
 STATISTICS = ("max", "min", "mean", "final", "start", "std", "fatigue", "peak", "sustained", "mpm")

@@ -54,9 +54,10 @@ def save_or_report(solution: Solution, out: Path | None) -> str | None:
         try:
             solution.save(out)
             return None
-        except (SceneError, OSError) as error:
-            named = isinstance(error, OSError)
-            reason = f"{error.filename}: {error.strerror}" if named else str(error)
+        except OSError as error:
+            reason = f"{error.filename}: {error.strerror}"
+        except SceneError as error:
+            reason = str(error)
         reason = " ".join(reason.split())
         with suppress(OSError):
             folder = Path(tempfile.mkdtemp(prefix="dropper-"))
@@ -125,7 +126,9 @@ def weights_table(scene: Scene) -> list[str]:
     from dropper_jax.run.line_weights import line_weights, weight_cells
 
     rows = line_weights(scene)
-    return ["", table(weight_cells(rows))] if rows else []
+    if not rows:
+        return []
+    return ["", table(weight_cells(rows))]
 
 
 def draw(solution: Solution, target: Path) -> list[Path]:
@@ -144,7 +147,9 @@ def draw(solution: Solution, target: Path) -> list[Path]:
         pictures |= WATER_PICTURES
     if scene.bodies:
         pictures["bodies"] = "body_motion"
-    left_out = {*OF_ONE_LINE} if scene.branched else set()
+    left_out: set[str] = set()
+    if scene.branched:
+        left_out.update(OF_ONE_LINE)
     if len(whole_lines(scene)) > 1:  # angles of links of many lines in one picture show nothing
         left_out.add("angles")
     if not anything_moves(readable(solution)):

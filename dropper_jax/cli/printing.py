@@ -7,13 +7,13 @@ import re
 import sys
 import time
 from argparse import Namespace
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
-from string import Formatter
 from typing import Protocol
 
 from dropper_jax.base.errors import Progress, silent
 from dropper_jax.base.read import Table
+from dropper_jax.base.table_cells import Columns, Record, record_cells
 from dropper_jax.base.toml_text import SCHEMA, jsonable
 
 OK = 0
@@ -100,26 +100,20 @@ def done_object(**values: object) -> Table:
 
 
 def table(rows: Sequence[Sequence[str]]) -> str:
-    """Rows in columns, the first one flush left, the others flush right."""
-    first, *others = (max(map(len, column)) for column in zip(*rows, strict=True))
-    cells = ([row[0].ljust(first), *map(str.rjust, row[1:], others)] for row in rows)
-    return "\n".join("  ".join(row).rstrip() for row in cells)
+    """Rows in columns, the heading first: the first column and remarks, which have no heading, flush left, the others
+    flush right."""
+    columns = []
+    for i, column in enumerate(zip(*rows, strict=True)):
+        width = max(map(len, column))
+        justify = str.rjust
+        if i == 0 or not column[0]:
+            justify = str.ljust
+        columns.append([justify(cell, width) for cell in column])
+    return "\n".join("  ".join(row).rstrip() for row in zip(*columns, strict=True))
 
 
-class _Dashes(Formatter):
-    """Values in their formats, `-` for None."""
-
-    def format_field(self, value: object, format_spec: str) -> str:
-        return "-" if value is None else super().format_field(value, format_spec)
-
-
-def record_cells(row: Mapping[str, object], columns: Mapping[str, str]) -> list[str]:
-    """Cells of a row by the formats of its columns, such as `{dt:.4g}`; `-` for None."""
-    return [_Dashes().vformat(form, (), row) for form in columns.values()]
-
-
-def record_table(rows: Iterable[Mapping[str, object]], columns: Mapping[str, str]) -> str:
-    """A table of rows; `columns` are formats of their values by heading."""
+def record_table(rows: Iterable[Record], columns: Columns) -> str:
+    """A table of rows; `columns` are the texts of their cells by heading (see `fill`)."""
     return table([list(columns), *(record_cells(row, columns) for row in rows)])
 
 
@@ -144,17 +138,22 @@ def row_printer(head: Sequence[str], quiet: bool = False) -> Callable[[Sequence[
 
     For rows that take long: the table itself follows on standard output.
     """
+    if quiet:
+        return lambda cells: None
     # width of the first and minimum width of the other columns
     widths = [20, *(max(len(text), 10) for text in head[1:])]
     printed = False
 
+    def print_row(cells: Sequence[str]) -> None:
+        line = [cells[0].ljust(widths[0]), *map(str.rjust, cells[1:], widths[1:])]
+        print_line("  ".join(line))
+
     def show(cells: Sequence[str]) -> None:
         nonlocal printed
-        rows = [cells] if printed else [head, cells]
+        if not printed:
+            print_row(head)
         printed = True
-        for first, *others in [] if quiet else rows:
-            line = [first.ljust(widths[0]), *map(str.rjust, others, widths[1:])]
-            print_line("  ".join(line))
+        print_row(cells)
 
     return show
 

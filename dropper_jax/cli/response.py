@@ -62,15 +62,12 @@ COLUMNS = {
     "amplitude [rad]": "{amplitude_rad:.4g}",
     "phase [rad]": "{phase_rad:.4g}",
     "wet": "{wet:.4g}",
-    "in waves 10 % higher": "{more}",
+    "in waves 10 % higher": "{amplitude_10_percent_more:percent +.1f} %",
 }
 
 
 def _text(rows: list[Table]) -> str:
-    lines = []
-    for row in rows:
-        more = row.get("amplitude_10_percent_more")
-        lines.append({**row, "more": more if more is None else f"{100 * more:+.1f} %"})
+    lines = [{"amplitude_10_percent_more": None, **row} for row in rows]
     return (
         f"{record_table(lines, COLUMNS)}\nangle of the first link from the vertical in the plane of the waves; "
         "phase ahead of the elevation at its fixed point\n"

@@ -57,6 +57,13 @@ def add_arguments(parser: ArgumentParser) -> None:
         optional=True,
     )
     add_run_values(parser, OVERRIDES)
+    _add_outputs(parser)
+    _add_errors(parser)
+    add_quiet(parser)
+
+
+def _add_outputs(parser: ArgumentParser) -> None:
+    """Files of the run, and the run that it continues."""
     parser.add_argument(
         "--continue",
         dest="start",
@@ -79,6 +86,10 @@ def add_arguments(parser: ArgumentParser) -> None:
     }
     for option, (check, what, about) in outputs.items():
         parser.add_argument(option, action=Output, const=check, metavar=what, help=about)
+
+
+def _add_errors(parser: ArgumentParser) -> None:
+    """Runs that state the errors of the run."""
     parser.add_argument(
         "--errors",
         action="store_true",
@@ -102,7 +113,6 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--skip", metavar="S", type=float, default=0.0, help="time at the start [s] that is left out of these loads"
     )
-    add_quiet(parser)
 
 
 def run(args: Namespace) -> int:
@@ -111,7 +121,10 @@ def run(args: Namespace) -> int:
         args.dt = None
         args.accuracy = args.accuracy or 0.01
         print_line(f"--dt auto: the steps follow an accuracy of {args.accuracy:g} (--accuracy)")
-    scene = read_scene(args, OVERRIDES, notes=False) if before is None else _further(args, before)
+    if before is None:
+        scene = read_scene(args, OVERRIDES, notes=False)
+    else:
+        scene = _continued_scene(args, before)
 
     from dropper_jax.run.simulate import simulate
     from dropper_jax.run.storage import check_packages
@@ -125,7 +138,8 @@ def run(args: Namespace) -> int:
         check_animation(args.animate)
     if args.tables:
         args.tables.mkdir(parents=True, exist_ok=True)
-    with unfinished_folder(args.out) if args.out else nullcontext() as scratch:
+    folder = unfinished_folder(args.out) if args.out else nullcontext()
+    with folder as scratch:
         solution = simulate(
             scene,
             progress=progress(args.quiet),
@@ -145,7 +159,10 @@ def run(args: Namespace) -> int:
 def _report_unsaved(args: Namespace, solution: Solution, refused: str) -> int:
     """Report a run whose file cannot be written."""
     print_line(f"error: {refused}")
-    report(solution, args.json, {"status": "not_saved", "error": refused} if solution.status == "ok" else None)
+    more: Values = {}
+    if solution.status == "ok":
+        more = {"status": "not_saved", "error": refused}
+    report(solution, args.json, more)
     return FAILED
 
 
@@ -183,7 +200,7 @@ def _write_channels(source: str, solution: Solution, path: Path) -> None:
         print_line(f"warning: output {channel!r} is not available from a run; it is left out")
 
 
-def _further(args: Namespace, before: Solution) -> Scene:
+def _continued_scene(args: Namespace, before: Solution) -> Scene:
     """The scene of the run to continue, or that of the command line if given, with the values of the command line."""
     values = {"run.duration": before.further, **given_values(args, OVERRIDES)}
     if args.scene is None:

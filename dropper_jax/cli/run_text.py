@@ -6,16 +6,15 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from dropper_jax.base.read import Table
+from dropper_jax.base.table_cells import fill, record_cells
 from dropper_jax.cli.outputs import weights_table
-from dropper_jax.cli.printing import listing, record_cells, table
+from dropper_jax.cli.printing import listing, table
 
 if TYPE_CHECKING:
     from dropper_jax.run.simulate import Solution
 
 #: Maximum number of lines of a system whose tensions are printed.
 MOST_LINES = 12
-
-
 #: Cells of a row of a table.
 Row = Sequence[str]
 
@@ -60,8 +59,11 @@ def _step_facts(solution: Solution) -> list[tuple[str, str]]:
         found.append(("errors", words(solution.settings["stated_errors"])))
     # the stated errors are the verdict; steps that follow snaps have no constant number per period
     elif facts["steps_per_axial_period"] is not None and "refused_steps" not in solution.settings:
-        text = "{steps_per_axial_period:.2g} steps per period of the stiffest link, {axial_period_s:.2g} s; a step of "
-        found.append(("axial motion", (text + "{axial_step_s:.2g} s resolves it").format(**facts)))
+        text = (
+            "{steps_per_axial_period:.2g} steps per period of the stiffest link, {axial_period_s:.2g} s; a step of "
+            "{axial_step_s:.2g} s resolves it"
+        )
+        found.append(("axial motion", text.format(**facts)))
     turn = degrees(facts["largest_turn_rad"] or 0.0)
     if turn > 1.0:
         found.append(("turns", f"links rotate by up to {turn:.2g} degrees in a step"))
@@ -99,7 +101,7 @@ LOADS = {
 def _about_errors(found: Table) -> list[str]:
     """Sources of the errors of the largest load, and other influences on it."""
     worst = max((row["maximum"] for row in found["loads"]), key=lambda load: load["value"])
-    of_links = "links not known" if worst["links"] is None else f"{worst['links']:.2g} N by the links"
+    of_links = fill("{links:.2g} N by the links|links not known", worst)
     lines = [
         f"+-: limit of the errors of step and links together; of the maximum load {worst['step']:.2g} N by the step, "
         f"{of_links}"
@@ -129,8 +131,10 @@ def _tensions(solution: Solution) -> list[str]:
     rows.append(("all links", *_extent_cells(whole["all"], mean=shown is None)))
     ends: list[Row] = [("force on end points [N]", *heads, "angle up [deg]", "min", "max")]
     ends += with_gaps(_end_rows(solution), shown)
-    note = f"{solution.saved_rows}; min and max of tensions and forces are those of all steps, angles of saved ones"
-    notes = [note] if solution.saved_rows else []
+    notes = []
+    if solution.saved_rows:
+        extremes = "min and max of tensions and forces are those of all steps, angles of saved ones"
+        notes.append(f"{solution.saved_rows}; {extremes}")
     if shown is not None and len(shown) < len(parts):
         notes.append("not shown: lines with lower maxima; use --json to see all")
     return [table(rows), "", table(ends), *notes, *weights_table(solution.scene)]
@@ -149,11 +153,12 @@ def _end_rows(solution: Solution) -> dict[str, list[Row]]:
 
 
 def _extent_cells(values: Mapping[str, float], mean: bool = True) -> list[str]:
-    """Minimum and its time, mean, maximum and its time, and the final value."""
-
-    kept = ("min", "max", "mean", "final") if mean else ("min", "max")
-    rounded = {key: round(values[key], 4) + 0.0 for key in kept}
-    return record_cells({**values, "mean": None, "final": None, **rounded}, EXTENT)
+    """Minimum and its time, mean, maximum and its time, and the final value; `-` for mean and final without `mean`."""
+    shown: Table = {**values, "mean": None, "final": None}
+    for key in ("min", "max", "mean", "final"):
+        if mean or key in ("min", "max"):
+            shown[key] = round(values[key], 4) + 0.0  # adding zero turns -0 into 0
+    return record_cells(shown, EXTENT)
 
 
 #: Columns of a load over a run: formats of the values by heading.
@@ -177,21 +182,23 @@ def with_gaps(rows: Mapping[str, list[Row]], shown: set[str] | None) -> list[Row
     found: list[Row] = []
     hidden = 0
     width = max((len(row) for own in rows.values() for row in own), default=0)
-
-    def close_gap() -> None:
-        if hidden:
-            what = f"({hidden} line{'s' if hidden > 1 else ''} not shown)"
-            found.append((what, *[""] * (width - 1)))
-
     for name, own in rows.items():
-        if shown is not None and name not in shown:
+        if shown is None or name in shown:
+            found += [*_gap(hidden, width), *own]
+            hidden = 0
+        else:
             hidden += 1
-            continue
-        close_gap()
-        hidden = 0
-        found += own
-    close_gap()
-    return found
+    return [*found, *_gap(hidden, width)]
+
+
+def _gap(hidden: int, width: int) -> list[Row]:
+    """A row of this number of cells with the number of lines left out, if there are any."""
+    if hidden == 0:
+        return []
+    lines = "lines"
+    if hidden == 1:
+        lines = "line"
+    return [(f"({hidden} {lines} not shown)", *[""] * (width - 1))]
 
 
 def _steps(solution: Solution) -> str:
@@ -199,9 +206,10 @@ def _steps(solution: Solution) -> str:
     end = f"{solution.t[-1]:g} s"
     if "refused_steps" not in used:
         return "{steps} steps of {dt:g} s to {end}".format(**used, end=end)
-    limited = ", {shortest_steps} of the shortest length with a larger error" if used["shortest_steps"] else ""
     text = "{steps} steps with an accuracy of {accuracy:g} to {end}, {refused_steps} more rejected"
-    return f"{text}{limited}; saved every {{dt:g}} s".format(**used, end=end)
+    if used["shortest_steps"]:
+        text += ", {shortest_steps} of the shortest length with a larger error"
+    return f"{text}; saved every {{dt:g}} s".format(**used, end=end)
 
 
 def result_line(solution: Solution) -> str:

@@ -90,7 +90,9 @@ def _titles() -> str:
         pairs = []
         for name, title in titles.items():
             also = ", ".join(variants_of(name))
-            pairs.append((f"  {name}", f"{title} (also {also})" if also else title))
+            if also:
+                title = f"{title} (also {also})"
+            pairs.append((f"  {name}", title))
         parts.append(f"{group}\n{listing(pairs)}")
     return "\n\n".join(parts)
 

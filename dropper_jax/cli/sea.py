@@ -80,17 +80,18 @@ def _wake_lines(found: Table) -> list[str]:
 
 
 def _draw(name: str, found: Table, gravity: float, picture: Path) -> None:
+    """The map of wave theories with the waves of the scene."""
     from dropper_jax.plots.water import regimes
 
     waves = found["waves"]
     if waves is None:
         raise SceneError(f"--regimes: scene {name!r} has no waves. Use a scene with [sea.waves]")
-    height, period = ("height_m", "period_s") if waves["kind"] == "regular" else SIGNIFICANT
+    height, period = MARKED[waves["kind"]]
     regimes([(name, waves[height], waves[period], found["depth_m"])], gravity, picture)
 
 
-#: For an irregular sea the significant height and peak period are marked.
-SIGNIFICANT = ("significant_height_m", "peak_period_s")
+#: Height and period that are marked on the map, by the kind of waves.
+MARKED = {"regular": ("height_m", "period_s"), "irregular": ("significant_height_m", "peak_period_s")}
 #: Names in the text, with units.
 WORDS = {
     "height_m": "height [m]",
@@ -121,20 +122,33 @@ WORDS = {
 
 
 def _text(found: Table) -> str:
-    rows = [("depth [m]", f"{found['depth_m']:g}")]
-    waves = found["waves"]
-    rows.append(("waves", "none" if waves is None else f"{waves['kind']}, {waves['theory']}"))
-    for key, words in WORDS.items() if waves else ():
-        if key in waves:
-            value = waves[key]
-            rows.append((words, value if isinstance(value, str) else f"{value:.5g}"))
-    current = found["current"]
+    """The facts as text."""
+    pairs = [("depth [m]", f"{found['depth_m']:g}"), *_wave_pairs(found["waves"]), *_current_pairs(found["current"])]
+    return "\n".join([listing(pairs), *_coefficients(found), *_wake_lines(found)])
+
+
+def _wave_pairs(waves: Table | None) -> list[tuple[str, str]]:
+    """Properties of the waves."""
+    if waves is None:
+        return [("waves", "none")]
+    pairs = [("waves", "{kind}, {theory}".format(**waves))]
+    for key, words in WORDS.items():
+        value = waves.get(key)
+        if isinstance(value, str):
+            pairs.append((words, value))
+        elif value is not None:
+            pairs.append((words, f"{value:.5g}"))
+    return pairs
+
+
+def _current_pairs(current: Table | None) -> list[tuple[str, str]]:
+    """Speed and direction of the current by height."""
     if current is None:
-        rows.append(("current", "none"))
-        current = dict.fromkeys(("heights_m", "speed_m_per_s", "direction_rad"), ())
+        return [("current", "none")]
+    pairs = []
     for z, speed, course in zip(current["heights_m"], current["speed_m_per_s"], current["direction_rad"], strict=True):
-        rows.append((f"current at z = {z:g} m", f"{speed:.4g} m/s towards {np.degrees(course):.4g} degrees from x"))
-    return "\n".join([listing(rows), *_coefficients(found), *_wake_lines(found)])
+        pairs.append((f"current at z = {z:g} m", f"{speed:.4g} m/s towards {np.degrees(course):.4g} degrees from x"))
+    return pairs
 
 
 def _coefficients(found: Table) -> list[str]:

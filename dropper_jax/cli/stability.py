@@ -56,7 +56,7 @@ COLUMNS = {
     "measured": "{measured:.1e}",
     "limit": "{limit:.0e}",
     "unit": "{unit}",
-    "holds": "{holds}",
+    "holds": "{ok:yes_no}",
     "status": "{status}",
     "thesis_angles 0.51": "{thesis[0]}",
     "thesis_angles 0.5": "{thesis[1]}",
@@ -69,15 +69,21 @@ def text(rows: Sequence[CaseResult]) -> str:
     """The result as a table."""
     cells = []
     for row in rows:
-        thesis = [_short(found) for found in (row.baseline_thesis or {}).values()]
-        cells.append({**vars(row), "holds": "yes" if row.ok else "NO", "thesis": thesis or [None] * 4})
-    return "\n".join([record_table(cells, COLUMNS), "", *(f"{row.name}: {row.claim}" for row in rows)])
+        thesis = None
+        if row.baseline_thesis is not None:
+            thesis = [_short(found) for found in row.baseline_thesis.values()]
+        cells.append({**vars(row), "thesis": thesis})
+    claims = [f"{row.name}: {row.claim}" for row in rows]
+    return "\n".join([record_table(cells, COLUMNS), "", *claims])
 
 
 def _short(found: Table) -> str:
     """A baseline in a cell: the time of its failure, or its energy error."""
     if found["status"] == "ok":
-        return f"{'WRONG' if found['wrong_energy'] else 'ok'}, energy {found['energy_drift_share']:.0e}"
+        outcome = "ok"
+        if found["wrong_energy"]:
+            outcome = "WRONG"
+        return f"{outcome}, energy {found['energy_drift_share']:.0e}"
     if "failed_at_s" in found:
         return "{status} at {failed_at_s:.3g} s".format(**found)
     return found["status"]

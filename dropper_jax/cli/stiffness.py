@@ -13,7 +13,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.markdown import cells
-from dropper_jax.cli.given import output_file, read_numbers
+from dropper_jax.cli.given import output_file, read_numbers, split_names
 from dropper_jax.cli.options import add_scene, read_scene
 from dropper_jax.cli.outputs import Output, deliver
 from dropper_jax.cli.printing import done_object, failure_of, print_result, print_warnings, table
@@ -87,7 +87,7 @@ def _requested_points(scene: Scene, args: Namespace) -> tuple[list[str], np.ndar
         return _names(scene, args.points), None
     if args.points is not None:
         raise SceneError("--of: excludes --points; give one of the two")
-    names = [name.strip() for name in args.of.split(",")]
+    names = split_names(args.of)
     is_body = len(names) == 1 and names[0] in [body.name for body in scene.bodies]
     if args.lines_only and not is_body:
         raise SceneError(f"--lines-only: {args.of!r} is not a body, and points have no weight of their own")
@@ -112,24 +112,26 @@ def _of_one(
 
     bodies = [body.name for body in scene.bodies]
     if names[0] not in bodies or len(names) > 1:
-        return stiffness_of_group(model, pose, names, np.zeros(3) if about is None else about)
+        if about is None:
+            about = np.zeros(3)
+        return stiffness_of_group(model, pose, names, about)
     reference = np.asarray(model.constraints[0].pose(model, pose.r)[0])[bodies.index(names[0])]
+    if about is None:
+        about = reference
     if lines_only:
         held, points = without_body(scene, names[0], model, pose)
         own = equilibrium(held)
         if own.status != "ok":
             raise SceneError(f"--lines-only: {own.message}")
-        return stiffness_of_group(build_model(held), own.state, points, reference if about is None else about, names[0])
+        return stiffness_of_group(build_model(held), own.state, points, about, names[0])
     found = mooring_stiffness(model, pose, names, release_loads(model, scene.start))
-    if about is None:
-        return found
     return replace(found, matrix=moved_to(found.matrix, about - reference))
 
 
 def _names(scene: Scene, given: str | None) -> list[str]:
     """The names of `--points`, or all bodies, or all free points, or all points."""
     if given is not None:
-        return [name.strip() for name in given.split(",")]
+        return split_names(given)
     names = [body.name for body in scene.bodies if not body.pinned]
     names = names or [p.name for p in scene.points if p.is_free and p.on is None]
     if not names:

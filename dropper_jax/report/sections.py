@@ -9,13 +9,16 @@ import numpy as np
 
 from dropper_jax.base.markdown import first_names, markdown_table
 from dropper_jax.base.read import Table
-from dropper_jax.report.cells import SECTION_ROWS, SHOWN_ROUNDING, Columns, fill, largest, largest_table, table_of
+from dropper_jax.base.table_cells import Columns, fill
+from dropper_jax.report.cells import SECTION_ROWS, largest, largest_table, table_of
 from dropper_jax.run.flow_coefficients import flow_cells
 from dropper_jax.run.line_weights import weight_cells
 from dropper_jax.run.statistics import NOT_GAUSSIAN
 
 #: What to do about a line without a breaking load.
 GIVE_LOAD = "give `breaking_load` in the scene, or --breaking-load"
+#: Fractions of time and accelerations [m/s^2] up to this are rounding.
+ROUNDING = 1e-6
 #: Where and when.
 POSITION = "at {at_m:.1f} m, {t_s:.2f} s"
 
@@ -82,7 +85,7 @@ HOLDING: Columns = {
     "kind": "{kind:spaced}",
     "utilisation, mean / max [%]": "{utilisation[mean]:percent .1f} / {utilisation[max]:percent .1f}",
     "factor at the maximum load": "{factor:.2f}|no load",
-    "required factor met": lambda anchor: f"{anchor['required_factor']:g}: {'yes' if anchor['holds'] else 'NO'}",
+    "required factor met": "{required_factor:g}: {holds:yes_no}",
 }
 
 
@@ -144,8 +147,8 @@ def _table_and_others(
     every: str = "all lines",
 ) -> str:
     """The table of the lines with a value above zero, and the names of the others after a heading."""
-    some = [line for line in lines if line[key] > SHOWN_ROUNDING]
-    others = [line["line"] for line in lines if not line[key] > SHOWN_ROUNDING]
+    some = [line for line in lines if line[key] > ROUNDING]
+    others = [line["line"] for line in lines if not line[key] > ROUNDING]
     parts = []
     if some:
         parts.append(largest_table(some, size, columns))

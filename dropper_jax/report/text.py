@@ -7,9 +7,10 @@ from typing import Any, NamedTuple
 
 from dropper_jax.base.markdown import bullets, cells, table
 from dropper_jax.base.read import Table
+from dropper_jax.base.table_cells import Columns, newton
 from dropper_jax.base.toml_text import literal
 from dropper_jax.report import sections
-from dropper_jax.report.cells import Columns, newton, table_of
+from dropper_jax.report.cells import table_of
 from dropper_jax.scene import link_mass_words
 
 

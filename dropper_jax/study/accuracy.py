@@ -59,6 +59,7 @@ def numerical_damping(
 
 
 def _row(model: Model, s: State, scheme: Scheme, dt: float, duration: float) -> Table:
+    """The row of a scheme and step [s]."""
     steps = int(np.ceil(duration / dt - 1e-9))
     run = grid_run(scheme.stepper(model, halvings=0), model, s, steps * dt, steps, 1)
     row: Table = {"label": scheme.label, "integrator": scheme.integrator, "gamma": scheme.gamma, "dt": dt}
@@ -75,6 +76,7 @@ LOSSES = ("energy_lost_j", "equivalent_linear_damping", "share_of_thesis")
 
 
 def _thesis(rows: list[Table]) -> Table:
+    """The row of the thesis' scheme and step, and what it means in words; empty if it was not run."""
     own = [row for row in rows if row["label"] == THESIS.label]
     at = next((row for row in own if row["dt"] == THESIS_DT), None)
     if at is None:
@@ -121,17 +123,18 @@ def accuracy(
         "interrupted".
     """
     model, s = build(scene, "float64")
-    chosen, refused = runnable(default_schemes(model, not extras) if schemes is None else schemes, model)
+    if schemes is None:
+        schemes = default_schemes(model, quick=not extras)
+    chosen, refused = runnable(schemes, model)
     if not chosen:
         raise SceneError(f"--integrators: none of them can run this scene: {refused[0]['reason']}")
     found: Table = {"scene": scene.name, "rows": [], "reference": None, "refused": refused, "skipped": []}
     steps = REPORT_DTS if dts is None else dts
     study = _Study(scene, model, s, steps, say or silent, each, found)
     try:
+        # first the loads: the programs of runs are compiled sooner than those of the comparison
         if model.line.axial.elastic:
-            study.measure_loads(
-                by_accuracy=dts is None and scene.run.accuracy is not None
-            )  # first: the programs of runs are compiled sooner than those of the comparison
+            study.measure_loads(by_accuracy=dts is None and scene.run.accuracy is not None)
         target = study.find_reference(span)
         study.measure_schemes(chosen, target, extras)
         if extras:
@@ -166,7 +169,9 @@ class _Study:
         run = self.scene.run
         longest = max(min(run.duration, LONGEST_COMPARISON), 2 * grid)
         trusted, exponent = trusted_span(self.model, self.s, longest, min(run.step, grid), grid)
-        saves = max(2, round(trusted / grid) if span is None else round(span / grid))
+        if span is None:
+            span = trusted
+        saves = max(2, round(span / grid))
         self.say(0.35, f"reference over {saves * grid:.3g} s")
         target = reference(self.model, self.s, grid, saves, exponent)
         self.found["reference"] = {**target.summary(), "trusted_span_s": trusted}
@@ -174,7 +179,8 @@ class _Study:
 
     def measure_schemes(self, schemes: list[Scheme], target: Reference, extras: bool) -> None:
         """A row for each scheme and step."""
-        say = part_of(self.say, 0.4, 0.7 if extras else 1.0)
+        end = 0.7 if extras else 1.0
+        say = part_of(self.say, 0.4, end)
         keep = partial(self._keep_row, self.found["rows"])
         _, skipped = measure(self.model, self.s, schemes, list(self.dts), target, say=say, retry=extras, each=keep)
         self.found["skipped"] = skipped
@@ -187,12 +193,15 @@ class _Study:
         """Errors of the loads over the accuracy or the step."""
         rows: list[Table] = []
         self.found["loads"] = {"rows": rows, "reference_dt": None, "loads": [], "advice": [], "skipped": "interrupted"}
-        key, values = ("accuracy", LOAD_ACCURACIES) if by_accuracy else ("dt", self.dts)
+        key, values = "dt", self.dts
+        if by_accuracy:
+            key, values = "accuracy", LOAD_ACCURACIES
         keep = partial(self._keep_row, rows)
         self.found["loads"] = load_convergence(self.scene, key, values, say=part_of(self.say, 0.0, 0.3), each=keep)
 
 
 def _extras(model: Model, s: State, target: Reference, dts: tuple[float, ...], say: Progress) -> Table:
+    """Convergence by link, numerical damping and the claims on Euler's schemes."""
     say(0.7, "convergence by link")  # first, by the programs of the rows, which later ones would displace
     found = convergence(model, s, target.grid, len(target.t), list(dts))
     say(0.75, "numerical damping")
@@ -210,6 +219,7 @@ def advice(rows: list[Table], targets: tuple[float, ...] = (1e-1, 1e-2, 1e-3, 1e
 
 
 def _cheapest_run(rows: list[Table], target: float) -> Table:
+    """The advice for one error [rad]."""
     good = [r for r in rows if r["status"] == "ok" and r["rms_angle_error_rad"] <= target]
     if not good:
         return {"target_rad": target, "found": False, "text": f"for {target:g} rad: no measured run is accurate enough"}
@@ -217,7 +227,9 @@ def _cheapest_run(rows: list[Table], target: float) -> Table:
     error = best["rms_angle_error_rad"]
     margin = target / max(error, 1e-300)
     ms = 1e3 * best["wall_s_per_simulated_s"]
-    step = f"accuracy {best['accuracy']:.2g}" if "accuracy" in best else f"dt {best['dt']:.4g} s"
+    step = f"dt {best['dt']:.4g} s"
+    if "accuracy" in best:
+        step = f"accuracy {best['accuracy']:.2g}"
     scheme = best["label"].removesuffix(", accuracy")
     keys = ("integrator", "gamma", "solver", "dtype", "dt", "accuracy", "rms_angle_error_rad")
     return {

@@ -26,7 +26,9 @@ def work_precision(report: Table, path: str | Path) -> Path:
     step = ("dt", "step [s]")
     time = ("wall_s_per_simulated_s", "wall time per simulated second [s]")
     plots = ((time, error), (step, error), (step, ("energy_drift_j", "energy drift [J]")))
-    for ((x, across), (y, up)), panel in zip(plots, axes, strict=True):
+    for (horizontal, vertical), panel in zip(plots, axes, strict=True):
+        x, across = horizontal
+        y, up = vertical
         for i, (label, own) in enumerate(grouped(rows, itemgetter("label")).items()):
             shown = sorted((r for r in own if (r[y] or 0) > 0), key=itemgetter("dt"))
             if shown:
@@ -66,7 +68,9 @@ def _slopes(axes: Axes, rows: list[Table]) -> None:
 def convergence(report: Table, path: str | Path) -> Path:
     """RMS difference of each link's angles between a step and its half (thesis Fig. 5.4, C.1, C.2)."""
     found = report["convergence"]
-    kinds = ["polar"] + (["azimuth"] if any(f["azimuth"] is not None for f in found) else [])
+    kinds = ["polar"]
+    if any(scheme["azimuth"] is not None for scheme in found):
+        kinds.append("azimuth")
     figure = style.new_figure(4.2 * len(found) + 0.6, 3.4 * len(kinds) + 0.9)
     grid = figure.subplots(len(kinds), len(found), squeeze=False, sharex=True, sharey=True)
     for row, kind in zip(grid, kinds, strict=True):
@@ -83,14 +87,15 @@ def convergence(report: Table, path: str | Path) -> Path:
 
 
 def _links(axes: Axes, scheme: Table, kind: str, numbers: Sequence[int]) -> None:
+    """Differences of an angle over the step, a curve for each link; failed steps are marked."""
     values = scheme[kind]
     axes.set_title(scheme["label"], loc="left")
     axes.set(xscale="log", yscale="log")
     if values is None:
         return
-    for link in range(np.shape(values)[1]):
-        label = f"link {numbers[link] if numbers else link + 1}"
-        axes.plot(scheme["dts"], np.asarray(values)[:, link], label=label, lw=1.0, **marks(link))
+    values = np.asarray(values)
+    for i, number in enumerate(numbers or range(1, 1 + values.shape[1])):
+        axes.plot(scheme["dts"], values[:, i], label=f"link {number}", lw=1.0, **marks(i))
     for dt, status in zip(scheme["dts"], scheme["status"], strict=True):
         if status != "ok":
             axes.axvline(dt, color=style.ALERT, lw=0.8, ls=":")

@@ -114,10 +114,13 @@ class Variant:
     """One compiled run of a model."""
 
     def __init__(self, name: str, model: Model, stepper: Stepper, s: State, dt: float, steps: int) -> None:
-        self.name, self.model, self.stepper = name, model, stepper
+        self.name = name
+        self.model = model
+        self.stepper = stepper
         # laws and work differ between the variants, so the start is created again from positions and velocities
         self.start = _fresh(stepper, model, s)
-        self.dt, self.steps = jnp.asarray(dt, model.dtype), steps
+        self.dt = jnp.asarray(dt, model.dtype)
+        self.steps = steps
         run = jax.jit(partial(advance, stepper, saves=1, save_every=steps))
         self.compiled = run.lower(model, self.start, self.dt).compile()
         self.counts = self.compiled.cost_analysis() or {}  # of one step: the body of a loop counts once
@@ -152,12 +155,16 @@ class Variant:
 
     @property
     def us_per_correction(self) -> float | None:
+        """Wall time per Newton correction [us]; None before they are counted, and without any."""
         return self.us_per_step / self.corrections if self.corrections else None
 
     def row(self, whole: Variant) -> Table:
         """Its numbers, with ratios to the whole scene."""
         one = self.us_per_correction
         of = whole.us_per_correction
+        correction_ratio = None
+        if one is not None and of is not None:
+            correction_ratio = one / of
         return {
             "name": self.name,
             "effects": [e.name for e in self.model.effects],
@@ -167,7 +174,7 @@ class Variant:
             "ratio": self.us_per_step / whole.us_per_step,
             "corrections_per_step": self.corrections,
             "us_per_correction": one,
-            "correction_ratio": one / of if one and of else None,
+            "correction_ratio": correction_ratio,
             "operations": self.program.count(" = "),
         }
 
@@ -201,6 +208,7 @@ class CountedMatrix(NamedTuple):
 
 
 def _fresh(stepper: Stepper, model: Model, s: State) -> Progress:
+    """The start of a run of the model, from the positions, velocities and tensions of a state."""
     return begin(stepper, model, state(model, s.r, s.v, s.tension))
 
 
@@ -221,11 +229,12 @@ def proof(scene: Scene) -> Table:
     run = scene.run
     kept = {name: values for name, values in table["effects"].items() if name == "weight"}
     model, s = build(scene)
-    models = (
-        without_effects(model, [name for name in scene.effects if name not in kept]),
-        build_model(Scene.from_dict({**table, "effects": kept})),
-    )
-    removed, never_had = (_text(make_stepper(m, run.integrator, "auto", **run.options), m, s, run.step) for m in models)
+
+    def text_of(smaller: Model) -> str:
+        return _text(make_stepper(smaller, run.integrator, "auto", **run.options), smaller, s, run.step)
+
+    removed = text_of(without_effects(model, [name for name in scene.effects if name not in kept]))
+    never_had = text_of(build_model(Scene.from_dict({**table, "effects": kept})))
     return {
         "removed_is_never_had": removed == never_had,
         "new_effect_changes_nothing": base == again,
@@ -241,5 +250,6 @@ def program(scene: Scene) -> str:
 
 
 def _text(stepper: Stepper, model: Model, s: State, dt: float) -> str:
+    """The text of the program of one step."""
     start = _fresh(stepper, model, s)
     return jax.jit(partial(advance, stepper, saves=1)).lower(model, start, jnp.asarray(dt, model.dtype)).as_text()

@@ -93,6 +93,34 @@ def solve_design(
     paths = [path] if isinstance(path, str) else list(path)
     names = [target] if isinstance(target, str) else list(target)
     lows, highs, goals = (np.atleast_1d(np.asarray(given, float)) for given in (low, high, goal))
+    _check_design(paths, names, lows, highs, goals)
+    search = _DesignSearch(load_scene(scene), paths, names, goals, progress)
+    status = "ok"
+    message = ""
+    if len(paths) == 1:
+        x = search.find_root(*lows, *highs)
+    else:
+        x = search.solve_together(lows, highs)
+        message = search.missed_target(x, lows, highs)
+    if message:
+        status = "not_reached"
+    reached = search.pose(x).reached
+    solved = search.at(x)
+    forces, angles = _ends_of(solved, names[0])
+    return Design(
+        values=dict(zip(paths, x.tolist(), strict=True)),
+        targets=dict(zip(names, zip(goals.tolist(), reached.tolist(), strict=True), strict=True)),
+        status=status,
+        message=message,
+        solves=len(search.poses),
+        scene=solved,
+        end_forces=forces,
+        end_angles=angles,
+    )
+
+
+def _check_design(paths: list[str], names: list[str], lows: np.ndarray, highs: np.ndarray, goals: np.ndarray) -> None:
+    """Reject numbers of values and targets that differ, repeated ones, and empty ranges."""
     if len({len(given) for given in (paths, lows, highs, names, goals)}) > 1:
         raise SceneError(
             f"design: {len(paths)} values for {len(names)} targets with {len(goals)} goals; allowed: as many"
@@ -103,30 +131,6 @@ def solve_design(
     for name, start, end in zip(paths, lows, highs, strict=True):
         if not start < end:
             raise SceneError(f"vary: {name}: {start:g} to {end:g} is an empty range; allowed: LOW < HIGH")
-    design = _DesignSearch(load_scene(scene), paths, names, goals, progress)
-    if len(paths) == 1:
-        x = design.find_root(*lows, *highs)
-    else:
-        x = design.solve_together(lows, highs)
-    reached = design.pose(x).reached
-    miss = np.abs(reached - goals) / design.scale(reached)
-    worst = int(np.argmax(miss))
-    message = ""
-    if len(paths) > 1 and miss[worst] > MISSED:
-        message = f"{names[worst]} reaches {reached[worst]:.6g} of {goals[worst]:g}"
-        near = np.minimum(x - lows, highs - x) < 1e-6 * (highs - lows)
-        if np.any(near):
-            message += f"; at a bound: {', '.join(np.array(paths)[near])}"
-    scene = design.at(x)
-    return Design(
-        dict(zip(paths, x.tolist(), strict=True)),
-        dict(zip(names, zip(goals.tolist(), reached.tolist(), strict=True), strict=True)),
-        "not_reached" if message else "ok",
-        message,
-        len(design.poses),
-        scene,
-        *_ends_of(scene, names[0]),
-    )
 
 
 #: A search takes about ten poses, but no fixed number.
@@ -196,6 +200,19 @@ class _DesignSearch:
         """Sizes (p,) of the targets: the required value, or what is reached where it is zero."""
         return np.where(self.goals != 0.0, np.abs(self.goals), np.maximum(np.abs(reached), 1.0))
 
+    def missed_target(self, x: np.ndarray, low: np.ndarray, high: np.ndarray) -> str:
+        """The target that the values miss most, and values at a bound; empty if all are reached."""
+        reached = self.pose(x).reached
+        miss = np.abs(reached - self.goals) / self.scale(reached)
+        worst = int(np.argmax(miss))
+        if miss[worst] <= MISSED:
+            return ""
+        message = f"{self.names[worst]} reaches {reached[worst]:.6g} of {self.goals[worst]:g}"
+        near = np.minimum(x - low, high - x) < 1e-6 * (high - low)
+        if np.any(near):
+            message += f"; at a bound: {', '.join(np.array(self.paths)[near])}"
+        return message
+
     def find_root(self, low: float, high: float) -> np.ndarray:
         """The value in an interval whose ends are on either side of the goal."""
         first, last = (float(self.pose([x]).reached[0]) for x in (low, high))
@@ -256,11 +273,12 @@ def _slopes(
     return jax.jacfwd(values)(jnp.zeros(len(rows[0]), model.dtype))
 
 
-def _ends_of(scene: Scene, target: str) -> tuple[tuple[float, ...] | None, ...]:
+def _ends_of(scene: Scene, target: str) -> tuple[tuple[float, ...] | None, tuple[float, ...] | None]:
     """Forces on the end points of the line of a tension, and its angles there; None for other targets."""
-    kind, name, *_ = *target.split("."), ""
+    kind, _, rest = target.partition(".")
     if kind not in ("tension", "line"):
         return None, None
+    name = rest.partition(".")[0]
     pose = equilibrium(scene)
     positions = pose.positions[None]
     tension = pose.tension[None]
@@ -269,4 +287,6 @@ def _ends_of(scene: Scene, target: str) -> tuple[tuple[float, ...] | None, ...]:
     for lines in (line_slices(scene), whole_lines(scene)):
         forces |= end_forces(scene, positions, tension, lines)
         angles |= end_angles(positions, lines)
-    return tuple(tuple(found[name][0].tolist()) if name in found else None for found in (forces, angles))
+    if name not in forces:
+        return None, None
+    return tuple(forces[name][0].tolist()), tuple(angles[name][0].tolist())

@@ -147,8 +147,8 @@ def _is_known(option: str) -> bool:
 
 
 def check_tension() -> Check:
-    """The tension of a conical pendulum is its weight over the sine of its angle below the horizontal, `m
-    g/sin(theta)`."""
+    """The tension of a conical pendulum is its weight over the sine of its angle below the horizontal,
+    `m g/sin(theta)`."""
     allowed = 1e-4  # maximum relative error of the tension of the pendulum, due to its step
     solution = simulate("conical-pendulum", duration=1.0)
     error = np.max(np.abs(solution.tension / (GRAVITY / math.sin(math.pi / 8)) - 1.0))
@@ -186,16 +186,18 @@ def loads_stored_programs() -> Check:
         return Check(name, False, "the folder of temporary files cannot be used")
     if not second["loaded"]:
         return Check(name, False, "stored, but not loaded: every start compiles")
-    same = first["found"] == second["found"] and abs(second["found"] - 100.0) < 1e-9
-    return Check(name, same, "loaded again" if same else f"{second['found']!r} instead of 100")
+    if first["found"] != second["found"] or abs(second["found"] - 100.0) >= 1e-9:
+        return Check(name, False, f"{second['found']!r} instead of 100")
+    return Check(name, True, "loaded again")
 
 
 def _probe(folder: str) -> Table | None:
+    """What a process prints that runs `PROBE` with the folder; None if it fails."""
     call = [sys.executable, "-c", PROBE, folder]
     done = subprocess.run(call, capture_output=True, text=True, check=False, timeout=120)
-    try:
-        if done.returncode == 0:
-            return json.loads(done.stdout)
+    if done.returncode != 0:
         return None
+    try:
+        return json.loads(done.stdout)
     except ValueError:
         return None

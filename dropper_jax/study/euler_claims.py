@@ -33,7 +33,7 @@ def single_pendulum() -> Scene:
             ],
             "line": [{"name": "pendulum", "from": "pivot", "to": "bob", "links": 1, "length": 1.0, "mass": 1.0}],
             "effects": {"weight": {}},
-            "start": {"kind": "angles", "zero": "down", "polar": [(np.pi / 4)]},
+            "start": {"kind": "angles", "zero": "down", "polar": [np.pi / 4]},
         }
     )
 
@@ -55,13 +55,21 @@ def euler_claims(dts: tuple[float, ...] = (0.01, 0.005, 0.0025)) -> list[Table]:
             gained = [_gain(scene, scheme, dt) for scheme, _, _ in CLAIMS]
             typical = SMALL_CHANGE * 0.5 * (abs(gained[0][1]) + abs(gained[1][1]))
             for (scheme, claim, sign), (status, gain) in zip(CLAIMS, gained, strict=True):
-                holds = status == "ok" and (abs(gain) < typical if sign == 0 else sign * gain > 0)
+                holds = status == "ok" and _has_sign(gain, sign, typical)
                 row = {"scene": scene.name, "label": scheme.label, "claim": claim, "dt": dt, "status": status}
                 rows.append({**row, "energy_gained": gain, "holds": bool(holds)})
     return rows
 
 
+def _has_sign(gain: float, sign: int, typical: float) -> bool:
+    """Whether an energy is gained (1), lost (-1), or neither (0): smaller than `typical`."""
+    if sign == 0:
+        return abs(gain) < typical
+    return sign * gain > 0
+
+
 def _gain(scene: Scene, scheme: Scheme, dt: float) -> tuple[str, float]:
+    """Status of a run, and the energy that it gains over the potential energy released."""
     model, s = build(scene)
     steps = round(EULER_DURATION / dt)
     run = grid_run(scheme.stepper(model, halvings=0), model, s, steps * dt, steps, 1)

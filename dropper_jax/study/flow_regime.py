@@ -34,7 +34,8 @@ def regime(solution: Solution) -> dict[str, float]:
     every = max(1, len(solution.t) // MOST_TIMES)
     free, links = _far_ends(solution, model)
     nodes, v, t = (take_every(a, every) for a in (solution.positions, solution.velocities, solution.t))
-    speed = np.asarray(_across(model.sea, *map(jnp.asarray, (free, nodes, v[:, free], t)))).max(axis=0)
+    arrays = map(jnp.asarray, (free, nodes, v[:, free], t))
+    speed = np.asarray(_across(model.sea, *arrays)).max(axis=0)
     diameter = np.asarray(model.line.drag_diameter)[links]
     period = shortest = float("nan")
     if model.sea.waves is not None:
@@ -43,9 +44,9 @@ def regime(solution: Solution) -> dict[str, float]:
         shortest = float(waves.shortest)
     return {
         "relative_speed_m_per_s": float(speed.max()),
-        "keulegan_carpenter": (np.max(speed / diameter) * period),
-        "reynolds": (np.max(speed * diameter) / VISCOSITY),
-        "diameter_over_wavelength": (diameter.max() / shortest),
+        "keulegan_carpenter": np.max(speed / diameter) * period,
+        "reynolds": np.max(speed * diameter) / VISCOSITY,
+        "diameter_over_wavelength": diameter.max() / shortest,
     }
 
 
@@ -73,5 +74,7 @@ def _across(sea: Sea, free: Array, nodes: Array, v: Array, t: Array) -> Array:
 def _far_ends(solution: Solution, model: Model) -> tuple[np.ndarray, np.ndarray]:
     """End nodes of the evaluated links, and the links: of one line all except a fixed end, of a system all."""
     nodes = np.concatenate([np.arange(line.nodes.start + 1, line.nodes.stop) for line in solution.lines])
-    kept = np.arange(model.free_nodes if model.geometry.is_path else len(nodes))
-    return nodes[kept], kept
+    count = len(nodes)
+    if model.geometry.is_path:
+        count = model.free_nodes
+    return nodes[:count], np.arange(count)

@@ -43,8 +43,10 @@ class GradientCheck(NamedTuple):
             ratio = measured / predicted
         else:
             ratio = 1.0 if measured == 0.0 else np.nan
-        good = abs(measured - predicted) <= max(ALLOWED * abs(predicted), rounding)
-        return cls(predicted, measured, ratio, TRUSTED if good else NOT_TRUSTED)
+        status = NOT_TRUSTED
+        if abs(measured - predicted) <= max(ALLOWED * abs(predicted), rounding):
+            status = TRUSTED
+        return cls(predicted, measured, ratio, status)
 
 
 def check_gradient(
@@ -71,13 +73,14 @@ def check_gradient(
     """
     if not 0.0 < size < 1.0:
         raise SceneError(f"size: {size:g}; allowed: above 0 and below 1")
-    forms = {"gradient": gradient, "scale": x if scale is None else scale}
-    for name, tree in forms.items():
+    if scale is None:
+        scale = x
+    for name, tree in (("gradient", gradient), ("scale", scale)):
         if jax.tree.map(np.shape, tree) != jax.tree.map(np.shape, x):
             raise SceneError(f"{name}: has another form than x; allowed: a number for each number of x")
     at, restore = ravel_pytree(x)
     slope = np.asarray(ravel_pytree(gradient)[0], float)
-    sizes = np.abs(np.asarray(ravel_pytree(forms["scale"])[0], float))
+    sizes = np.abs(np.asarray(ravel_pytree(scale)[0], float))
     matters = slope * sizes
     largest = float(np.max(np.abs(matters), initial=0.0))
     if not 0.0 < largest < np.inf:

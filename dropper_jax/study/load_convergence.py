@@ -17,8 +17,8 @@ from dropper_jax.study.work_precision import Each
 LOAD_ACCURACIES = (0.1, 0.01, 1e-3, 1e-4)
 #: Maximum relative error of each load for the advice.
 WANTED = {"mean": 0.01, "deviation": 0.02, "window_maximum": 0.05, "maximum": 0.08}
-
-
+#: The reference over the finest run; errors of the second order: a quarter of the accuracy takes half of the step.
+FINER = {"accuracy": 0.25, "dt": 0.5}
 #: Maximum duration of the comparison of loads [s].
 LONGEST_LOADS = 60.0
 
@@ -43,8 +43,7 @@ def load_convergence(
         the motion is chaotic, errors do not decrease below the random difference of two runs.
     """
     scene = scene.with_values({"run.duration": min(scene.run.duration, LONGEST_LOADS)})
-    # errors of the second order: a quarter of the accuracy takes half of the step
-    finest = min(values) * (0.25 if key == "accuracy" else 0.5)
+    finest = FINER[key] * min(values)
     runs: list[_LoadRun] = []
     for i, value in enumerate([*sorted(values, reverse=True), finest]):
         say(i / (len(values) + 1), f"loads, {key} {value:.4g}")
@@ -78,13 +77,13 @@ class _LoadRun:
     @classmethod
     def of(cls, scene: Scene, key: str, value: float) -> _LoadRun:
         """The run with an accuracy or equal steps."""
-        accuracy = value if key == "accuracy" else None
-        solution = simulate(scene, accuracy=accuracy, dt=value if key == "dt" else None)
+        solution = simulate(scene, **{key: value})
         if solution.status == "interrupted":  # the part that `simulate` keeps has no loads to compare
             raise KeyboardInterrupt
-        kept = record(solution) if has_ended(solution) else None
+        accuracy = value if key == "accuracy" else None
         dt = (solution.t[-1] - solution.t[0]) / max(solution.settings["steps"], 1)
-        return cls(accuracy, dt, solution.status, solution.us_per_step, solution.failure, kept)
+        evaluated = record(solution) if has_ended(solution) else None
+        return cls(accuracy, dt, solution.status, solution.us_per_step, solution.failure, evaluated)
 
     def loads(self, right: list[Table] | None = None) -> list[Table] | None:
         """Loads of each line, at the positions of `right`."""
@@ -109,6 +108,7 @@ def _worst(loads: list[Table], right: list[Table], name: str) -> float:
 
 
 def _advice(rows: list[Table], name: str, within: float) -> Table:
+    """The coarsest row for which it and all finer ones have a load within this relative error."""
     best: Table = {"accuracy": None, "dt": None}
     for row in reversed(rows):  # from the finest upwards: an accurate run above an inaccurate one does not count
         error = row["errors"][name]

@@ -47,6 +47,7 @@ def twice_the_links(scene: Scene) -> Scene:
 
 
 def _line(line: Table) -> Table:
+    """A line of a scene with twice the links."""
     halves = {key: _halve_value(line[key], parts) for key, parts in PER_LINK.items() if key in line}
     if "axial" in line:
         halves["axial"] = {key: _halve_value(value, 1) for key, value in line["axial"].items()}
@@ -54,11 +55,13 @@ def _line(line: Table) -> Table:
 
 
 def _effect(name: str, values: Table) -> Table:
+    """An effect of a scene with twice the links: values per link or node, and numbers of nodes."""
     found = dict(values)
     for field in declared_fields(EFFECTS[name]).values():
         key = field.name
         if found.get(key) is not None and field.metadata.get("shape") in ("link", "node"):
-            found[key] = _halve_value(found[key], 2 if field.metadata.get("unit") in SHARED else 1)
+            parts = 2 if field.metadata.get("unit") in SHARED else 1
+            found[key] = _halve_value(found[key], parts)
     for key in ("node", "nodes"):  # of one line, counted from 1
         if found.get(key) is not None and isinstance(found[key], list | int) and not isinstance(found[key], bool):
             found[key] = (2 * np.asarray(found[key])).tolist()
@@ -66,6 +69,7 @@ def _effect(name: str, values: Table) -> Table:
 
 
 def _start(start: Table) -> Table:
+    """The start of a scene with twice the links: new nodes are in the middle of links."""
     found = dict(start)
     for key in ("polar", "azimuth", "polar_rate", "azimuth_rate"):
         if found.get(key) is not None:
@@ -150,12 +154,19 @@ def load_errors(
             left_out[name] = f"that run ends with {solution.failure}"
             continue
         made[name] = line_loads(record(solution, skip), made["1"])
-    factor = error_factor(base, finer=True) if horizon is None else 1.0
-    rows = [_row({name: loads[i] for name, loads in made.items()}, factor) for i in range(len(made["1"]))]
+    chaotic = horizon is not None
+    factor = 1.0
+    if horizon is None:
+        factor = error_factor(base, finer=True)
+        horizon = scene.run.duration
+    rows = []
+    for i in range(len(made["1"])):
+        of_line = {name: loads[i] for name, loads in made.items()}
+        rows.append(_row(of_line, factor))
     return {
         "loads": rows,
-        "chaotic": horizon is not None,
-        "horizon_s": scene.run.duration if horizon is None else horizon,
+        "chaotic": chaotic,
+        "horizon_s": horizon,
         "not_resolved": [row["line"] for row in rows if row["maximum"]["error"] > UNRESOLVED * row["maximum"]["value"]],
         "left_out": left_out,
     }
@@ -172,6 +183,7 @@ def _must_have_ended(solution: Samples, which: str) -> None:
 
 
 def _variants(scene: Scene) -> tuple[dict[str, Scene], dict[str, str]]:
+    """The scenes of the further runs by name, and those left out with the reason."""
     left_out = {}
     found = {"finer": scene.with_values(finer_values(scene.run))}
     try:
@@ -206,8 +218,8 @@ def line_loads(found: Record, like: list[Table] | None = None) -> list[Table]:
         else:
             at = like[i]["at_m"]
         arrays = (found.tension[:, where.links], extremes.least, extremes.largest, within[:, where.links])
-        row = {"line": where.name, "at_m": at, **_statistics(found, *(_at(values, s, at) for values in arrays))}
-        rows.append({**row, "snaps": (snaps[i]["most_events"], 0.0)})
+        statistics = _statistics(found, *(_at(values, s, at) for values in arrays))
+        rows.append({"line": where.name, "at_m": at, **statistics, "snaps": (snaps[i]["most_events"], 0.0)})
     return rows
 
 
@@ -238,11 +250,12 @@ def _statistics(
         "window_maximum": (tops.mean(), _spread(tops) / np.sqrt(len(tops))),
         # maximum of many: the same spread as one window maximum (a Gumbel distribution keeps its scale)
         "maximum": (tops.max(), _spread(tops)),
-        "minimum": ((-bottoms.max()), _spread(bottoms)),
+        "minimum": (-bottoms.max(), _spread(bottoms)),
     }
 
 
 def _deviation(values: np.ndarray, squares: np.ndarray) -> float:
+    """Standard deviation of values with these squares."""
     return np.sqrt(max(squares.mean() - values.mean() ** 2, 0.0))
 
 
@@ -270,14 +283,15 @@ def _row(made: dict[str, Table], factor: float) -> Table:
     for name in QUANTITIES:
         value, chance = first[name]
         change = {key: loads[name][0] - value for key, loads in made.items()}
-        step = GRID_SAFETY * (1.0 if name in EXTREMES else factor) * abs(change["finer"])
-        links = GRID_SAFETY * 2.0 * abs(change["links"]) if "links" in change else None
-        row[name] = {
-            "value": value,
-            "step": step,
-            "links": links,
-            "chance": None if np.isnan(chance) else chance,
-            "error": step + (links or 0.0),
-            **{key: change[key] for key in ("twice_damping", "twice_bed") if key in change},
-        }
+        own = 1.0 if name in EXTREMES else factor
+        step = GRID_SAFETY * own * abs(change["finer"])
+        links = None
+        if "links" in change:
+            links = GRID_SAFETY * 2.0 * abs(change["links"])
+        if np.isnan(chance):
+            chance = None
+        row[name] = {"value": value, "step": step, "links": links, "chance": chance, "error": step + (links or 0.0)}
+        for key in ("twice_damping", "twice_bed"):
+            if key in change:
+                row[name][key] = change[key]
     return row

@@ -282,7 +282,9 @@ class GridRun:
     def angles(self) -> np.ndarray:
         """Polar and azimuth (2, k, n) [rad]; NaN of a failed run."""
         nodes = np.concatenate([np.zeros((len(self.t), 1, 3)), np.cumsum(self.links, axis=1)], axis=1)
-        return np.stack(link_angles(nodes if self.status == "ok" else np.full_like(nodes, np.nan)))
+        if self.status != "ok":
+            nodes = np.full_like(nodes, np.nan)
+        return np.stack(link_angles(nodes))
 
     @property
     def energy_loss(self) -> np.ndarray:
@@ -332,13 +334,14 @@ def convergence(
         runs = [grid_run(stepper, model, s, grid, every, saves) for every in [*everies, 2 * everies[-1]]]
         turns = np.angle(np.exp(1j * np.diff([run.angles for run in runs], axis=0)))  # modulo full turns
         polar, azimuth = np.sqrt(np.mean(turns**2, axis=2)).swapaxes(0, 1)
-        flat = bool(np.nanmax(azimuth, initial=0.0) < 1e-12)
+        if np.nanmax(azimuth, initial=0.0) < 1e-12:
+            azimuth = None  # in a plane
         found.append(
             {
                 "label": scheme.label,
                 "dts": [grid / every for every in everies],
                 "polar": polar,
-                "azimuth": None if flat else azimuth,
+                "azimuth": azimuth,
                 "status": [run.status for run in runs[:-1]],
             }
         )

@@ -63,7 +63,8 @@ def offset_curves(
             row = {"direction_deg": float(direction), "distance_m": float(distance), "status": pose.status}
             if pose.status == "ok":
                 near = pose.state
-                base = near if base is None else base
+                if base is None:
+                    base = near
                 row |= _loads(scene, moved, pose.positions, pose.tension, along)
             rows.append(row)
     progress(1.0, "")
@@ -71,6 +72,7 @@ def offset_curves(
 
 
 def _fixed_points(scene: Scene, names: Sequence[str]) -> list[str]:
+    """The names, which must be those of different fixed points."""
     known = {point.name: point for point in scene.points}
     for i, name in enumerate(names):
         if name not in known:
@@ -84,7 +86,12 @@ def _fixed_points(scene: Scene, names: Sequence[str]) -> list[str]:
 
 
 def _displace_points(model: Model, names: Sequence[str], by: np.ndarray) -> Model:
-    points = (replace(p, position=p.position + by) if p.name in names else p for p in model.points)
+    """The model with points displaced by a vector (3,) [m]."""
+    points = []
+    for point in model.points:
+        if point.name in names:
+            point = replace(point, position=point.position + by)
+        points.append(point)
     return replace(model, points=tuple(points))
 
 
@@ -101,8 +108,8 @@ def _loads(scene: Scene, moved: Sequence[str], positions: np.ndarray, tension: n
     link = int(np.argmax(tension))
     return {
         "force_n": force,
-        "restoring_n": (-force @ along),
-        "transverse_n": (along[0] * force[1] - along[1] * force[0]),
+        "restoring_n": -force @ along,
+        "transverse_n": along[0] * force[1] - along[1] * force[0],
         "end_tension_n": np.max(np.linalg.norm(ends, axis=1)),
         "max_tension_n": tension[link],
         "max_line": next(line.name for line in lines if line.links.start <= link < line.links.stop),

@@ -60,7 +60,10 @@ def mode_shapes(scene: Scene, model: Model, found: Equilibrium, modes: Modes, pa
     low = np.ptp(rest[:, 2]) < LOW_AND_LONG * max(np.ptp(rest[:, 0]), np.ptp(rest[:, 1]))
     columns = 1 if low else min(count, 3)
     rows = -(-count // columns)
-    figure = style.new_figure(8.0, 1.5 * rows + 0.8) if low else style.new_figure(3.6 * columns + 0.6, 2.9 * rows + 0.8)
+    figure_size = (3.6 * columns + 0.6, 2.9 * rows + 0.8)
+    if low:
+        figure_size = (8.0, 1.5 * rows + 0.8)
+    figure = style.new_figure(*figure_size)
     for i, axes in enumerate(style.panels(figure, count, columns)):
         shape = np.asarray(modes.shape[i])
         shape = shape * SHAPE_SIZE * size / max(float(np.abs(shape).max()), np.finfo(float).tiny)
@@ -187,7 +190,7 @@ def costs(report: Table, path: str | Path) -> Path:
     rows = report["rows"]
     figure = style.new_figure(11.0, 1.6 + 0.42 * len(rows))
     names = [row["name"] for row in rows]
-    colours = [style.FIRST if name == "whole scene" else style.FAINT for name in names]
+    colours = [{"whole scene": style.FIRST}.get(name, style.FAINT) for name in names]
     parts = (("us_per_step", "microseconds per step"), ("flops", "operations per step"), ("bytes", "bytes per step"))
     for axes, (key, label) in zip(figure.subplots(1, 3, sharey=True), parts, strict=True):
         values = [row[key] or 0.0 for row in rows]

@@ -87,12 +87,8 @@ def trusted_span(model: Model, s: State, duration: float, dt: float, grid: float
 #: expensive.
 MOST_STEPS = 150_000
 MOST_WORK = 1e11
-
-
 #: One run of the first scheme, and those of the second with the step, its half and its quarter.
 RUNS_OF_SECOND = 7
-
-
 #: Target error of the reference [rad]: 1e-4 of the minimum target error of the advice.
 TARGET = 1e-9
 
@@ -171,7 +167,10 @@ def _tensions(model: Model, r: Array, v: Array, t: Array) -> Array:
         k = model.instant(r, v, t)
         if model.line.axial.elastic:  # accelerations are not needed
             return model.tension_by_law(k)
-        return instant(k, model.end_acceleration(t) if model.moving else None)[1]
+        end_acceleration = None
+        if model.moving:
+            end_acceleration = model.end_acceleration(t)
+        return instant(k, end_acceleration)[1]
 
     return jax.vmap(one)(r, v, t)
 

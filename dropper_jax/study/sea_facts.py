@@ -190,8 +190,6 @@ def _speed(sea: Sea, t: float) -> float:
 
 #: Fraction of a run, at its end, for the evaluation of the response.
 TAKEN = 1.0 / 3.0
-
-
 #: Increase of the wave height for the additional curve.
 HIGHER_WAVES = 1.1
 
@@ -237,6 +235,7 @@ def responses(
 
 
 def _response(solution: Solution, period: float) -> Table:
+    """Mean, first harmonic and wet fraction of a run in waves of a period [s], over whole periods at its end."""
     model = build_model(solution.scene, "float64")
     sea = model.sea
     if sea is None or model.line.diameter is None:

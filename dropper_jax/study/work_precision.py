@@ -105,7 +105,8 @@ class _Comparison:
         if scheme.dtype != "float64":
             model, start = jax.tree.map(_single, (model, start))
         stepper = scheme.stepper(model)
-        stepper = stepper if retry else stepper.plain
+        if not retry:
+            stepper = stepper.plain
         saves = len(target.t)
         work = step_work(self.model, stepper, self.evaluation)
         if stepper.integrator.follows_accuracy and scheme.dtype == "float64":
@@ -167,6 +168,7 @@ class _Comparison:
 
 
 def _single(x: ArrayLike) -> ArrayLike:
+    """A number in single precision; integers are unchanged."""
     if jnp.issubdtype(jnp.asarray(x).dtype, jnp.floating):
         return jnp.asarray(x, jnp.float32)
     return x
@@ -192,12 +194,15 @@ def row_errors(run: GridRun, target: Reference) -> Table:
     angle = rms_angle(run.links, target.links)
     loss = run.energy_loss
     path = run.rows.path[-1]
+    damping = 0.0
+    if path > 0:
+        damping = loss[-1] / path
     return {
         "rms_angle_error_rad": angle,
         "rms_position_error_m": rms_position(run.r, target.r),
         "rms_tension_error_n": rms(_tension_errors(run, target.tension)),
         "energy_drift_j": np.max(np.abs(loss)),
-        "equivalent_linear_damping": loss[-1] / path if path > 0 else 0.0,
+        "equivalent_linear_damping": damping,
         "resolved": bool(RESOLVED * target.error <= angle < math.inf),
     }
 

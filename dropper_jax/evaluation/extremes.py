@@ -9,6 +9,7 @@ import numpy as np
 from dropper_jax.base.read import Table
 from dropper_jax.evaluation.record import Record, arc
 from dropper_jax.evaluation.settings import Settings
+from dropper_jax.scene import LineSpec
 
 #: Euler's constant: the mean of the standard Gumbel distribution.
 EULER = 0.5772156649015329
@@ -163,6 +164,18 @@ def _crossing(t: np.ndarray, tension: np.ndarray, i: int, level: float) -> float
     return t[i] + (level - tension[i]) / rise * (t[i + 1] - t[i])
 
 
+def _thresholds(spec: LineSpec, tension: np.ndarray, settings: Settings) -> tuple[float, float]:
+    """Tensions [N] of a link below which it is slack and above which a snap follows; by default parts of its mean."""
+    mean = max(float(tension.mean()), 0.0)
+    slack = settings.slack
+    if slack is None:
+        slack = 0.0 if spec.rigid else 0.1 * mean
+    snap = settings.snap
+    if snap is None:
+        snap = 2.0 * mean
+    return slack, max(snap, slack)
+
+
 def line_snaps(record: Record, settings: Settings) -> list[Table]:
     """Per line: number of events, per link and in its worst link, fraction of time slack, and the largest events.
 
@@ -177,12 +190,7 @@ def line_snaps(record: Record, settings: Settings) -> list[Table]:
         share = []
         events = []
         for j, tension in enumerate(record.tension[:, where.links].T):
-            mean = max(float(tension.mean()), 0.0)
-            # slack below this part of the link's mean tension, a snap above this multiple of it
-            slack = 0.0 if where.spec.rigid else 0.1 * mean
-            if settings.slack is not None:
-                slack = settings.slack
-            snap = max(2.0 * mean if settings.snap is None else settings.snap, slack)
+            slack, snap = _thresholds(where.spec, tension, settings)
             peaks = extremes.largest[:, j], extremes.largest_at[:, j]
             own = snap_events(record.t_tension, tension, slack, settings.slack_time, snap, peaks)
             counts.append(len(own))

@@ -16,8 +16,6 @@ YEAR = 365.25 * 86400.0
 RANGE_ROUNDING = 1e-9
 #: Number of links up to which those of every line are counted: the counting is plain Python.
 MOST_COUNTED = 200
-
-
 #: Curves of parts, K and m over the breaking load: a curve for chain does not apply to rope.
 CURVES = (
     "316 and 3 for studless chain, 1000 and 3 for stud chain (API RP 2SK), 25000 and 5.2 for polyester (API RP 2SM)"
@@ -42,7 +40,7 @@ def cycles(tension: np.ndarray) -> np.ndarray:
         SceneError: the package `rainflow` is not installed.
     """
     rainflow = extra("rainflow", "fatigue")
-    found = [(size, mean, count) for size, mean, count, *_ in rainflow.extract_cycles(turning_points(tension).tolist())]
+    found = [cycle[:3] for cycle in rainflow.extract_cycles(turning_points(tension).tolist())]
     return np.array(found, float).reshape(-1, 3)
 
 
@@ -72,9 +70,12 @@ def line_fatigue(record: Record, settings: Settings) -> list[Table]:
             own = cycles(tension[:, j])
             counted.append(own[own[:, 0] > least])
         damages = None
-        if load is not None and settings.curve_k is not None:
-            pairs = zip(counted, picked, strict=True)
-            damages = [damage(c, load[j], settings.curve_k, settings.curve_m) for c, j in pairs]
+        why_not = NO_CURVE
+        if load is None:
+            why_not = NO_LOAD
+        elif settings.curve_k is not None:
+            pairs = zip(counted, load[picked], strict=True)
+            damages = [damage(c, breaking, settings.curve_k, settings.curve_m) for c, breaking in pairs]
         found.append(
             {
                 "line": where.name,
@@ -82,13 +83,14 @@ def line_fatigue(record: Record, settings: Settings) -> list[Table]:
                 "cycles": [float(c[:, 2].sum()) for c in counted],
                 "equivalent_range_n": [_equivalent(c, settings.curve_m) for c in counted],
                 "largest_range_n": [float(c[:, 0].max(initial=0.0)) for c in counted],
-                **_damages(record, damages, NO_LOAD if load is None else NO_CURVE),
+                **_damages(record, damages, why_not),
             }
         )
     return found
 
 
 def _equivalent(counted: np.ndarray, m: float) -> float:
+    """The equivalent range [N] of cycles (c, 3); 0 without any."""
     total = counted[:, 2].sum()
     if total > 0:
         return float((np.sum(counted[:, 2] * counted[:, 0] ** m) / total) ** (1 / m))
@@ -96,13 +98,17 @@ def _equivalent(counted: np.ndarray, m: float) -> float:
 
 
 def _damages(record: Record, values: list[float] | None, why_not: str) -> Table:
+    """Damages of the record by link, the damage of a year and the life, or why there are none."""
     if values is None:
         return {"damage": None, "why_no_damage": why_not}
     worst = max(values)
     yearly = worst * YEAR / record.duration
+    life = None
+    if yearly > 0:
+        life = 1.0 / yearly
     return {
         "damage": values,
         "largest_damage": worst,
         "damage_per_year": yearly,
-        "life_years": 1.0 / yearly if yearly > 0 else None,
+        "life_years": life,
     }

@@ -108,18 +108,28 @@ def record(solution: Samples, skip: float = 0.0) -> Record:
     if skip == 0:
         notes.append("the statistics include the start-up transient. Use --skip to leave it out")
     if solution.saved_rows:
-        known = "percentiles, angles and fatigue are of saved values; extremes of loads are those of all steps"
-        lost = "by an earlier version: peaks between samples are not included"
-        notes.append(f"{solution.saved_rows}: {lost if solution.tension_max is None else known}")
-    cuts = {"t": kept, "positions": kept, "velocities": kept, "t_tension": rows, "tension": rows}
-    arrays = {name: np.array(getattr(solution, name)[part], float) for name, part in cuts.items()}
-    square = arrays["tension"] ** 2
+        note = "percentiles, angles and fatigue are of saved values; extremes of loads are those of all steps"
+        if solution.tension_max is None:
+            note = "by an earlier version: peaks between samples are not included"
+        notes.append(f"{solution.saved_rows}: {note}")
+    tension = np.array(solution.tension[rows], float)
+    square = tension**2
     if solution.tension_square is not None:
         square = np.array(solution.tension_square[rows], float)
     extremes = {}
     for signal in SIGNALS:
         extremes[signal] = Extremes(*(np.array(a[rows], float) for a in solution.step_extremes(signal)))
-    return Record(solution, **arrays, square=square, extremes=extremes, notes=tuple(notes))
+    return Record(
+        solution,
+        t=np.array(solution.t[kept], float),
+        positions=np.array(solution.positions[kept], float),
+        velocities=np.array(solution.velocities[kept], float),
+        t_tension=np.array(solution.t_tension[rows], float),
+        tension=tension,
+        square=square,
+        extremes=extremes,
+        notes=tuple(notes),
+    )
 
 
 def arc(lengths: np.ndarray) -> np.ndarray:

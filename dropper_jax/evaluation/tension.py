@@ -45,6 +45,7 @@ def line_tensions(record: Record, settings: Settings) -> list[Table]:
 
 
 def _line(record: Record, where: WholeLine, settings: Settings) -> Table:
+    """Statistics of the tensions of one line, without those of its ends."""
     percentiles = (1, 5, 25, 50, 75, 95, 99)
     spec = where.spec
     tension = record.tension[:, where.links]
@@ -73,12 +74,15 @@ def _line(record: Record, where: WholeLine, settings: Settings) -> Table:
     if load is not None:
         share = largest / load
         worst = int(np.argmax(share))
+        source = "--breaking-load"
+        if spec.breaking_load is not None:
+            source = "the line"
         found["utilisation"] = {
             "largest": float(share[worst]),
             "with_factor": settings.safety_factor * float(share[worst]),
             "at_m": float(s[worst]),
             "breaking_load_n": float(load[worst]),
-            "from": "the line" if spec.breaking_load is not None else "--breaking-load",
+            "from": source,
             "along": share,
         }
     return found
@@ -170,11 +174,12 @@ def _uplift(extremes: Extremes, row: int) -> float:
     """
     size = extremes.largest[row, 2]
     when = extremes.largest_at[row, 2]
-    ups = {extremes.largest[row, 1]: extremes.largest_at[row, 1], extremes.least[row, 1]: extremes.least_at[row, 1]}
-    for up, at in ups.items():
+    highest = extremes.largest[row, 1]
+    lowest = extremes.least[row, 1]
+    for up, at in ((highest, extremes.largest_at[row, 1]), (lowest, extremes.least_at[row, 1])):
         if at == when and size > 0.0:
             return float(np.arcsin(np.clip(up / size, -1.0, 1.0)))
-    steepest = max(ups, key=abs)
+    steepest = max(highest, lowest, key=abs)
     across = extremes.largest[row, 0]
     if extremes.largest_at[row, 0] == when:
         steepest = np.copysign(np.sqrt(max(size**2 - across**2, 0.0)), steepest)
@@ -193,11 +198,14 @@ def _holding(anchor: AnchorSpec, anchors: tuple[AnchorSpec, ...], peaks: dict[st
     used = utilisations(anchors, loads)
     factored = utilisations(anchors, {name: anchor.safety_factor * load for name, load in loads.items()})
     largest = float(used[anchor.point].max())
+    factor = None
+    if largest > 0.0:
+        factor = 1.0 / largest
     found = {
         "kind": anchor.kind,
         "behind": anchor.behind,
         "utilisation": spread(used[anchor.point]),
-        "factor": 1.0 / largest if largest > 0.0 else None,
+        "factor": factor,
         "required_factor": anchor.safety_factor,
         "holds": bool(factored[anchor.behind or anchor.point].max() <= 1.0),
     }

@@ -177,16 +177,14 @@ def _line_facts(
         forces, angles: (2,) [N] on its points, and (2,) [deg] of its end links.
     """
     spec = line.spec
-    order = [-1, 0] if nodes[0, 2] > nodes[-1, 2] else [0, -1]  # the lower end first
+    order = [0, -1]  # the lower end first
+    if nodes[0, 2] > nodes[-1, 2]:
+        order = [-1, 0]
     low, high = nodes[order]
     lower, upper = forces[order]
     length = spec.length.sum()
     on_bed = _length_on_bed(scene, line, nodes)
-    hanging = _hanging(scene, line, low, high, weight / length, on_bed)
-    closed = None if hanging is None else solve(hanging)
-    closed_ends = (None, None)
-    if closed is not None:  # a line that floats is one upside down
-        closed_ends = (closed.lower, closed.upper) if weight > 0.0 else (closed.upper, closed.lower)
+    by_closed_form, shape = _closed_facts(_hanging(scene, line, low, high, weight / length, on_bed), weight)
     EA = _stiffness_of(spec)
     mass = spec.mass.sum()
     flexibility = np.sum(spec.length / EA)
@@ -201,17 +199,37 @@ def _line_facts(
         uplift_deg=angles[order[0]],
         lower_n=lower,
         upper_n=upper,
-        closed_lower_n=closed_ends[0],
-        closed_upper_n=closed_ends[1],
-        reserve_m=offset_until_uplift(hanging) if hanging is not None and hanging.on_bed else None,
-        excess_m=None if hanging is None else length - hanging.span - hanging_length(hanging),
         axial_n_per_m=1.0 / flexibility,
-        horizontal_n_per_m=None if closed is None or closed.stiffness is None else closed.stiffness[0, 0],
         axial_period_s=2.0 * np.pi / rate,
         damping_ratio=0.5 * rate * np.mean(damping) * flexibility / length,
         link_damping_ratio=0.5 * fastest * np.max(damping / np.max(EA)),
+        **by_closed_form,
     )
-    return facts, closed
+    return facts, shape
+
+
+def _closed_facts(hanging: Hanging | None, weight: float) -> tuple[dict[str, float | None], Shape | None]:
+    """The facts of a line by its closed form, None where it does not apply, and the forces of that form.
+
+    Args:
+        weight: in water [N]; a line that floats (below 0) hangs upside down.
+    """
+    keys = ("closed_lower_n", "closed_upper_n", "reserve_m", "excess_m", "horizontal_n_per_m")
+    facts: dict[str, float | None] = dict.fromkeys(keys)
+    if hanging is None:
+        return facts, None
+    facts["excess_m"] = hanging.length - hanging.span - hanging_length(hanging)
+    if hanging.on_bed:
+        facts["reserve_m"] = offset_until_uplift(hanging)
+    shape = solve(hanging)
+    if shape is None:
+        return facts, None
+    facts |= {"closed_lower_n": shape.lower, "closed_upper_n": shape.upper}
+    if weight < 0.0:
+        facts |= {"closed_lower_n": shape.upper, "closed_upper_n": shape.lower}
+    if shape.stiffness is not None:
+        facts["horizontal_n_per_m"] = shape.stiffness[0, 0]
+    return facts, shape
 
 
 def _hanging(
@@ -246,7 +264,7 @@ def _held_above(scene: Scene) -> tuple[str, ...]:
     ends = set()
     for line in whole_lines(scene):
         first, *_, last = line.stops.values()
-        lower.add(first if height[first] <= height[last] else last)
+        lower.add(min((first, last), key=lambda name: height[name]))
         ends.update(line.stops.values())
     return tuple(name for name in scene.fixed_points if name in ends - lower)
 
@@ -279,23 +297,28 @@ def _wear(scene: Scene, state: State) -> list[Wear]:
     """Tensions when all lines are worn: area, mass, stiffness, breaking load fall with the square of the diameter."""
     worn = scene.with_values(_worn_values(scene))
     tension = np.asarray(state.tension)
-    predicted = tension + _along(scene, worn, state)
+    predicted = tension + _tension_change(scene, worn, state)
     again = equilibrium(worn)
-    exact = again.tension if again.status == "ok" else None
-
-    def largest(values: np.ndarray | None, line: WholeLine, load: np.ndarray | float | None = 1.0) -> float | None:
-        return None if values is None or load is None else float(np.max(values[line.links] / load))
-
     found = []
     for line in whole_lines(scene):
+        now = tension[line.links]
         load = line.spec.breaking_load
-        loads = [largest(values, line) for values in (tension, predicted, exact)]
-        worn_load = None if load is None else load * WORN**2
-        found.append(Wear(line.name, *loads, largest(tension, line, load), largest(exact, line, worn_load)))
+        exact = None
+        use = None
+        worn_use = None
+        if load is not None:
+            use = float(np.max(now / load))
+        if again.status == "ok":
+            exact = float(np.max(again.tension[line.links]))
+            if load is not None:
+                worn_use = float(np.max(again.tension[line.links] / (load * WORN**2)))
+        by_derivative = float(np.max(predicted[line.links]))
+        found.append(Wear(line.name, float(np.max(now)), by_derivative, exact, use, worn_use))
     return found
 
 
 def _worn_values(scene: Scene) -> Table:
+    """Values of the worn scene by path."""
     values: Table = {}
     for i, line in enumerate(scene.lines):
         values[f"line.{i}.mass"] = WORN**2 * line.mass
@@ -306,7 +329,7 @@ def _worn_values(scene: Scene) -> Table:
     return values
 
 
-def _along(scene: Scene, worn: Scene, state: State) -> np.ndarray:
+def _tension_change(scene: Scene, worn: Scene, state: State) -> np.ndarray:
     """Change (n,) [N] of the tensions from the scene to the worn one, by the derivative at the scene's equilibrium."""
     model = build_model(scene)
     loads = release_loads(model, scene.start)

@@ -148,21 +148,27 @@ def _span_and_rise(x: Array, line: Hanging, rests: bool) -> Array:
 
 
 @jax.jit
-def _compiled(x: Array, line: Hanging, rests: bool) -> tuple[Array, Array]:
+def _span_and_slopes(x: Array, line: Hanging, rests: bool) -> tuple[Array, Array]:
+    """Span and rise (2,) [m], and their slopes by x (2, 2)."""
     return _span_and_rise(x, line, rests), jax.jacfwd(_span_and_rise)(x, line, rests)
 
 
 def _rows(line: Hanging, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Rows (2,) [m] that vanish at the equilibrium, and their slopes by x (2, 2)."""
-    found, slope = _compiled(x, line, line.on_bed and bool(x[1] < 1.0))
+    found, slope = _span_and_slopes(x, line, line.on_bed and bool(x[1] < 1.0))
     return np.asarray(found) - np.array([line.span, line.rise]), np.asarray(slope)
 
 
 def _shape(line: Hanging, x: np.ndarray, slope: np.ndarray) -> Shape:
+    """The forces of a solution x, with the slopes of its rows by x (2, 2)."""
     total = line.weight * line.length
     horizontal = total * np.exp(x[0])
     vertical = total * x[1]
-    hangs = max(vertical - total, 0.0) if line.on_bed else vertical - total
-    bed = max(line.length - vertical / line.weight, 0.0) if line.on_bed else 0.0
+    at_lower_end = vertical - total
+    bed = 0.0
+    if line.on_bed:
+        at_lower_end = max(at_lower_end, 0.0)
+        bed = max(line.length - vertical / line.weight, 0.0)
     stiffness = np.linalg.inv(slope / np.array([horizontal, total]))
-    return Shape(horizontal, vertical, np.hypot(horizontal, vertical), np.hypot(horizontal, hangs), bed, stiffness)
+    lower = np.hypot(horizontal, at_lower_end)
+    return Shape(horizontal, vertical, np.hypot(horizontal, vertical), lower, bed, stiffness)

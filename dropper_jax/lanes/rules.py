@@ -37,7 +37,8 @@ def spread(v: Value, members: int) -> Array:
 def lined_up(v: Value, shape: tuple[int, ...], members: int) -> Array:
     """The array in the result's shape, members last; scalars and axes of length one may be used unexpanded."""
     x = jnp.asarray(v.array)
-    x = x if v.many else x[..., None]
+    if not v.many:
+        x = x[..., None]
     x = x.reshape((1,) * (len(shape) + 1 - x.ndim) + x.shape)
     return jnp.broadcast_to(x, (*shape, members))
 

@@ -32,6 +32,7 @@ class CaseResult:
 def evaluate(case: Case, short: bool = False, compare: bool = True) -> CaseResult:
     """Run and measure a case."""
     found = measure(case, short)
+    thesis = baselines(case) if compare else None
     return CaseResult(
         name=case.name,
         claim=case.claim,
@@ -40,7 +41,7 @@ def evaluate(case: Case, short: bool = False, compare: bool = True) -> CaseResul
         unit=case.unit,
         ok=bool(found.status == case.expected and found.measured <= case.limit),
         status=found.status,
-        baseline_thesis=baselines(case) if compare else None,
+        baseline_thesis=thesis,
     )
 
 

@@ -10,6 +10,7 @@ from functools import cache
 from importlib import resources
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from dropper_jax.base.read import Table, Values
 from dropper_jax.load.scene import Scene, load_scene
@@ -84,8 +85,16 @@ class Outcome:
     status: str
 
 
+def status_of(values: ArrayLike) -> str:
+    """`ok` where all values are finite."""
+    if np.all(np.isfinite(values)):
+        return "ok"
+    return "non_finite"
+
+
 @cache
 def _table() -> Table:
+    """The file of the catalogue."""
     return json.loads((resources.files("dropper_jax") / "data" / "hard_cases.json").read_text(encoding="utf-8"))
 
 

@@ -13,7 +13,7 @@ from jax import Array
 from dropper_jax.model import Effect, Model, State
 from dropper_jax.residual import Stepper
 from dropper_jax.run.build import build
-from dropper_jax.stability.case import Case, Outcome, scene_of
+from dropper_jax.stability.case import Case, Outcome, scene_of, status_of
 from dropper_jax.stepping.integrate import integrate
 from dropper_jax.stepping.stepper import make_stepper
 
@@ -32,14 +32,14 @@ def against_differences(case: Case, short: bool) -> Outcome:
     above, below = (float(value(jnp.asarray(change))) for change in (CHANGE, -CHANGE))
     around = (above - below) / (2 * CHANGE)
     exact = float(_slope(stepper, model, s, case.dt))
-    return Outcome(abs(exact - around) / max(abs(around), SMALL), _status(exact))
+    return Outcome(abs(exact - around) / max(abs(around), SMALL), status_of(exact))
 
 
 def finite(case: Case, short: bool) -> Outcome:
     """Dry friction switches, so its derivative is that of the active set: 0 where it is finite."""
     model, s = build(scene_of(case.scene))
     slope = float(_slope(make_stepper(model), model, s, case.dt))
-    return Outcome(0.0 if np.isfinite(slope) else 1.0, _status(slope))
+    return Outcome(float(not np.isfinite(slope)), status_of(slope))
 
 
 def at_rest(case: Case, short: bool) -> Outcome:
@@ -53,11 +53,9 @@ def at_rest(case: Case, short: bool) -> Outcome:
         return jnp.sum(integrate(stepper, changed, s, case.dt, STEPS, STEPS)[0].r)
 
     slope = float(jax.jit(jax.grad(sum_of_positions))(jnp.zeros(())))
-    return Outcome(abs(slope) if np.isfinite(slope) else float("inf"), _status(slope))
-
-
-def _status(slope: float) -> str:
-    return "ok" if np.isfinite(slope) else "non_finite"
+    if not np.isfinite(slope):
+        slope = np.inf
+    return Outcome(abs(slope), status_of(slope))
 
 
 @partial(jax.jit, static_argnums=0)
@@ -75,6 +73,7 @@ def _objective(stepper: Stepper, share: Array, model: Model, s: State, dt: Array
 
 @partial(jax.jit, static_argnums=0)
 def _slope(stepper: Stepper, model: Model, s: State, dt: Array) -> Array:
+    """Derivative of the objective by the relative change."""
     return jax.grad(lambda share: _objective(stepper, share, model, s, dt))(jnp.zeros((), model.dtype))
 
 

@@ -72,11 +72,14 @@ def run_scene(scene: Scene, dt: float, duration: float, scheme: Scheme, **settin
     model, s = build(scene, scheme.dtype)
     every = max(1, round(duration / dt / SAVES))
     run = grid_run(scheme.stepper(model, **settings), model, s, every * dt, every, SAVES)
-    model, s, rows = jax.tree.map(_wide, (model, s, run.rows)) if scheme.dtype != "float64" else (model, s, run.rows)
+    rows = run.rows
+    if scheme.dtype != "float64":
+        model, s, rows = jax.tree.map(_wide, (model, s, rows))
     return CaseRun(run.stepper, model, s, run.t, rows)
 
 
 def _wide(x: ArrayLike) -> ArrayLike:
+    """Numbers of single precision in double precision."""
     if np.asarray(x).dtype == np.float32:
         return np.asarray(x, float)
     return x
@@ -99,6 +102,7 @@ def baselines(case: Case) -> Table | None:
 
 
 def _baseline(case: Case, duration: float, scheme: Scheme) -> Table:
+    """Status and energy of one scheme on a case, if it can run it."""
     scene = scene_of(case.scene)
     links = scene.lines[0].links
     if links > BASELINE_LINKS:

@@ -16,7 +16,7 @@ from dropper_jax.run.build import build
 from dropper_jax.run.simulate import Solution, simulate
 from dropper_jax.run.wakes import scene_wakes
 from dropper_jax.stability import derivatives
-from dropper_jax.stability.case import Case, Outcome, scene_of
+from dropper_jax.stability.case import Case, Outcome, scene_of, status_of
 from dropper_jax.stability.march import CaseRun, run_named
 from dropper_jax.stepping.integrate import integrate
 from dropper_jax.stepping.stepper import make_stepper
@@ -41,11 +41,13 @@ def measure(case: Case, short: bool) -> Outcome:
 
 
 def _distance_of_node(case: Case, run: CaseRun) -> float:
+    """Maximum distance [m] of the first free node from the exact path."""
     expected = _at(run.t, case.exact.times, case.exact.values)
     return np.max(np.linalg.norm(run.r[:, 0] - expected, axis=-1))
 
 
 def _error_of_speed(case: Case, run: CaseRun) -> float:
+    """Maximum relative error of the speed of the first free node."""
     speed = np.linalg.norm(run.rows.v[:, 0], axis=-1)
     return np.max(np.abs(speed / np.interp(run.t, case.exact.times, case.exact.values) - 1))
 
@@ -66,7 +68,10 @@ def _stays(case: Case, short: bool) -> Outcome:
     rest = run_named(case.scene, case.dt, STILL)
     run = run_named(case.scene, case.dt, case.span(short))
     moved = np.linalg.norm(run.r[run.t >= STILL - 1e-9] - rest.r[-1], axis=-1)
-    return Outcome(np.max(moved), run.status if rest.status == "ok" else rest.status)
+    status = rest.status
+    if status == "ok":
+        status = run.status
+    return Outcome(np.max(moved), status)
 
 
 #: Step that is far too long, over that of the scene.
@@ -101,7 +106,7 @@ def _bad_member(case: Case, short: bool) -> Outcome:
     good = np.asarray(last(v))[others]
     beside = np.asarray(last(v.at[BAD].set(jnp.nan)))[others]
     differ = np.sum(np.any(good != beside, axis=(1, 2)))
-    return Outcome(float(differ), "ok" if np.all(np.isfinite(beside)) else "non_finite")
+    return Outcome(float(differ), status_of(beside))
 
 
 @lru_cache(maxsize=1)
@@ -111,7 +116,10 @@ def _simulated(scene: str, dt: float, duration: float, settings: tuple[tuple[str
 
 
 def _run(case: Case, short: bool) -> Solution:
-    scene = case.short_scene if short and case.short_scene else case.scene
+    """The run of a case, or its shortened one."""
+    scene = case.scene
+    if short and case.short_scene:
+        scene = case.short_scene
     return _simulated(scene, case.dt, case.span(short), tuple(case.settings.items()))
 
 
@@ -178,6 +186,7 @@ def _peak(case: Case, run: Solution) -> float:
 
 
 def _tension(case: Case, run: Solution) -> float:
+    """Maximum error of the tension of the first link, over `size`."""
     exact = case.exact
     found = np.interp(exact.times, run.t_tension, run.tension[:, 0])
     return np.max(np.abs(found - exact.values)) / case.size
@@ -236,8 +245,10 @@ def _wake(case: Case, short: bool) -> Outcome:
     plane = wakes.plane(float(wakes.elements.x.max()) + 5.0)
     deficit = plane.deficit(y, 0.5 * wakes.depth * (nodes - 1.0))
     lost = float(np.sum((wakes.speed - deficit) * deficit @ (0.5 * wakes.depth * weight)) * (y[1] - y[0]))
-    slowed = np.all(wakes.met > 0.0) and np.all(wakes.met <= wakes.speed)
-    return Outcome(abs(lost / float(np.sum(wakes.drag)) - 1.0) if slowed else np.inf, run.status)
+    error = abs(lost / float(np.sum(wakes.drag)) - 1.0)
+    if not (np.all(wakes.met > 0.0) and np.all(wakes.met <= wakes.speed)):
+        error = np.inf
+    return Outcome(error, run.status)
 
 
 #: Measures of the path of the case's point, which other simulators can be measured by as well; infinite if the run does

@@ -1,0 +1,119 @@
+"""Which values of a traced function have members: those that depend on a mapped argument."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from jax import Array
+
+from dropper_jax.lanes.rules import Parameters
+
+#: Of JAX, which makes them by `jax.make_jaxpr`: a traced function, an operation of it, and what this reads.
+Program = Any
+Operation = Any
+Atom = Any
+
+#: Operations that call a function once, and which parameter holds it.
+CALLS = {
+    "jit": "jaxpr",
+    "pjit": "jaxpr",
+    "closed_call": "call_jaxpr",
+    "custom_jvp_call": "call_jaxpr",
+    "custom_vjp_call": "call_jaxpr",
+    "checkpoint": "jaxpr",
+    "remat2": "jaxpr",
+}
+
+
+def split_constants(program: Program) -> tuple[Program, Sequence[Array]]:
+    """A traced function, and its constants: that of a call may have none."""
+    if hasattr(program, "consts"):
+        return program.jaxpr, program.consts
+    return program, ()
+
+
+def is_literal(atom: Atom) -> bool:
+    """Whether it is a number in the program, not a variable."""
+    return hasattr(atom, "val")
+
+
+def _mapped_results(program: Program, many: Sequence[bool]) -> list[bool]:
+    """For the results of a traced function, from those of its arguments."""
+    jaxpr, _ = split_constants(program)
+    known = dict.fromkeys(jaxpr.constvars, False) | dict(zip(jaxpr.invars, many, strict=True))
+
+    def read(atom: Atom) -> bool:
+        return not is_literal(atom) and known[atom]
+
+    for eqn in jaxpr.eqns:
+        known.update(zip(eqn.outvars, _mapped_outputs(eqn, [read(a) for a in eqn.invars]), strict=True))
+    return [read(a) for a in jaxpr.outvars]
+
+
+def _mapped_outputs(eqn: Operation, many: list[bool]) -> list[bool]:
+    """For the outputs of an operation, from those of its inputs."""
+    name = eqn.primitive.name
+    p = eqn.params
+    if not any(many):
+        return [False] * len(eqn.outvars)
+    if name in CALLS:
+        return _mapped_results(p[CALLS[name]], many)
+    if name == "scan":
+        return mapped_by_scan(p, many)
+    if name == "while":
+        return mapped_by_while(p, many)[0]
+    if name == "cond" and not many[0]:
+        return mapped_by_cond(p, many[1:])
+    return [True] * len(eqn.outvars)
+
+
+def scan_parts(p: Parameters) -> tuple[int, int]:
+    """Number of constants and of carried values among the inputs of a scan."""
+    if "num_consts" in p:
+        return p["num_consts"], p["num_carry"]
+    consts, carry, _ = p["ft_in"].unpack()  # JAX 0.12
+    return len(consts), len(carry)
+
+
+def _mapped_carry(carry: list[bool], next_carry: Callable[[list[bool]], list[bool]]) -> list[bool]:
+    """Which carried values have members: one that gets them in an iteration has them from the start."""
+    while True:
+        grown = [a or b for a, b in zip(carry, next_carry(carry), strict=False)]
+        if grown == carry:
+            return carry
+        carry = grown
+
+
+def mapped_by_scan(p: Parameters, many: list[bool]) -> list[bool]:
+    """For the carry and the saved values."""
+    consts, carried = scan_parts(p)
+
+    def next_carry(carry: list[bool]) -> list[bool]:
+        return _mapped_results(p["jaxpr"], [*many[:consts], *carry, *many[consts + carried :]])
+
+    carry = _mapped_carry(many[consts : consts + carried], next_carry)
+    return [*carry, *next_carry(carry)[carried:]]
+
+
+def mapped_by_while(p: Parameters, many: list[bool]) -> tuple[list[bool], bool]:
+    """For the carry and the test: if members disagree on when to stop, the whole carry has members."""
+    tests = p["cond_nconsts"]
+    bodies = tests + p["body_nconsts"]
+
+    def stops(carry: list[bool]) -> bool:
+        return _mapped_results(p["cond_jaxpr"], [*many[:tests], *carry])[0]
+
+    def next_carry(carry: list[bool]) -> list[bool]:
+        if stops(carry):
+            return [True] * len(carry)
+        return _mapped_results(p["body_jaxpr"], [*many[tests:bodies], *carry])
+
+    carry = _mapped_carry(many[bodies:], next_carry)
+    return carry, stops(carry)
+
+
+def mapped_by_cond(p: Parameters, many: list[bool]) -> list[bool]:
+    """For the results: those for which any branch has members."""
+    branches = [_mapped_results(branch, many) for branch in p["branches"]]
+    return [any(found) for found in zip(*branches, strict=True)]

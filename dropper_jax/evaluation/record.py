@@ -88,9 +88,7 @@ def record(solution: Samples, skip: float = 0.0) -> Record:
         SceneError: fewer than three samples are left.
     """
     notes = [f"warning of the run: {warning}" for warning in solution.warnings]
-    good = solution.step_status == 0
-    for array in (solution.positions, solution.velocities, solution.tension):
-        good &= np.isfinite(array).reshape(len(array), -1).all(axis=1)
+    good = _good_samples(solution)
     last = len(good)
     if not good.all():
         last = int(np.argmin(good))
@@ -130,6 +128,14 @@ def record(solution: Samples, skip: float = 0.0) -> Record:
         extremes=extremes,
         notes=tuple(notes),
     )
+
+
+def _good_samples(solution: Samples) -> np.ndarray:
+    """Which samples (k,) are finite, and of steps that succeeded."""
+    good = solution.step_status == 0
+    for array in (solution.positions, solution.velocities, solution.tension):
+        good &= np.isfinite(array).reshape(len(array), -1).all(axis=1)
+    return good
 
 
 def arc(lengths: np.ndarray) -> np.ndarray:

@@ -55,7 +55,7 @@ def _line(record: Record, where: WholeLine, settings: Settings) -> Table:
     high = np.unravel_index(np.argmax(extremes.largest), tension.shape)
     low = np.unravel_index(np.argmin(extremes.least), tension.shape)
     largest = extremes.largest.max(axis=0)
-    found: Table = {
+    return {
         "line": where.name,
         "arc_length_m": s,
         "min_n": extremes.least.min(axis=0),
@@ -67,25 +67,29 @@ def _line(record: Record, where: WholeLine, settings: Settings) -> Table:
         "least": _peak(s, low, extremes.least, extremes.least_at),
         "mean_first_link_n": float(tension[:, 0].mean()),
         "mean_last_link_n": float(tension[:, -1].mean()),
-        "utilisation": None,
+        "utilisation": _utilisation(spec, largest, settings),
         **_smooth_maxima(record, tension),
     }
+
+
+def _utilisation(spec: LineSpec, largest: np.ndarray, settings: Settings) -> Table | None:
+    """Maximum tensions (n,) [N] of a line over its breaking load, without and with the safety factor."""
     load = breaking_load(spec, settings)
-    if load is not None:
-        share = largest / load
-        worst = int(np.argmax(share))
-        source = "--breaking-load"
-        if spec.breaking_load is not None:
-            source = "the line"
-        found["utilisation"] = {
-            "largest": float(share[worst]),
-            "with_factor": settings.safety_factor * float(share[worst]),
-            "at_m": float(s[worst]),
-            "breaking_load_n": float(load[worst]),
-            "from": source,
-            "along": share,
-        }
-    return found
+    if load is None:
+        return None
+    share = largest / load
+    worst = int(np.argmax(share))
+    source = "--breaking-load"
+    if spec.breaking_load is not None:
+        source = "the line"
+    return {
+        "largest": float(share[worst]),
+        "with_factor": settings.safety_factor * float(share[worst]),
+        "at_m": float(arc(spec.length)[worst]),
+        "breaking_load_n": float(load[worst]),
+        "from": source,
+        "along": share,
+    }
 
 
 def _peak(s: np.ndarray, where: tuple[np.intp, ...], values: np.ndarray, times: np.ndarray) -> dict[str, float]:

@@ -74,8 +74,12 @@ def animate(
             yield stage.draw(frame)
             progress(count / len(frames), "animation")
 
+    def pictures() -> Iterator[Image.Image]:
+        for image in images():
+            yield Image.fromarray(image).quantize(palette=stage.palette, dither=Image.Dither.NONE)
+
     def write(file: BinaryIO) -> None:
-        rest = (Image.fromarray(i).quantize(palette=stage.palette, dither=Image.Dither.NONE) for i in images())
+        rest = pictures()
         first = next(rest)
         first.save(file, format="GIF", save_all=True, append_images=rest, duration=delay, loop=0, optimize=False)
 
@@ -121,12 +125,17 @@ def _write_mp4(path: Path, images: Iterator[np.ndarray], fps: float) -> Path:
 
 def _timing(t: np.ndarray, delay: float, seconds: float | None) -> tuple[np.ndarray, float]:
     """Samples to draw and the playback speed (1 = real time) for frames `delay` [s] apart."""
-    span = min(float(t[-1] - t[0]), np.inf if seconds is None else seconds)
+    span = float(t[-1] - t[0])
+    if seconds is not None:
+        span = min(span, seconds)
     # maximum number of frames: 240 frames of about 700 x 470 pixels take 1.5 s and 1 to 3 MB
     count = max(1, min(240 - 1, round(span / delay), len(t)))
     times = t[0] + np.linspace(0.0, span, count + 1)
     frames = np.searchsorted(t, times - 1e-9 * max(span, 1.0)).clip(0, len(t) - 1)
-    return np.unique(frames), span / (count * delay) if span > 0 else 1.0
+    speed = 1.0
+    if span > 0.0:
+        speed = span / (count * delay)
+    return np.unique(frames), speed
 
 
 class _Stage:
@@ -147,7 +156,10 @@ class _Stage:
         self.axes = _axes(self.figure, limits, flat)
         # the first buoy is more informative than the middle of the list of nodes
         self.traced = run.buoys[0].node if run.buoys else positions.shape[1] // 2
-        self._texts("real time" if f"{speed:.2g}" == "1" else f"{speed:.2g} x real time")
+        pace = "real time"
+        if f"{speed:.2g}" != "1":
+            pace = f"{speed:.2g} x real time"
+        self._texts(pace)
         self._movers(flat)
         system.draw_bed(self.axes, run, limits)
         self.canvas = FigureCanvasAgg(self.figure)
@@ -172,7 +184,8 @@ class _Stage:
         """The moving parts, in the order in which they are drawn."""
         run = self.run
         tension: dict[str, Any] = {"cmap": style.tension_map(), "norm": style.tension_norm(run.tension)}
-        self.surface = LineCollection([], colors=system.SURFACE, linewidths=1.2 if flat else 0.4)
+        width = 1.2 if flat else 0.4
+        self.surface = LineCollection([], colors=system.SURFACE, linewidths=width)
         self.trace = Line2D([], [], color=FAINT, lw=1.0)
         self.links = LineCollection([], linewidths=3.5 * style.bold(run), capstyle="round", **tension)
         self.buoys = PolyCollection([], facecolors=system.BUOY, edgecolors=DARK, linewidths=0.7)

@@ -10,7 +10,7 @@ from matplotlib.ticker import LogLocator, MaxNLocator
 
 from dropper_jax.analysis import spectrum
 from dropper_jax.plots import panels, style, system, view
-from dropper_jax.plots.panels import DASHES, Curve, Panel, draw_panel, hides, history, legend
+from dropper_jax.plots.panels import Curve, Panel, draw_panel, history, legend, line_style
 from dropper_jax.plots.run import ANGLE, TRAVEL, Run, directions, elevations, travel
 from dropper_jax.plots.style import CYCLE, DARK, FAINT, FIRST, SECOND
 from dropper_jax.plots.tension import ends_panel, loads_of
@@ -62,15 +62,15 @@ def motion_panels(run: Run) -> list[Panel]:
 def tracked_nodes(run: Run) -> dict[str, int]:
     """Nodes to draw, by name: the buoys with the largest motion, else free points; of a single line its end and the
     node that moves most."""
-    way = travel(run)
-    lively = int(np.argmax(way))
+    travelled = travel(run)
+    lively = int(np.argmax(travelled))
     nodes = {name: node for name, node in run.point_names.items() if node in run.joints}
     buoys = {buoy.node for buoy in run.buoys}
     wanted = {name: node for name, node in nodes.items() if node in buoys} or nodes
     if not wanted or (len(run.lines) == 1 and lively not in wanted.values()):
         wanted[f"node {lively}"] = lively
     # maximum number of points in one picture
-    return dict(sorted(wanted.items(), key=lambda item: -way[item[1]])[:4])
+    return dict(sorted(wanted.items(), key=lambda item: -travelled[item[1]])[:4])
 
 
 @style.with_style
@@ -140,9 +140,8 @@ def amplitude_spectrum(run: Run, path: str | Path) -> Path:
     def draw(axes: Axes, link: int) -> None:
         curves = [Curve(name, frequency, amplitude[:, link]) for name, _, amplitude in spectra]
         for index, (colour, curve) in enumerate(zip(CYCLE, curves, strict=False)):
-            dashes = DASHES if hides(curves, index) else "-"
             values = np.maximum(curve.values, 0.1 * floor)
-            axes.plot(frequency, values, label=curve.name, color=colour, lw=1.2, ls=dashes)
+            axes.plot(frequency, values, label=curve.name, color=colour, lw=1.2, ls=line_style(curves, index))
         if frequency[-1] == 0.0:
             axes.text(0.5, 0.5, "too few samples", transform=axes.transAxes, ha="center", color=FAINT)
         axes.set_yscale("log")

@@ -114,7 +114,8 @@ def _link_axis(axes: Axes, run: Run, letter: Literal["x", "y"]) -> None:
         axis.set_major_locator(MaxNLocator(8, integer=True))
         return
     shown = lines[:: math.ceil(len(lines) / MOST_NAMES)]
-    axes.tick_params(axis=letter, labelsize=9 if len(shown) <= MOST else 6)
+    label_size = 9 if len(shown) <= MOST else 6
+    axes.tick_params(axis=letter, labelsize=label_size)
     axis.set_ticks([0.5 * (line.links.start + line.links.stop + 1) for line in shown], [line.name for line in shown])
     edges = [line.links.start + 0.5 for line in lines[1:]]
     if letter == "y":
@@ -245,6 +246,7 @@ def history(run: Run, path: str | Path, what: str, panels: list[Panel]) -> Path:
 
 
 def _unit(panel: Panel) -> str:
+    """The last word of the label, such as `[N]`."""
     return panel.label.rpartition(" ")[2]
 
 
@@ -273,11 +275,7 @@ def draw_panel(
         values = curve.values
         low, high = curve.bounds
         look: dict[str, Any] = {"color": curve.colour or CYCLE[index % len(CYCLE)]}
-        line: dict[str, Any] = {
-            **look,
-            "ls": DASHES if hides(panel.curves, index) else "-",
-            "label": curve.name or None,
-        }
+        line: dict[str, Any] = {**look, "ls": line_style(panel.curves, index), "label": curve.name or None}
         if envelope is not None and len(t) > 2 * INTERVALS:
             t, values, low, high = reduce_samples(t, values, low, high)
             axes.plot(t, _without_beat(t, values, envelope), lw=1.1, **line)
@@ -293,13 +291,19 @@ def draw_panel(
     axes.margins(y=0.08)
 
 
-def hides(curves: list[Curve], index: int) -> bool:
-    """Whether a curve coincides with a previous one, as in a symmetric farm."""
+#: Two curves closer than this fraction of the maximum range look like one.
+LIKE_ONE = 0.01
+
+
+def line_style(curves: list[Curve], index: int) -> str | tuple[float, tuple[float, float]]:
+    """Dashes for a curve that hides a previous one, as in a symmetric farm, else a line."""
     this = curves[index].values
-    reach = max((float(np.ptp(curve.values)) for curve in curves if np.all(np.isfinite(curve.values))), default=0.0)
-    # two curves closer than this fraction of the maximum range look like one
-    alike = [other.values for other in curves[:index] if other.values.shape == this.shape]
-    return any(np.max(np.abs(values - this), initial=0.0) < 0.01 * reach for values in alike)
+    ranges = [float(np.ptp(curve.values)) for curve in curves if np.all(np.isfinite(curve.values))]
+    near = LIKE_ONE * max(ranges, default=0.0)
+    for other in curves[:index]:
+        if other.values.shape == this.shape and np.max(np.abs(other.values - this), initial=0.0) < near:
+            return DASHES
+    return "-"
 
 
 def reduce_samples(
@@ -332,9 +336,9 @@ def turns(values: np.ndarray) -> int:
     known = values[np.isfinite(values)]
     if known.size < 3 or np.ptp(known) <= CONSTANT * np.abs(known).max():
         return 0
-    way = np.diff(np.rint((known - known.min()) / (0.03 * np.ptp(known))))
-    way = np.sign(way[way != 0])
-    return int(np.sum(way[1:] != way[:-1]))
+    changes = np.diff(np.rint((known - known.min()) / (0.03 * np.ptp(known))))
+    signs = np.sign(changes[changes != 0])
+    return int(np.sum(signs[1:] != signs[:-1]))
 
 
 def zoom_of(panels: list[Panel]) -> tuple[float, float]:

@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d import Axes3D
 from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
@@ -19,8 +20,6 @@ from dropper_jax.plots.system import SURFACE, WATER, draw_bed, draw_solids, limi
 
 #: Number of past configurations in a snapshot.
 PAST = 8
-
-
 #: With more lines than this, only one configuration is drawn, since more could not be distinguished.
 CROWDED = 12
 
@@ -43,16 +42,11 @@ def snapshot(run: Run, path: str | Path, time: float | None = None) -> Path:
     crowded = len(run.lines) > CROWDED
     past = [] if crowded else _past(positions, now)
     drawn = limits(run, positions[[0, *past, now]])
-    figure = style.new_figure(*view.figure_size(drawn), layout="constrained" if flat else None)
-    if flat:
-        axes = view.flat_axes(figure, drawn)
-        bar = {"ax": axes, "shrink": 0.75, "pad": 0.03}
-    else:
-        axes = view.space_axes(figure, drawn)
-        bar = {"cax": view.bar_axes(figure)}
+    figure, axes, bar = _new_view(drawn, flat)
+    columns = [0, 2] if flat else [0, 1, 2]
 
     def draw(nodes: np.ndarray, **options: Any) -> None:
-        axes.plot(*(nodes[:, [0, 2]] if flat else nodes).T, **options)
+        axes.plot(*nodes[:, columns].T, **options)
 
     def draw_lines(index: int, label: str | None = None, **options: Any) -> None:
         for line in run.lines:
@@ -74,11 +68,24 @@ def snapshot(run: Run, path: str | Path, time: float | None = None) -> Path:
     if joints and not crowded:
         draw(nodes[sorted(joints)], ls="", marker="D", ms=5, mfc=CYCLE[4], mec=DARK, label="free point")
     style.tension_bar(figure, links, run.max_tension[now], **bar)
-    figure.legend(loc="outside lower left" if flat else "lower left", ncols=3, handletextpad=0.5, columnspacing=1.2)
+    corner = "outside lower left" if flat else "lower left"
+    figure.legend(loc=corner, ncols=3, handletextpad=0.5, columnspacing=1.2)
     what = "position and tension"
     if len(run.t) > 1:
         what = f"{what} at t = {clock:.4g} s"
     return style.finish(figure, run, what, path)
+
+
+def _new_view(drawn: np.ndarray, flat: bool) -> tuple[Figure, Axes, dict[str, Any]]:
+    """A figure of limits (3, 2) [m], its axes in the x-z plane or in space, and the position of its colour bar."""
+    width, height = view.figure_size(drawn)
+    if flat:
+        figure = style.new_figure(width, height)
+        axes = view.flat_axes(figure, drawn)
+        return figure, axes, {"ax": axes, "shrink": 0.75, "pad": 0.03}
+    figure = style.new_figure(width, height, layout=None)
+    axes = view.space_axes(figure, drawn)
+    return figure, axes, {"cax": view.bar_axes(figure)}
 
 
 def _surroundings(axes: Axes, run: Run, drawn: np.ndarray, time: float) -> None:
@@ -106,8 +113,8 @@ def _bold_links(axes: Axes, run: Run, index: int) -> ScalarMappable:
         "cmap": style.tension_map(),
         "norm": style.tension_norm(tension),
         "capstyle": "round",
+        "linewidths": 4.0 * style.bold(run),
     }
-    look["linewidths"] = 4.0 * style.bold(run)
     if isinstance(axes, Axes3D):
         return axes.add_collection(Line3DCollection(segments, **look))
     return axes.add_collection(LineCollection(list(segments[..., [0, 2]]), **look), autolim=False)
@@ -119,8 +126,8 @@ PAST_DISTANCE = 0.07
 
 def _past(positions: np.ndarray, now: int) -> list[int]:
     """Samples before `now` at a given distance, so that a picture does not depend on the output interval."""
-    way = np.abs(np.diff(positions[: now + 1], axis=0)).max(axis=(1, 2))
-    back = np.cumsum(way[::-1])
+    moved = np.abs(np.diff(positions[: now + 1], axis=0)).max(axis=(1, 2))
+    back = np.cumsum(moved[::-1])
     marks = PAST_DISTANCE * view.size(positions) * np.arange(1, PAST + 1)
     steps = np.searchsorted(back, marks[marks <= back.max(initial=0.0)]) + 1
     return (now - steps[::-1]).tolist()

@@ -144,12 +144,16 @@ class Run(Samples):
     @property
     def min_tension(self) -> np.ndarray:
         """(k, n) [N]; over the steps since the previous sample if not every step is saved, else the tension itself."""
-        return self.tension if self.tension_min is None else self.tension_min
+        if self.tension_min is None:
+            return self.tension
+        return self.tension_min
 
     @property
     def max_tension(self) -> np.ndarray:
         """The same of the maximum."""
-        return self.tension if self.tension_max is None else self.tension_max
+        if self.tension_max is None:
+            return self.tension
+        return self.tension_max
 
     @cached_property
     def point_names(self) -> dict[str, int]:

@@ -204,14 +204,18 @@ def dot(run: Run) -> float:
     nodes = run.positions.shape[1]
     if nodes <= 40 or len(run.lines) == 1:
         return 4.0
-    return 2.0 if nodes <= 200 else 0.0
+    if nodes <= 200:
+        return 2.0
+    return 0.0
 
 
 def bold(run: Run) -> float:
     """Fraction of the usual width of links, smaller for many lines."""
     if len(run.lines) == 1:
         return 1.0
-    return 0.75 if len(run.lines) <= 12 else 0.4
+    if len(run.lines) <= 12:
+        return 0.75
+    return 0.4
 
 
 @functools.cache
@@ -225,13 +229,24 @@ def tension_bar(figure: Figure, links: ScalarMappable, tension: np.ndarray, **wh
     """Colour bar of tensions (...) [N] in N or kN: pointed if they exceed `tension_norm`, the maximum in its label."""
     known = tension[np.isfinite(tension)]
     lowest, highest = tension_limits(known)
-    above = bool(np.any(known > highest))
-    extend = ("neither", "min", "max", "both")[np.any(known < lowest) + 2 * above]
+    below = np.any(known < lowest)
+    above = np.any(known > highest)
+    extend = "neither"
+    if below and above:
+        extend = "both"
+    elif below:
+        extend = "min"
+    elif above:
+        extend = "max"
     unit, size = force_unit(known)
     label = f"tension [{unit}]"
     if above:
         label = f"{label}, maximum {known.max() / size:.4g}"
     figure.colorbar(links, extend=extend, label=label, format=lambda value, _: f"{value / size:g}", **where)
+
+
+#: Number of tensions from which 1 % may be outside the colour range.
+MANY_TENSIONS = 1000
 
 
 def tension_norm(tension: np.ndarray) -> Normalize:
@@ -242,13 +257,16 @@ def tension_norm(tension: np.ndarray) -> Normalize:
 def tension_limits(tension: np.ndarray) -> tuple[float, float]:
     """Colour range of tensions [N]: from the 1st to the 99th percentile, so that one snap load does not hide the rest.
 
-    For fewer than 1000 values, as in one configuration, the full range: a percentile would only cut the maximum.
+    For fewer values than `MANY_TENSIONS`, as in one configuration, the full range: a percentile would only cut the
+    maximum.
     """
     known = tension[np.isfinite(tension)]
     if known.size == 0:
         return 0.0, 1.0
-    # number of tensions above which 1 % may be outside the colour range
-    low, high = np.percentile(known, (1, 99) if known.size >= 1000 else (0, 100))
+    low = known.min()
+    high = known.max()
+    if known.size >= MANY_TENSIONS:
+        low, high = np.percentile(known, (1, 99))
     size = max(abs(low), abs(high))
     if high - low <= 1e-9 * size:
         pad = 0.05 * size or 1.0

@@ -29,22 +29,25 @@ def draw_solids(axes: Axes, run: Run, index: int, axis: int = 0, grow: bool = Fa
 
     With `grow` the limits of the axes are extended to include them.
     """
-    in_space = isinstance(axes, Axes3D)
-    sections = outlines(run, run.positions[index], right_of(axes) if in_space else np.eye(3)[axis])
-    if in_space:
-        look = {"facecolors": BUOY}
-        if run.buoys:
-            axes.add_collection(Poly3DCollection(list(sections), edgecolors=DARK, linewidths=0.8, **look))
-        if run.bodies is not None and run.bodies.shapes:
-            faces = [face for rings in run.bodies.rings(index) for face in _faces(rings)]
-            axes.add_collection(Poly3DCollection(faces, edgecolors=EDGE, linewidths=0.15, **look))
+    if isinstance(axes, Axes3D):
+        _draw_faces(axes, run, index)
         return
-    shapes = list(sections[..., [axis, 2]])
+    shapes = list(outlines(run, run.positions[index], np.eye(3)[axis])[..., [axis, 2]])
     if run.bodies is not None:
         shapes += run.bodies.outlines(index, lambda positions: positions[:, [axis, 2]])
     if shapes:
         solids = PolyCollection(shapes, zorder=2.5, facecolors=BUOY, edgecolors=DARK, linewidths=0.8)
         axes.add_collection(solids, autolim=grow)
+
+
+def _draw_faces(axes: Axes3D, run: Run, index: int) -> None:
+    """Buoys and the faces of bodies in space."""
+    if run.buoys:
+        sections = list(outlines(run, run.positions[index], right_of(axes)))
+        axes.add_collection(Poly3DCollection(sections, facecolors=BUOY, edgecolors=DARK, linewidths=0.8))
+    if run.bodies is not None and run.bodies.shapes:
+        faces = [face for rings in run.bodies.rings(index) for face in _faces(rings)]
+        axes.add_collection(Poly3DCollection(faces, facecolors=BUOY, edgecolors=EDGE, linewidths=0.15))
 
 
 def _faces(rings: np.ndarray) -> Iterator[np.ndarray]:

@@ -71,7 +71,8 @@ def along_lines(scene: Scene, positions: np.ndarray, tension: np.ndarray, path: 
     figure = style.new_figure(7.5, 4.8)
     upper, lower = figure.subplots(2, 1, sharex=True)
     for i, (colour, line) in enumerate(zip(CYCLE, lines[: 2 * MOST], strict=False)):
-        mark = {"marker": "o", "ms": 2.5, "color": colour, "ls": "--" if i % 2 else "-"}  # equal lines hide each other
+        dashes = "--" if i % 2 else "-"  # equal lines hide each other
+        mark = {"marker": "o", "ms": 2.5, "color": colour, "ls": dashes}
         arc = np.concatenate([[0.0], np.cumsum(line.spec.length)])
         upper.plot(arc[1:] - 0.5 * line.spec.length, tension[line.links] / size, label=line.name, **mark)
         lower.plot(arc, bent[line.nodes], **mark)
@@ -101,6 +102,7 @@ class Loads(NamedTuple):
 
 
 def loads_of(run: Run) -> Loads:
+    """The tensions of a run in one unit."""
     samples = slice(int(len(run.t) > 2), None)
     unit, size = force_unit(run.max_tension[samples])
     tensions = (run.tension[samples] / size, run.min_tension[samples] / size, run.max_tension[samples] / size)
@@ -129,6 +131,7 @@ UNLOADED = 0.01
 
 
 def _largest(run: Run, loads: Loads) -> Panel:
+    """The maximum over all links."""
     link = int(np.argmax(np.nan_to_num(loads.high, nan=-np.inf).max(axis=0)))
     curve = Curve("", loads.t, loads.high.max(axis=1), colour=DARK)
     return Panel(f"tension [{loads.unit}]", [curve], f"maximum over all links; the highest is in {run.labels[link]}")
@@ -163,13 +166,12 @@ def ends_panel(run: Run, loads: Loads) -> Panel:
     what = "more loaded end of each line"
     ends = {}
     for line in lines:
-        first = line.links.start
-        last = line.links.stop - 1
-        if len(lines) == 1:
-            what = "ends of the line"
-            ends = {f"at {line.stops[min(line.stops)]}": first, f"at {line.stops[max(line.stops)]}": last}
-        else:
-            ends[line.name] = last if tops[last] > tops[first] else first
+        ends[line.name] = max((line.links.start, line.links.stop - 1), key=lambda link: tops[link])
+    if len(lines) == 1:
+        what = "ends of the line"
+        line = lines[0]
+        start, *_, end = line.stops.values()
+        ends = {f"at {start}": line.links.start, f"at {end}": line.links.stop - 1}
     curves = []
     for name, link in ends.items():
         curves.append(Curve(name, loads.t, loads.tension[:, link], loads.low[:, link], loads.high[:, link]))
@@ -178,6 +180,7 @@ def ends_panel(run: Run, loads: Loads) -> Panel:
 
 
 def _count_title(what: str, shown: int, total: int) -> str:
+    """A title with the numbers of curves if some are not shown."""
     if shown == total:
         return what
     return f"{what}; {shown} of {total}"

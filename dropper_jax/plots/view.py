@@ -59,7 +59,8 @@ def space_axes(figure: Figure, limits: np.ndarray, longest: float = LONGEST) -> 
     axes.set(xlim=limits[0], ylim=limits[1], zlim=limits[2])
     _fit(figure, axes, limits, longest)
     for axis, part in zip((axes.xaxis, axes.yaxis, axes.zaxis), side / side.max(), strict=True):
-        axis.set_major_locator(MaxNLocator(2 if part < 0.6 else 5))
+        intervals = 2 if part < 0.6 else 5
+        axis.set_major_locator(MaxNLocator(intervals))
         axis.set_pane_color((0.97, 0.97, 0.98, 1.0))
     axes.tick_params(labelsize=8, pad=1)
     _name_axes(figure, axes)
@@ -79,8 +80,9 @@ def _name_axes(figure: Figure, axes: Axes3D) -> None:
         along = (end - start) / np.linalg.norm(end - start)
         outwards = np.array([along[1], -along[0]])
         outwards *= np.sign(outwards @ (middle - centre))
+        side = "left" if outwards[0] > 0 else "right"
         for tick in axis.get_major_ticks():  # away from the edge, and from the labels of the next one
-            tick.label1.set_horizontalalignment("left" if outwards[0] > 0 else "right")
+            tick.label1.set_horizontalalignment(side)
         reach = (_tick_corners(axis) - middle) @ outwards
         turn = (np.degrees(np.arctan2(along[1], along[0])) + 90.0) % 180.0 - 90.0
         text = figure.text(0.0, 0.0, name, ha="center", va="center", rotation=turn, rotation_mode="anchor")

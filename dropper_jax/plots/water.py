@@ -113,42 +113,20 @@ def under_surface(run: Run, path: str | Path, time: float | None = None) -> Path
 
     What stays in the plane of x and z is seen from one side only.
     """
-    sea = _sea_of(run)
-    scene = run.scene
+    _sea_of(run)
     index = run.sample(time)
-    nodes = run.positions[index]
-    low = nodes.min(axis=0)
-    high = nodes.max(axis=0)
-    middle = 0.5 * (low + high)
-    half = 0.55 * max((high - low).max(), 1.0)
-    low_and_long = (high - low)[2] < LOW_AND_LONG * 2 * half
-    flat = view.planar(run.positions)
-    sides = 1 if flat else 2
-    figure = style.new_figure(9.5, 3.0 if flat and low_and_long else 5.6)
-    for axis, axes in enumerate(style.panels(figure, sides, 1 if low_and_long else sides, sharey=True)):
-        along = np.linspace(middle[axis] - half, middle[axis] + half, POINTS)
-        positions = np.tile(middle, (POINTS, 1))
-        positions[:, axis] = along
-        eta = elevations(scene, positions, run.t[index : index + 1])[0]
-        bed = bed_height(scene, positions)
-        if bed is None:
-            lowest = max(low[2] - 0.1 * half, -float(sea.depth))
-        else:
-            lowest = low[2] - 0.1 * (high - low)[2]
-        axes.fill_between(along, eta, lowest, color=WATER)
-        if bed is not None and bed.max() > lowest:
-            axes.fill_between(along, np.maximum(bed, lowest), lowest, color=BED, label="seabed")
-        axes.plot(along, eta, color=SURFACE, label="surface")
-        axes.axhline(0.0, color=FAINT, lw=0.7, ls="--")
-        label = "line" if len(run.lines) == 1 else "lines"
-        for line in run.lines:
-            own = nodes[line.nodes]
-            axes.plot(own[:, axis], own[:, 2], "-o", color=DARK, ms=max(style.dot(run) - 0.5, 0.0), label=label)
-            label = None
-        ends = nodes[list(run.fixed_nodes)]
-        axes.plot(ends[:, axis], ends[:, 2], "s", color=SECOND, ms=6, label="fixed points")
-        draw_solids(axes, run, index, axis, grow=True)
-        axes.set(xlabel=f"{'xy'[axis]} [m]", xlim=(along[0], along[-1]), ylim=(lowest, None), aspect="equal")
+    extent = np.ptp(run.positions[index], axis=0)
+    half = 0.55 * max(extent.max(), 1.0)
+    low_and_long = extent[2] < LOW_AND_LONG * 2 * half
+    sides = 1 if view.planar(run.positions) else 2
+    columns = sides
+    height = 5.6
+    if low_and_long:  # one above the other
+        columns = 1
+        height = 2.6 * sides + 0.4
+    figure = style.new_figure(9.5, height)
+    for axis, axes in enumerate(style.panels(figure, sides, columns, sharey=True)):
+        _side_view(axes, run, index, axis, half)
     figure.axes[0].set_ylabel("z [m]")
     if low_and_long:
         figure.axes[-1].set_ylabel("z [m]")
@@ -156,6 +134,37 @@ def under_surface(run: Run, path: str | Path, time: float | None = None) -> Path
     else:
         figure.axes[0].legend(loc="upper left", bbox_to_anchor=(0.0, 1.12), ncols=4)
     return style.finish(figure, run, f"under the surface at t = {run.t[index]:.2f} s", path)
+
+
+def _side_view(axes: Axes, run: Run, index: int, axis: int, half: float) -> None:
+    """Lines, surface and seabed of a sample over x (0) or y (1), up to `half` [m] from the middle of the lines."""
+    nodes = run.positions[index]
+    low = nodes.min(axis=0)
+    high = nodes.max(axis=0)
+    middle = 0.5 * (low + high)
+    along = np.linspace(middle[axis] - half, middle[axis] + half, POINTS)
+    positions = np.tile(middle, (POINTS, 1))
+    positions[:, axis] = along
+    eta = elevations(run.scene, positions, run.t[index : index + 1])[0]
+    bed = bed_height(run.scene, positions)
+    if bed is None:
+        lowest = max(low[2] - 0.1 * half, -float(_sea_of(run).depth))
+    else:
+        lowest = low[2] - 0.1 * (high - low)[2]
+    axes.fill_between(along, eta, lowest, color=WATER)
+    if bed is not None and bed.max() > lowest:
+        axes.fill_between(along, np.maximum(bed, lowest), lowest, color=BED, label="seabed")
+    axes.plot(along, eta, color=SURFACE, label="surface")
+    axes.axhline(0.0, color=FAINT, lw=0.7, ls="--")
+    label = "line" if len(run.lines) == 1 else "lines"
+    for line in run.lines:
+        own = nodes[line.nodes]
+        axes.plot(own[:, axis], own[:, 2], "-o", color=DARK, ms=max(style.dot(run) - 0.5, 0.0), label=label)
+        label = None
+    ends = nodes[list(run.fixed_nodes)]
+    axes.plot(ends[:, axis], ends[:, 2], "s", color=SECOND, ms=6, label="fixed points")
+    draw_solids(axes, run, index, axis, grow=True)
+    axes.set(xlabel=f"{'xy'[axis]} [m]", xlim=(along[0], along[-1]), ylim=(lowest, None), aspect="equal")
 
 
 @style.with_style
@@ -212,8 +221,8 @@ def tension_envelope(run: Run, path: str | Path) -> Path:
         what = f"{what} of the {len(shown)} most loaded lines of {total}"
     columns = min(len(shown), 2)
     rows = -(-len(shown) // columns)
-    width = (7.5, 11.0)[columns - 1]
-    figure = style.new_figure(width, 4.2 if rows == 1 else 1.0 + 1.9 * rows)
+    height = 4.2 if rows == 1 else 1.0 + 1.9 * rows
+    figure = style.new_figure(4.0 + 3.5 * columns, height)
     all_axes = style.panels(figure, len(shown), columns)
     unit, scale = force_unit(sizes)
     for axes, line in zip(all_axes, shown, strict=True):

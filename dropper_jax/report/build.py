@@ -37,25 +37,14 @@ def report_run(solution: Solution, settings: Settings | None = None) -> Table:
     """
     settings = settings or Settings()
     part = record(solution, settings.skip)
-    used = solution.settings
     tension = line_tensions(part, settings)
     snap = line_snaps(part, settings)
     try:
         fatigue = line_fatigue(part, settings)
     except SceneError as error:  # the package of an extra is missing: the rest of the report is valid
         fatigue = {"skipped": str(error)}
-    damping = [line.axial_damping for line in solution.scene.lines if line.axial_damping is not None]
     return {
-        "scene": solution.scene.name,
-        "status": solution.status,
-        "integrator": used.get("integrator"),
-        "dt_s": used.get("dt"),
-        "internal_damping_n_s": float(max(map(np.max, damping), default=0.0)),
-        "saved_every_s": part.interval,
-        "from_s": float(part.t[0]),
-        "to_s": float(part.t[-1]),
-        "samples": len(part.t),
-        "retried_steps": solution.retried_steps,
+        **_run_facts(solution, part),
         "line_weights": line_weights(solution.scene),
         "link_mass_nodes": solution.scene.link_mass_nodes,
         "notes": list(part.notes),
@@ -74,6 +63,23 @@ def report_run(solution: Solution, settings: Settings | None = None) -> Table:
         "coefficients": flow_coefficients(part.scene),
         "bodies": body_motions(part),
         "crop": crops(part),
+    }
+
+
+def _run_facts(solution: Solution, part: Record) -> Table:
+    """Scene, status, scheme and samples of a run."""
+    damping = [line.axial_damping for line in solution.scene.lines if line.axial_damping is not None]
+    return {
+        "scene": solution.scene.name,
+        "status": solution.status,
+        "integrator": solution.settings.get("integrator"),
+        "dt_s": solution.settings.get("dt"),
+        "internal_damping_n_s": float(max(map(np.max, damping), default=0.0)),
+        "saved_every_s": part.interval,
+        "from_s": float(part.t[0]),
+        "to_s": float(part.t[-1]),
+        "samples": len(part.t),
+        "retried_steps": solution.retried_steps,
     }
 
 
@@ -98,12 +104,14 @@ def report_runs(solutions: dict[str, Solution], settings: Settings | None = None
 
 
 def _same_lines(solutions: dict[str, Solution]) -> None:
-    known = None
+    """Reject runs whose lines have other names or links than those of the first."""
+    known = {}
     for name, solution in solutions.items():
-        lines = [(line.name, line.spec.links, line.pieces) for line in whole_lines(solution.scene)]
-        known = known or (name, lines)
-        if lines != known[1]:
-            raise SceneError(f"{name}: its lines differ from those of {known[0]}; allowed: runs of the same lines")
+        known[name] = [(line.name, line.spec.links, line.pieces) for line in whole_lines(solution.scene)]
+    first = next(iter(known))
+    for name, lines in known.items():
+        if lines != known[first]:
+            raise SceneError(f"{name}: its lines differ from those of {first}; allowed: runs of the same lines")
 
 
 def _peaks(runs: list[Table]) -> dict[str, list[float]]:
@@ -129,12 +137,13 @@ def _spread(runs: list[Table]) -> Table:
             rows[f"equivalent range of {line['line']}"] = [max(f["equivalent_range_n"]) for f in own]
             if all(f["damage"] is not None for f in own):
                 rows[f"damage per year of {line['line']}"] = [f["damage_per_year"] for f in own]
+    values = {}
+    for name, v in rows.items():
+        values[name] = {"min": min(v), "mean": float(np.mean(v)), "max": max(v), "by_run": v}
     return {
         "dt_s": [r["dt_s"] for r in runs],
         "internal_damping_n_s": [r["internal_damping_n_s"] for r in runs],
-        "values": {
-            name: {"min": min(v), "mean": float(np.mean(v)), "max": max(v), "by_run": v} for name, v in rows.items()
-        },
+        "values": values,
     }
 
 
@@ -150,6 +159,7 @@ def _not_seeds(solutions: dict[str, Solution]) -> list[str]:
 
 
 def _extremes(runs: list[Table], differ: list[str], settings: Settings) -> Table:
+    """Extremes of a storm by quantity, or why there are none; `differ` are paths in which the runs differ."""
     if differ:
         return {"skipped": f"the runs differ in more than the seed of their sea: {', '.join(differ[:5])}"}
     durations = [run["to_s"] - run["from_s"] for run in runs]
@@ -235,6 +245,7 @@ def submergence(record: Record) -> Table:
 
 
 def _buoy(record: Record, buoy: BuoySpec, depth: np.ndarray) -> Table:
+    """Draught and submergence of a buoy, from the depths (k, nodes) [m] of all nodes."""
     base = depth[:, point_nodes(record.scene)[buoy.point]] + buoy.attachment
     return {
         "buoy": buoy.name,

@@ -94,7 +94,9 @@ COLOURS = 33
 
 def write_view(solution: Solution, path: str | Path, other: Solution | None = None) -> Path:
     """Write the page of a solution, or of two side by side, atomically."""
-    return atomic_write(path, view_page(solution) if other is None else pair_page(solution, other))
+    if other is None:
+        return atomic_write(path, view_page(solution))
+    return atomic_write(path, pair_page(solution, other))
 
 
 def pair_page(first: Solution, second: Solution) -> str:
@@ -125,8 +127,7 @@ def view_page(solution: Solution, limits: tuple[float, float] | None = None) -> 
 
 def _fill_page(name: str, **parts: str) -> str:
     """A page with its marks `/*NAME*/` replaced once: the inserted text may contain such marks."""
-    pieces = re.split(r"/\*([A-Z]+)\*/", _part(name))
-    return "".join(parts[piece] if i % 2 else piece for i, piece in enumerate(pieces))
+    return re.sub(r"/\*([A-Z]+)\*/", lambda mark: parts[mark[1]], _part(name))
 
 
 #: The line of `view.js` before which the other files of the program belong.
@@ -140,15 +141,24 @@ def _script() -> str:
 
 
 def _part(name: str) -> str:
+    """A file of the page."""
     return (resources.files("dropper_jax.report") / "assets" / name).read_text(encoding="utf-8")
 
 
 def _data(run: Run, limits: tuple[float, float]) -> Table:
+    """The run as plain values, with the ends of the colours [N]; null or empty where it has no water or diameter."""
     scene = run.scene
     part = choose_samples(run, FRAMES)
     kept = part.frames
     shades = style.tension_map()(np.linspace(0.0, 1.0, COLOURS))[:, :3]
-    diameter = scene.line.diameter
+    diameter = None
+    if scene.line.diameter is not None:
+        diameter = scene.line.diameter.tolist()
+    water = None
+    flows = []
+    if scene.sea is not None:
+        water = _water(run, scene.sea.depth, part.surface)
+        flows = _flows(scene.sea, run.t[0])
     return {
         "name": scene.name,
         "description": scene.description,
@@ -162,7 +172,7 @@ def _data(run: Run, limits: tuple[float, float]) -> Table:
         "range": list(limits),
         "largest": float(np.max(run.max_tension, initial=limits[1], where=np.isfinite(run.max_tension))),
         "notes": list(part.notes),
-        "diameter": None if diameter is None else diameter.tolist(),
+        "diameter": diameter,
         "lines": [{"name": line.name, "node": int(line.nodes[len(line.nodes) // 2])} for line in run.written_lines],
         "colours": np.rint(255 * shades).astype(int).tolist(),
         "held": list(run.fixed_nodes),
@@ -173,8 +183,8 @@ def _data(run: Run, limits: tuple[float, float]) -> Table:
         "buoys": [buoy._asdict() for buoy in run.buoys],
         "bodies": _body_data(run.bodies, kept),
         "bed": _bed_grid(run),
-        "water": None if scene.sea is None else _water(run, scene.sea.depth, part.surface),
-        "flows": [] if scene.sea is None else _flows(scene.sea, run.t[0]),
+        "water": water,
+        "flows": flows,
     }
 
 
@@ -243,6 +253,7 @@ def _flows(sea: SeaSpec, start: float) -> list[Table]:
 
 
 def _pack(values: np.ndarray, kind: str = "<f4") -> str:
+    """An array in base64."""
     return base64.b64encode(np.ascontiguousarray(values, kind).tobytes()).decode()
 
 

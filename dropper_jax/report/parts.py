@@ -54,11 +54,16 @@ def parts(tension: list[Table], snap: list[Table], fatigue: Rows) -> Rows:
 
 def _name(names: list[str]) -> str:
     """The common part of the names, with `*` for a number that differs."""
-    pieces = zip(*(re.split(r"(\d+)", name) for name in names), strict=True)
-    return "".join(piece[0] if len(set(piece)) == 1 else "*" for piece in pieces)
+    common = ""
+    for first, *others in zip(*(re.split(r"(\d+)", name) for name in names), strict=True):
+        if any(other != first for other in others):
+            first = "*"
+        common += first
+    return common
 
 
 def _tension(lines: Sequence[Table]) -> Table:
+    """The tensions of a part: the mean, and the lines with the maximum tension and utilisation."""
     most = max(lines, key=lambda line: line["largest"]["n"])
     loaded = [line for line in lines if line["utilisation"] is not None]
     used = max(loaded, key=lambda line: line["utilisation"]["largest"], default=None)

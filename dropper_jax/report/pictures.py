@@ -14,7 +14,7 @@ from dropper_jax.base.read import Table
 from dropper_jax.evaluation.record import Record
 from dropper_jax.evaluation.tension import load_extremes
 from dropper_jax.plots import style
-from dropper_jax.plots.panels import DASHES, Curve, hides
+from dropper_jax.plots.panels import Curve, line_style
 from dropper_jax.plots.run import readable
 from dropper_jax.plots.style import ALERT, CYCLE, DARK, FAINT, FIRST, SECOND, force_unit
 from dropper_jax.plots.water import draw_bands
@@ -31,8 +31,9 @@ ARC = "unstretched arc length [m]"
 def _panels(count: int, height: float) -> tuple[Figure, np.ndarray]:
     """One panel per item, in two columns for four or more."""
     columns = 1 if count < 4 else 2
+    width = 7.5 if columns == 1 else 11.25
     rows = -(-count // columns)
-    figure = style.new_figure(7.5 if columns == 1 else 11.25, 0.9 + height * rows)
+    figure = style.new_figure(width, 0.9 + height * rows)
     return figure, style.panels(figure, count, columns)
 
 
@@ -88,7 +89,8 @@ def _anchors(part: Record, anchors: list[Table], found: Table) -> Figure:
 def _fatigue(part: Record, lines: list[Table], found: Table) -> Figure:
     """Equivalent range along each line, and the damage per year if there is a breaking load."""
     damaged = all(line["damage"] is not None for line in lines)
-    figure = style.new_figure(7.5, 5.6 if damaged else 3.4)
+    height = 5.6 if damaged else 3.4
+    figure = style.new_figure(7.5, height)
     panels = style.panels(figure, 1 + damaged, sharex=True)
     unit, scale = force_unit(np.concatenate([line["equivalent_range_n"] for line in lines]))
     for colour, line in zip(CYCLE, lines, strict=False):
@@ -168,8 +170,8 @@ def _along(part: Record, lines: list[Table], found: Table) -> Figure:
     panels = style.panels(figure, len(drawn), sharex=True)
     for axes, (curves, scale, label, limits) in zip(panels, drawn, strict=True):
         for index, (colour, curve) in enumerate(zip(CYCLE, curves, strict=False)):
-            dashes = DASHES if hides(curves, index) else "-"
-            axes.plot(curve.t, scale * curve.values, marker="o", ls=dashes, ms=3, color=colour, label=curve.name)
+            look = {"marker": "o", "ms": 3, "color": colour, "ls": line_style(curves, index)}
+            axes.plot(curve.t, scale * curve.values, label=curve.name, **look)
         axes.set(ylabel=label, ylim=limits)
     panels[-1].set_xlabel(ARC)
     if len(lines) > 1:

@@ -116,11 +116,14 @@ def bending(lines: list[Table]) -> str:
 def snaps(lines: list[Table]) -> str:
     """Slack and snaps of lines that stretch, compression of rigid ones."""
     parts = []
-    for rigid, never, what in ((False, "Never slack", "slack"), (True, "Never in compression", "compression")):
-        some = [{**line, "top": next(iter(line["shown"]), None)} for line in lines if line["rigid"] == rigid]
+    for kind, never, what in (("elastic", "Never slack", "slack"), ("rigid", "Never in compression", "compression")):
+        some = []
+        for line in lines:
+            if line["rigid"] == (kind == "rigid"):
+                some.append({**line, "top": next(iter(line["shown"]), None)})
         every = "all lines"
         if len(some) < len(lines):
-            every = f"all {'rigid' if rigid else 'elastic'} lines"
+            every = f"all {kind} lines"
         columns: Columns = {
             "line": "{line}",
             "events in the worst link": "{most_events}",
@@ -184,8 +187,14 @@ def fatigue(lines: list[Table]) -> str:
     return text + _missing("damage", lines, why)
 
 
+def _point_and_buoy(point: Table) -> str:
+    if point["buoy"] is None:
+        return point["point"]
+    return f"{point['point']} ({point['buoy']})"
+
+
 WATCH: Columns = {
-    "point": lambda point: point["point"] + (f" ({point['buoy']})" if point["buoy"] else ""),
+    "point": _point_and_buoy,
     "radius, max / 95 % [m]": "{radius_max_m:.3f} / {radius_95_m:.3f}",
     "from the static position [m]": "{radius_from_static_max_m:.3f}|no static start",
     "range of x / y / z [m]": "{range_m[0]:.3f} / {range_m[1]:.3f} / {range_m[2]:.3f}",
@@ -348,6 +357,10 @@ def bodies(found: list[Table]) -> str:
         for key, values in body.items():
             if key != "body":
                 name, _, unit = key.partition("_")
-                shown = {k: 0.0 if abs(value) < 5e-4 else value for k, value in values.items()}
-                rows.append({"body": body["body"], "motion": f"{name} [{unit}]", **shown})
+                row = {"body": body["body"], "motion": f"{name} [{unit}]"}
+                for statistic, value in values.items():
+                    if abs(value) < 5e-4:
+                        value = 0.0  # not -0.000
+                    row[statistic] = value
+                rows.append(row)
     return table_of(MOTION, rows)

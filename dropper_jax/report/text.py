@@ -81,6 +81,7 @@ SECTIONS = (
 
 
 def _run(run: Table, files: dict[str, str]) -> list[str]:
+    """Notes, sections and pictures of a run."""
     notes = (*run["notes"], f"Mass of links: {link_mass_words(run['link_mass_nodes'])}.")
     found = [bullets(map(literal, notes))]
     for section in SECTIONS:
@@ -89,7 +90,10 @@ def _run(run: Table, files: dict[str, str]) -> list[str]:
         if section.optional and (skipped or not values):
             continue
         found.append(f"## {section.heading}")
-        found.append(f"Left out: {values['skipped']}." if skipped else section.write(values))
+        if skipped:
+            found.append(f"Left out: {values['skipped']}.")
+        else:
+            found.append(section.write(values))
         if section.picture in files:
             found.append(f"![{section.picture.replace('_', ' ')}]({files[section.picture]})")
     return found
@@ -142,6 +146,8 @@ SETTINGS: Columns = {"setting": "{key}", "meaning": "{meaning}", "value": "{valu
 def _settings(settings: Table) -> str:
     rows = []
     for key, one in settings.items():
-        suffix = "" if one["unit"] == "-" else f" {one['unit']}"
+        suffix = f" {one['unit']}"
+        if one["unit"] == "-":
+            suffix = ""
         rows.append({**one, "key": key, "suffix": suffix})
     return table_of(SETTINGS, rows)

@@ -46,9 +46,8 @@ def write_vtk(solution: Solution, folder: str | Path, every: int = 1) -> Path:
             file = f"{name}_{count:06d}.vtp"
             atomic_write(folder / file, text)
             entries.append(f'<DataSet timestep="{float(solution.t[k])!r}" group="" part="{part}" file="{file}"/>')
-    comment = f"{solution.scene.name}: lines " + ", ".join(
-        f"{i} {line.name}" for i, line in enumerate(solution.scene.lines, start=1)
-    )
+    names = [f"{i} {line.name}" for i, line in enumerate(solution.scene.lines, start=1)]
+    comment = f"{solution.scene.name}: lines {', '.join(names)}"
     text = (
         '<?xml version="1.0"?>\n'
         f"<!-- {re.sub('-{2,}', '-', escape(comment))} -->\n"
@@ -66,6 +65,7 @@ def _is_finite(solution: Solution, k: int) -> bool:
 
 
 def _lines(solution: Solution, k: int) -> str:
+    """The links of a sample as PolyData."""
     first = first_nodes(solution.scene)
     counts = [where.links.stop - where.links.start for where in solution.lines]
     link = np.concatenate([1 + np.arange(count) for count in counts])
@@ -81,6 +81,7 @@ def _lines(solution: Solution, k: int) -> str:
 
 
 def _buoys(solution: Solution, k: int) -> str:
+    """The buoys of a sample as PolyData."""
     positions = []
     diameter = []
     for buoy in solution.scene.buoys:
@@ -120,8 +121,7 @@ def _array(name: str, values: np.ndarray) -> str:
     kind, dtype = TYPES[values.dtype.kind]
     content = np.ascontiguousarray(values, dtype).tobytes()
     code = base64.b64encode(struct.pack("<I", len(content)) + content).decode()
+    width = ""
     if values.ndim == 2:
         width = f' NumberOfComponents="{values.shape[1]}"'
-    else:
-        width = ""
     return f'<DataArray type="{kind}" Name="{name}"{width} format="binary">{code}</DataArray>'

@@ -166,7 +166,7 @@ def test_spectra_of_x_and_y_that_coincide_are_both_visible(tmp_path, monkeypatch
 def test_of_two_curves_that_coincide_the_later_is_dashed():
     t = np.linspace(0.0, 10.0, 50)
     curves = [panels.Curve(name, t, values) for name, values in (("a", np.sin(t)), ("b", np.cos(t)), ("c", np.sin(t)))]
-    assert [panels.hides(curves, i) for i in range(3)] == [False, False, True]
+    assert [panels.line_style(curves, i) for i in range(3)] == ["-", "-", panels.DASHES]
     axes = style.new_figure(4, 3).subplots()
     panels.draw_panel(axes, panels.Panel("x [m]", curves))
     assert [line.get_linestyle() for line in axes.get_lines()] == ["-", "-", "--"]

@@ -77,10 +77,11 @@ class _LoadRun:
     @classmethod
     def of(cls, scene: Scene, key: str, value: float) -> _LoadRun:
         """The run with an accuracy or equal steps."""
-        solution = simulate(scene, **{key: value})
+        accuracy = value if key == "accuracy" else None
+        step = value if key == "dt" else None
+        solution = simulate(scene, accuracy=accuracy, dt=step)
         if solution.status == "interrupted":  # the part that `simulate` keeps has no loads to compare
             raise KeyboardInterrupt
-        accuracy = value if key == "accuracy" else None
         dt = (solution.t[-1] - solution.t[0]) / max(solution.settings["steps"], 1)
         evaluated = record(solution) if has_ended(solution) else None
         return cls(accuracy, dt, solution.status, solution.us_per_step, solution.failure, evaluated)

@@ -12,6 +12,7 @@ from dropper_jax.base.files import unfinished_folder
 from dropper_jax.base.read import Table, Values
 from dropper_jax.cli.given import AUTO, output_file, output_folder
 from dropper_jax.cli.options import (
+    RUN_VALUES,
     add_quiet,
     add_run_values,
     add_scene,
@@ -36,17 +37,7 @@ RUN_SUFFIXES = (".npz", ".nc", ".zarr")
 #: Suffixes of animations.
 FILMS = (".gif", ".mp4")
 #: Options for a value of the scene.
-OVERRIDES = (
-    "integrator",
-    "solver",
-    "dt",
-    "duration",
-    "dtype",
-    "accuracy",
-    "save_interval",
-    "gamma",
-    "rho_infinity",
-)
+OVERRIDES = tuple(RUN_VALUES)
 
 
 def add_arguments(parser: ArgumentParser) -> None:

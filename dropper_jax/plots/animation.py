@@ -125,7 +125,7 @@ def _write_mp4(path: Path, images: Iterator[np.ndarray], fps: float) -> Path:
 
 def _timing(t: np.ndarray, delay: float, seconds: float | None) -> tuple[np.ndarray, float]:
     """Samples to draw and the playback speed (1 = real time) for frames `delay` [s] apart."""
-    span = float(t[-1] - t[0])
+    span = t[-1] - t[0]
     if seconds is not None:
         span = min(span, seconds)
     # maximum number of frames: 240 frames of about 700 x 470 pixels take 1.5 s and 1 to 3 MB

@@ -220,5 +220,6 @@ def _last_frequency(frequency: np.ndarray, amplitudes: np.ndarray) -> float:
         return 1.0
     power = np.cumsum((amplitudes**2).sum(axis=(0, 2)))
     if power[-1] == 0:
-        return float(frequency[-1])
-    return float(min(frequency[-1], 2 * frequency[np.searchsorted(power, SHOWN_POWER * power[-1])] + 2 * frequency[1]))
+        return frequency[-1]
+    band = frequency[np.searchsorted(power, SHOWN_POWER * power[-1])]
+    return min(frequency[-1], 2 * band + 2 * frequency[1])

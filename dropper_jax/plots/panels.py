@@ -90,7 +90,7 @@ def _map(columns: Columns, run: Run) -> Figure:
         edges = np.concatenate([t[:1], 0.5 * (t[1:] + t[:-1]), t[-1:]])
     for axes, (label, values) in zip(style.panels(figure, len(columns)), columns, strict=True):
         values = values - values.mean(axis=0)
-        half = float(np.percentile(np.abs(values), 99.5)) or 1.0
+        half = np.percentile(np.abs(values), 99.5) or 1.0
         look = {"cmap": "RdBu_r", "vmin": -half, "vmax": half}
         image = axes.pcolormesh(edges, links, values.T, rasterized=True, **look)
         figure.colorbar(image, ax=axes, label=label.replace(" [", " from its mean ["), pad=0.02)
@@ -259,8 +259,7 @@ def _shortest(panel: Panel, panels: list[Panel]) -> float:
 
 def legend(axes: Axes) -> None:
     """Place the legend above the right end, where there is no title."""
-    position = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "borderaxespad": 0.1}
-    axes.legend(ncols=4, fontsize=8, handlelength=1.2, columnspacing=1.0, **position)
+    style.legend_above(axes, 4, fontsize=8, handlelength=1.2, columnspacing=1.0, borderaxespad=0.1)
 
 
 def draw_panel(
@@ -298,7 +297,7 @@ LIKE_ONE = 0.01
 def line_style(curves: list[Curve], index: int) -> str | tuple[float, tuple[float, float]]:
     """Dashes for a curve that hides a previous one, as in a symmetric farm, else a line."""
     this = curves[index].values
-    ranges = [float(np.ptp(curve.values)) for curve in curves if np.all(np.isfinite(curve.values))]
+    ranges = [np.ptp(curve.values) for curve in curves if np.all(np.isfinite(curve.values))]
     near = LIKE_ONE * max(ranges, default=0.0)
     for other in curves[:index]:
         if other.values.shape == this.shape and np.max(np.abs(other.values - this), initial=0.0) < near:
@@ -319,7 +318,7 @@ def reduce_samples(
 
 def _without_beat(t: np.ndarray, mean: np.ndarray, period: float) -> np.ndarray:
     """Moving average of the means (m,) of stretches about as long as a cycle: single means beat with the cycles."""
-    stretch = float(t[-1] - t[0]) / (len(t) - 1)
+    stretch = (t[-1] - t[0]) / (len(t) - 1)
     if 4 * stretch < period:
         return mean
     half = min(int(np.ceil(2 * CYCLES * max(period, stretch) / stretch / 2)), len(mean) // 8)
@@ -343,13 +342,13 @@ def turns(values: np.ndarray) -> int:
 
 def zoom_of(panels: list[Panel]) -> tuple[float, float]:
     """Part of the time [s] around the maximum of the first panel, a few of its cycles long."""
-    first = max(panels[0].curves, key=lambda curve: float(np.nanmax(curve.bounds[1])))
+    first = max(panels[0].curves, key=lambda curve: np.nanmax(curve.bounds[1]))
     t = first.t
-    span = float(t[-1] - t[0])
+    span = t[-1] - t[0]
     period = max((cycle(c.t, c.values) for panel in panels for c in panel.curves), default=span)
     width = min(max(CYCLES * period, 20 * span / max(len(t) - 1, 1)), span / 3)
-    peak = float(t[np.nanargmax(first.bounds[1])])
-    start = min(max(peak - width / 2, float(t[0])), float(t[-1]) - width)
+    peak = t[np.nanargmax(first.bounds[1])]
+    start = min(max(peak - width / 2, t[0]), t[-1] - width)
     return start, start + width
 
 
@@ -358,5 +357,5 @@ def cycle(t: np.ndarray, values: np.ndarray) -> float:
     above = values > np.nanmean(values)
     up = np.flatnonzero(above[1:] & ~above[:-1])
     if len(up) > 1:
-        return float(t[up[-1]] - t[up[0]]) / (len(up) - 1)
+        return (t[up[-1]] - t[up[0]]) / (len(up) - 1)
     return 0.0

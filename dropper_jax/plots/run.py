@@ -35,7 +35,7 @@ class Shape(NamedTuple):
         """Circles (rings, SIDES, 3) [m] in the body's axes whose hull is the shape."""
         start = self.start
         along = self.end - start
-        length = float(np.linalg.norm(along))
+        length = np.linalg.norm(along)
         radius = 0.5 * self.diameter
         axis = np.array([0.0, 0.0, 1.0])
         if length > 0.0:

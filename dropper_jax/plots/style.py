@@ -143,9 +143,10 @@ def outer_labels(panels: np.ndarray, columns: int, x: str, y: str) -> None:
         axes.set_ylabel(y)
 
 
-def legend_above(axes: Axes, columns: int = 1, **options: Any) -> None:
-    """A legend above the right end of a panel."""
-    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=columns, **options)
+def legend_above(axes: Axes, columns: int = 1, end: Literal["left", "right"] = "right", **options: Any) -> None:
+    """A legend above an end of a panel."""
+    x = {"left": 0.0, "right": 1.0}[end]
+    axes.legend(loc=f"lower {end}", bbox_to_anchor=(x, 1.0), ncols=columns, **options)
 
 
 def finish(figure: Figure, run: Run, what: str, path: str | Path) -> Path:
@@ -270,5 +271,5 @@ def tension_limits(tension: np.ndarray) -> tuple[float, float]:
     size = max(abs(low), abs(high))
     if high - low <= 1e-9 * size:
         pad = 0.05 * size or 1.0
-        return float(low - pad), float(high + pad)
-    return float(low), float(high)
+        return low - pad, high + pad
+    return low, high

@@ -83,7 +83,7 @@ def body_motion(run: Run, path: str | Path) -> Path:
     for axes, label in zip(panels, ("displacement [m]", "heave [m]", "pitch, roll dashed [deg]"), strict=True):
         axes.set_ylabel(label)
     if len(bodies.names) > 1:
-        panels[0].legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, borderaxespad=0.2)
+        style.legend_above(panels[0], 4, "left", borderaxespad=0.2)
     style.time_axis(panels[2], run.t)
     return style.finish(figure, run, "motion of the bodies", path)
 
@@ -105,7 +105,7 @@ def limits(run: Run, positions: np.ndarray) -> np.ndarray:
     levels = [] if run.scene.sea is None else [0.0]
     bed = bed_height(run.scene, middle[None])
     if bed is not None:
-        levels.append(float(bed[0]))
+        levels.append(bed[0])
     for z in levels:
         if low[2] - near <= z <= high[2] + near:
             shown.append(np.array([[*middle[:2], z]]))

@@ -43,7 +43,7 @@ def energy_balance(run: Run, path: str | Path) -> Path:
     for name, done, colour in zip(run.work_names, work.T, colours, strict=False):
         upper.plot(t, -done, color=colour, label=f"minus work, {name.replace('_', ' ')}", **mark)
     upper.set_ylabel("energy [J]")
-    upper.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, borderaxespad=0.2)
+    style.legend_above(upper, 3, "left", borderaxespad=0.2)
     scale = max(np.abs(kinetic).max(), np.abs(potential).max()) or 1.0
     drift = np.maximum(np.abs(balance_drift(run)), ROUNDING * scale)
     lower.semilogy(t, drift, color=DARK, lw=0.8, **mark)
@@ -78,7 +78,7 @@ def along_lines(scene: Scene, positions: np.ndarray, tension: np.ndarray, path: 
         lower.plot(arc, bent[line.nodes], **mark)
     upper.set_ylabel(f"tension [{unit}]")
     lower.set(xlabel="unstretched arc length [m]", ylabel="curvature [1/m]")
-    upper.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, borderaxespad=0.2)
+    style.legend_above(upper, 4, "left", borderaxespad=0.2)
     return style.save(figure, path)
 
 
@@ -117,7 +117,7 @@ def tension_history(run: Run, path: str | Path) -> Path:
     is drawn as its envelope, with a zoom around its maximum tension.
     """
     loads = loads_of(run)
-    least = TENSION * float(np.nanmax(np.abs(loads.tension), initial=0.0))
+    least = TENSION * np.nanmax(np.abs(loads.tension), initial=0.0)
     if len(run.t) > 1 and not changing([loads.low, loads.high], least).any():
         return panels.constants(run, path, "tension", [(f"tension [{loads.unit}]", loads.tension)])
     found = [_largest(run, loads)]

@@ -49,7 +49,7 @@ def regimes(waves: Sequence[tuple[str, float, float, float]], gravity: float, pa
     axes.plot(depths, limit, color=ALERT, lw=1.8, label="breaking (Williams 1981)")
     # depth over wavelength above which water is deep, and below which it is shallow
     for share, name in ((0.5, "deep"), (0.05, "shallow")):
-        _line(axes, float(np.interp(-share, -depths[::-1] / length[::-1], depths[::-1])), f"d/L = {share:g}, {name}")
+        _line(axes, np.interp(-share, -depths[::-1] / length[::-1], depths[::-1]), f"d/L = {share:g}, {name}")
     for i, (label, height, period, depth) in enumerate(waves):
         scale = gravity * period**2
         axes.plot(depth / scale, height / scale, "o", color=CYCLE[1 - i % 2], ms=8, label=label, zorder=5)
@@ -67,6 +67,7 @@ def regimes(waves: Sequence[tuple[str, float, float, float]], gravity: float, pa
 
 
 def _line(axes: Axes, at: float, text: str) -> None:
+    """A vertical line with its meaning."""
     axes.axvline(at, color=FAINT, lw=0.9, ls="--")
     axes.annotate(text, (at, 0.03), (4, 0), ("data", "axes fraction"), "offset points", fontsize=8, rotation=90)
 
@@ -76,7 +77,7 @@ def flow_map(name: str, found: SceneWakes, path: str | Path) -> Path:
     """Current [m/s] at the mean height of the lines, along and across it, with the lines' links [m]."""
     wakes = found.wakes
     e = wakes.elements
-    height = float(np.average(e.z, weights=e.drag * e.area + 1e-12))
+    height = np.average(e.z, weights=e.drag * e.area + 1e-12)
     size = max(np.ptp(e.x), np.ptp(e.y), 10.0)
     x = np.linspace(e.x.min() - 0.1 * size, e.x.max() + 0.8 * size, 90)
     y = np.linspace(e.y.min() - 0.25 * size, e.y.max() + 0.25 * size, 160)
@@ -148,7 +149,7 @@ def _side_view(axes: Axes, run: Run, index: int, axis: int, half: float) -> None
     eta = elevations(run.scene, positions, run.t[index : index + 1])[0]
     bed = bed_height(run.scene, positions)
     if bed is None:
-        lowest = max(low[2] - 0.1 * half, -float(_sea_of(run).depth))
+        lowest = max(low[2] - 0.1 * half, -_sea_of(run).depth)
     else:
         lowest = low[2] - 0.1 * (high - low)[2]
     axes.fill_between(along, eta, lowest, color=WATER)
@@ -234,7 +235,7 @@ def tension_envelope(run: Run, path: str | Path) -> Path:
     style.share_scales(all_axes)
     style.outer_labels(all_axes, columns, "arc length [m]", f"tension [{unit}]")
     if len(shown) == 1:
-        all_axes[0].legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4)
+        style.legend_above(all_axes[0], 4, "left")
     else:
         figure.legend(*all_axes[0].get_legend_handles_labels(), loc="outside lower left", ncols=4)
     return style.finish(figure, run, what, path)

@@ -135,7 +135,7 @@ def _watch(part: Record, points: list[Table], found: Table) -> Figure:
     left.supylabel("y from the mean [m]", fontsize=9)
     height.set_ylabel("z [m]")
     style.time_axis(height, part.t)
-    height.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3)
+    style.legend_above(height, 3, "left")
     return figure
 
 

@@ -82,7 +82,7 @@ def check_gradient(
     slope = np.asarray(ravel_pytree(gradient)[0], float)
     sizes = np.abs(np.asarray(ravel_pytree(scale)[0], float))
     matters = slope * sizes
-    largest = float(np.max(np.abs(matters), initial=0.0))
+    largest = np.max(np.abs(matters), initial=0.0)
     if not 0.0 < largest < np.inf:
         return GradientCheck(largest, np.nan, np.nan, NOT_TRUSTED)
     step = size * sizes * matters / largest

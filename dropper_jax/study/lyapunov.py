@@ -32,6 +32,7 @@ class Lyapunov(NamedTuple):
     converged: Array
 
 
+@cached_jit(static=("stepper", "steps"))
 def lyapunov(model: Model, s: State, stepper: Stepper, dt: float | Array, steps: int, seed: int = 0) -> Lyapunov:
     """Follow one perturbation through the exact tangent map of the step, scaled back to size one after each.
 
@@ -52,11 +53,6 @@ def lyapunov(model: Model, s: State, stepper: Stepper, dt: float | Array, steps:
 
     Source: Benettin, Galgani, Giorgilli, Strelcyn, Meccanica 15 (1980) 9-20.
     """
-    return _measure_growth(model, s, stepper, dt, steps, seed)
-
-
-@cached_jit(static=("stepper", "steps"))
-def _measure_growth(model: Model, s: State, stepper: Stepper, dt: float | Array, steps: int, seed: int) -> Lyapunov:
     dt = jnp.asarray(dt, model.dtype)
     carry = begin(stepper, model, s).state
     dv = unit_perturbation(model, s, seed)

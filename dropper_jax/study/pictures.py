@@ -66,7 +66,7 @@ def mode_shapes(scene: Scene, model: Model, found: Equilibrium, modes: Modes, pa
     figure = style.new_figure(*figure_size)
     for i, axes in enumerate(style.panels(figure, count, columns)):
         shape = np.asarray(modes.shape[i])
-        shape = shape * SHAPE_SIZE * size / max(float(np.abs(shape).max()), np.finfo(float).tiny)
+        shape = shape * SHAPE_SIZE * size / max(np.abs(shape).max(), np.finfo(float).tiny)
         ends = [np.asarray(model.nodes(r + sign * shape, ends_of_lines)) for sign in (1.0, -1.0)]
         across, up = _plane(rest, ends[0] - rest)
         for line in line_slices(scene):
@@ -101,7 +101,7 @@ def responses(name: str, rows: Sequence[Table], path: str | Path) -> Path:
     if all(row.get("amplitude_10_percent_more") is not None for row in rows):
         higher = amplitude * (1.0 + column(rows, "amplitude_10_percent_more"))
         panels[0].plot(period, higher, label="waves 10 % higher", **marks(1))
-        panels[0].legend(ncols=2, **ABOVE)
+        style.legend_above(panels[0], 2, borderaxespad=0.2)
     panels[-1].set_xlabel("period of the waves [s]")
     figure.align_ylabels()
     return save_titled(figure, f"{name}: angle of the first link in regular waves", path)
@@ -152,13 +152,9 @@ def tide(name: str, rows: Sequence[Table], path: str | Path) -> Path:
         tension.plot(hours, np.linalg.norm([load[point] for load in loads], axis=1) / 1e3, label=point, **marks(i))
     tension.set(xlabel="time [h]", ylabel="pull [kN]")
     for axes in (water, tension):
-        axes.legend(ncols=4, fontsize=8, **ABOVE)
+        style.legend_above(axes, 4, fontsize=8, borderaxespad=0.2)
     figure.align_ylabels()
     return save_titled(figure, f"{name}: through the tide", path)
-
-
-#: Legend above the upper right corner of a panel.
-ABOVE = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "borderaxespad": 0.2}
 
 
 def column(rows: Sequence[Table], key: str, dtype: type = float) -> np.ndarray:

@@ -9,7 +9,7 @@ import numpy as np
 from study import Found, Rows, collect, columns, command, table_of
 
 from dropper_jax import load_scene
-from dropper_jax.study.sea_facts import tidal_cycle
+from dropper_jax.study.tide import tidal_cycle
 
 NAMES = ("west-danforth", "east-danforth", "west-gravity", "east-gravity")
 HEADINGS = range(0, 91, 15)  # [deg] of the tide against the backbone

@@ -23,7 +23,7 @@ from study import command, show, store
 
 import dropper_jax as dj
 from dropper_jax.statics import nodal_loads
-from dropper_jax.study.sea_facts import tidal_cycle
+from dropper_jax.study.tide import tidal_cycle
 
 DATA = resources.files("dropper_jax") / "data"
 #: Lifted node of each scenario of the lab experiment.

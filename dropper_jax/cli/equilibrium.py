@@ -76,7 +76,7 @@ def run(args: Namespace) -> int:
 
 def _tide(scene: Scene, args: Namespace) -> int:
     """The cycle as a table, or one object."""
-    from dropper_jax.study.sea_facts import tidal_cycle
+    from dropper_jax.study.tide import tidal_cycle
 
     found = tidal_cycle(scene, args.times)
     outcomes = [found["slack_status"], *(row["status"] for row in found["rows"])]

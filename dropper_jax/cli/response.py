@@ -37,7 +37,7 @@ def run(args: Namespace) -> int:
     periods = _periods(args.periods)
     scene = read_scene(args)
 
-    from dropper_jax.study.sea_facts import responses
+    from dropper_jax.study.response import responses
 
     rows = responses(scene, periods, not args.no_higher_waves, progress(args.quiet))
     failed = next((row["status"] for row in rows if row["status"] != "ok"), None)

@@ -7,26 +7,21 @@ from pathlib import Path
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.numerics import spread
 from dropper_jax.base.read import Table
 from dropper_jax.base.store import flat_items
-from dropper_jax.evaluation.extremes import line_snaps, storm_extreme
+from dropper_jax.evaluation.extremes import storm_extreme
 from dropper_jax.evaluation.fatigue import line_fatigue
 from dropper_jax.evaluation.record import Record, record
 from dropper_jax.evaluation.settings import Settings
+from dropper_jax.evaluation.snaps import line_snaps
 from dropper_jax.evaluation.tension import anchors, line_tensions
-from dropper_jax.load.checks_water import bed_height, surface_over
-from dropper_jax.load.scene import Scene
-from dropper_jax.report.cells import Rows
-from dropper_jax.report.motion import accelerations, line_distances, node_arc, node_rows, watch_circles
-from dropper_jax.report.parts import body_motions, crops, parts
-from dropper_jax.run.bends import bending_moment, bending_summary, bends, curvature
-from dropper_jax.run.flow_coefficients import flow_table, follows
-from dropper_jax.run.growth import overgrown
+from dropper_jax.report.distance import line_distances
+from dropper_jax.report.lines import bed_contact, crops, flow_coefficients, line_bending, submergence
+from dropper_jax.report.motion import accelerations, body_motions, watch_circles
+from dropper_jax.report.parts import parts
 from dropper_jax.run.line_weights import line_weights
 from dropper_jax.run.simulate import Solution
-from dropper_jax.scene import BuoySpec, sliced_lines, whole_lines
-from dropper_jax.scene.data import point_nodes
+from dropper_jax.scene import whole_lines
 
 
 def report_run(solution: Solution, settings: Settings | None = None) -> Table:
@@ -172,92 +167,3 @@ def _extremes(runs: list[Table], differ: list[str], settings: Settings) -> Table
     if len(why) == 1 and None not in why:
         return {"skipped": why.pop()}
     return found
-
-
-def bed_contact(record: Record, settings: Settings) -> Rows:
-    """Per line: length on the seabed [m] over time, and fraction of time of each node.
-
-    A node is on the seabed if it is at most `contact` above it, a link if both its ends are. The length is a number of
-    complete links, so it is zero for a line that rises from an anchor on the seabed.
-    """
-    bed = bed_height(record.scene, record.positions)
-    if bed is None:
-        return {"skipped": "the scene has no [effects.seabed]"}
-    on = record.positions[..., 2] - bed <= settings.contact
-    found = []
-    for row, where in node_rows(record):
-        own = on[:, where.nodes]
-        length = (own[:, :-1] & own[:, 1:]) @ np.asarray(where.spec.length, float)
-        found.append(
-            {
-                **row,
-                "length_m": spread(length, ("min", "mean", "max")),
-                "share_of_line": float(length.mean() / where.spec.total),
-                "share_of_time": own.mean(axis=0),
-                "share_with_contact": float(np.mean(length > 0)),
-            }
-        )
-    return found
-
-
-def flow_coefficients(scene: Scene) -> Rows:
-    """Coefficients that depend on the flow, per line."""
-    if follows(scene):
-        return flow_table(overgrown(scene))
-    return {"skipped": "the scene has no flow-dependent coefficients"}
-
-
-def line_bending(record: Record) -> Rows:
-    """Per line the maximum moment [N m], its arc length [m] and time [s], the minimum radius [m], and the maximum and
-    mean moment of each node [N m] against arc length from the first point [m]."""
-    scene = record.scene
-    if not bends(scene):
-        return {"skipped": "the scene has no [effects.bending]"}
-    kappa = curvature(scene, record.positions, record.t)
-    moment = bending_moment(scene, record.positions, record.t, tuple(record.solution.broken))
-    summary = bending_summary(scene, record.t, kappa, moment)
-    found = []
-    for line, where in sliced_lines(scene):
-        own = moment[:, where.nodes]
-        along = {"length_m": node_arc(line.length), "max_n_m": own.max(axis=0)}
-        found.append({"line": line.name, **summary[line.name], **along, "mean_n_m": own.mean(axis=0)})
-    return found
-
-
-def submergence(record: Record) -> Table:
-    """Per line the fraction of time under the actual surface and the depth [m] of its nodes; per buoy the draught."""
-    if record.scene.sea is None:
-        return {"skipped": "the scene has no water"}
-    depth = surface_over(record.scene, record.positions, record.t) - record.positions[..., 2]
-    lines = []
-    for row, where in node_rows(record):
-        own = depth[:, where.nodes]
-        lines.append(
-            {
-                **row,
-                "share_under_water": (own > 0).mean(axis=0),
-                "mean_depth_m": own.mean(axis=0),
-                "least_depth_m": own.min(axis=0),
-                "largest_depth_m": own.max(axis=0),
-            }
-        )
-    return {"lines": lines, "buoys": [_buoy(record, buoy, depth) for buoy in record.scene.buoys]}
-
-
-def _buoy(record: Record, buoy: BuoySpec, depth: np.ndarray) -> Table:
-    """Draught and submergence of a buoy, from the depths (k, nodes) [m] of all nodes."""
-    base = depth[:, point_nodes(record.scene)[buoy.point]] + buoy.attachment
-    return {
-        "buoy": buoy.name,
-        "draught_m": spread(base, ("min", "mean", "max")),
-        "height_m": buoy.height,
-        "share_under_water": float(np.mean(base >= buoy.height)),
-        "share_out_of_water": float(np.mean(base <= 0)),
-        "longest_under_water_s": _longest(base >= buoy.height, record.t),
-    }
-
-
-def _longest(under: np.ndarray, t: np.ndarray) -> float:
-    """Longest uninterrupted time [s] in which all samples are true."""
-    edges = np.flatnonzero(np.diff(under.astype(int), prepend=0, append=0))
-    return float(np.max(t[edges[1::2] - 1] - t[edges[::2]], initial=0.0))

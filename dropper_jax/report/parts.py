@@ -7,13 +7,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dropper_jax.base.constants import DEGREE
-from dropper_jax.base.numerics import spread
 from dropper_jax.base.read import Table
-from dropper_jax.evaluation.record import Record
-from dropper_jax.report.cells import Rows
-from dropper_jax.run.growth import overgrown
-from dropper_jax.scene import sliced_lines
+from dropper_jax.report.tables import Rows
 
 
 def parts(tension: list[Table], snap: list[Table], fatigue: Rows) -> Rows:
@@ -82,73 +77,3 @@ def _worst(lines: Sequence[Table], key: str) -> Table | None:
     """The line with the maximum value; None if no line has a value."""
     some = [{"line": line["line"], key: line[key]} for line in lines if line.get(key) is not None]
     return max(some, key=lambda line: line[key], default=None)
-
-
-def crops(record: Record) -> Rows:
-    """Per line with mussels: their mass [kg], weight in water [N] and maximum diameter [m], and the drop-off.
-
-    A mussel drops off if the acceleration of its node exceeds `SeasonSpec.holding`. `mass_at_risk_kg` is the crop on
-    links with a node above this limit, `share_beyond` the fraction of nodes and samples above it.
-    """
-    scene = record.scene
-    sea = scene.sea
-    season = scene.season
-    if season is None and all(line.growth is None for line in scene.lines):
-        return {"skipped": "the scene has no mussels ([growth] or [line.growth])"}
-    found = []
-    for bare, (line, where) in zip(scene.lines, sliced_lines(overgrown(scene)), strict=True):
-        if bare.growth is None and not (season is not None and season.on(bare.name, bare.piece_of)):
-            continue
-        if sea is None or line.diameter is None or bare.diameter is None:
-            continue  # a line with mussels has both
-        crop = line.mass - bare.mass
-        volume = 0.25 * np.pi * (line.diameter**2 - bare.diameter**2) * line.length
-        drop_off = None
-        if season is not None and season.attachment is not None and np.any(volume > 0.0):
-            limit = season.holding(float(np.sum(crop) / np.sum(volume)), sea.density, sea.gravity)
-            size = record.acceleration[:, where.nodes]
-            hit = np.any(size > limit, axis=0)
-            drop_off = {
-                "limit_m_per_s2": limit,
-                "largest_m_per_s2": float(size.max()),
-                "share_beyond": float(np.mean(size > limit)),
-                "mass_at_risk_kg": float(np.sum(crop[hit[1:] | hit[:-1]])),
-            }
-        found.append(
-            {
-                "line": bare.name,
-                "mass_kg": float(np.sum(crop)),
-                "wet_weight_n": float(sea.gravity * np.sum(crop - sea.density * volume)),
-                "largest_diameter_m": float(np.max(line.diameter)),
-                "drop_off": drop_off,
-            }
-        )
-    return found
-
-
-#: Motions in the order of `body_position` and `body_attitude`.
-MOVES = ("surge", "sway", "heave")
-TURNS = ("roll", "pitch", "yaw")
-
-
-def body_motions(record: Record) -> Rows:
-    """Per rigid body: mean, standard deviation and extremes of its reference point [m] and of its attitude [deg].
-
-    `tilt_deg` is the angle between the body's z-axis and the vertical.
-    """
-    run = record.solution
-    if run.body_position is None or run.body_attitude is None or not record.scene.bodies:
-        return {"skipped": "the scene has no rigid bodies"}
-    kept = np.isin(run.t, record.t)
-    found = []
-    for i, body in enumerate(record.scene.bodies):
-        turn = DEGREE * run.body_attitude[kept, i]
-        cosine = np.cos(run.body_attitude[kept, i, :2]).prod(axis=-1)
-        tilt = DEGREE * np.arccos(np.clip(cosine, -1.0, 1.0))
-        row: Table = {"body": body.name}
-        for name, values in zip(MOVES, run.body_position[kept, i].T, strict=True):
-            row[f"{name}_m"] = spread(values)
-        for name, values in zip((*TURNS, "tilt"), (*turn.T, tilt), strict=True):
-            row[f"{name}_deg"] = spread(values)
-        found.append(row)
-    return found

@@ -18,8 +18,8 @@ from dropper_jax.plots.panels import Curve, line_style
 from dropper_jax.plots.run import readable
 from dropper_jax.plots.style import ALERT, CYCLE, DARK, FAINT, FIRST, SECOND, force_unit
 from dropper_jax.plots.water import draw_bands
-from dropper_jax.report.cells import largest
 from dropper_jax.report.sections import load_of_anchor
+from dropper_jax.report.tables import largest
 from dropper_jax.run.end_links import point_loads
 
 #: Maximum number of lines, anchors or points in one picture, each with its own colour; of more, those with the largest

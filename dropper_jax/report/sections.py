@@ -10,7 +10,7 @@ import numpy as np
 from dropper_jax.base.markdown import first_names, markdown_table
 from dropper_jax.base.read import Table
 from dropper_jax.base.table_cells import Columns, fill
-from dropper_jax.report.cells import SECTION_ROWS, largest, largest_table, table_of
+from dropper_jax.report.tables import SECTION_ROWS, largest, largest_table, table_of
 from dropper_jax.run.flow_coefficients import flow_cells
 from dropper_jax.run.line_weights import weight_cells
 from dropper_jax.run.statistics import NOT_GAUSSIAN

@@ -10,7 +10,7 @@ from dropper_jax.base.read import Table
 from dropper_jax.base.table_cells import Columns, newton
 from dropper_jax.base.toml_text import literal
 from dropper_jax.report import sections
-from dropper_jax.report.cells import table_of
+from dropper_jax.report.tables import table_of
 from dropper_jax.scene import link_mass_words
 
 

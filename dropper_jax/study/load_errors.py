@@ -9,9 +9,9 @@ import numpy as np
 from dropper_jax.base.errors import Progress, SceneError, silent
 from dropper_jax.base.read import Plain, Table, declared_fields
 from dropper_jax.effects import EFFECTS
-from dropper_jax.evaluation.extremes import line_snaps
 from dropper_jax.evaluation.record import Record, arc, record
 from dropper_jax.evaluation.settings import Settings
+from dropper_jax.evaluation.snaps import line_snaps
 from dropper_jax.load.periods import periods
 from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.run.companion import error_factor, finer_values, parts_at

@@ -10,7 +10,7 @@ from scene_parts import fixed, free, line_of, system
 
 import dropper_jax as dj
 from dropper_jax.effects.nearest_points import contact_force, nearest_points
-from dropper_jax.report.motion import segment_distance
+from dropper_jax.report.distance import segment_distance
 
 LINKS, SPAN, THICK, STIFF, STEPS = 4, 1.0, 0.06, 2e4, 60
 

@@ -10,7 +10,7 @@ import dropper_jax as dj
 from dropper_jax import SceneError, report_runs
 from dropper_jax.report.text import markdown
 from dropper_jax.scene import AnchorSpec, utilisations
-from dropper_jax.study.sea_facts import tidal_cycle
+from dropper_jax.study.tide import tidal_cycle
 
 #: A light rope at rest that a submerged float pulls up at an anchor, in a current.
 SCENE = {

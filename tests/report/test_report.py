@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from dropper_jax import report_run
-from dropper_jax.evaluation.extremes import snap_events
 from dropper_jax.evaluation.fatigue import NO_CURVE, NO_LOAD, cycles, damage, turning_points
 from dropper_jax.evaluation.settings import Settings
+from dropper_jax.evaluation.snaps import snap_events
 from dropper_jax.report import sections
-from dropper_jax.report.motion import segment_distance
+from dropper_jax.report.distance import segment_distance
 
 rainflow = pytest.importorskip("rainflow")
 

@@ -4,8 +4,8 @@ import numpy as np
 
 from dropper_jax import report_runs
 from dropper_jax.report import sections
-from dropper_jax.report.cells import SECTION_ROWS
 from dropper_jax.report.parts import parts
+from dropper_jax.report.tables import SECTION_ROWS
 from dropper_jax.report.text import markdown
 
 

@@ -9,7 +9,7 @@ from scene_parts import free_at, line_of, scene_of
 import dropper_jax as dj
 from dropper_jax.cli.run_text import text, with_gaps
 from dropper_jax.report.build import report_run
-from dropper_jax.report.cells import largest_table
+from dropper_jax.report.tables import largest_table
 from dropper_jax.run.step_facts import step_facts
 from dropper_jax.run.variables import STEP_EXTREMES
 

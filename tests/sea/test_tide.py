@@ -13,7 +13,7 @@ from dropper_jax.scene import line_slices
 from dropper_jax.sea.make import make_sea
 from dropper_jax.sea.spec import SeaSpec
 from dropper_jax.statics import equilibrium, nodal_loads
-from dropper_jax.study.sea_facts import tidal_cycle
+from dropper_jax.study.tide import tidal_cycle
 
 M2, S2 = 44714.16, 43200.0
 LEVEL = {"amplitude": [1.5, 0.5], "period": [M2, S2], "phase": [0.3, 1.0]}

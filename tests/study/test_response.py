@@ -6,7 +6,7 @@ import sea_cases
 
 import dropper_jax as dj
 from dropper_jax import as_toml
-from dropper_jax.study.sea_facts import responses
+from dropper_jax.study.response import responses
 
 
 def test_mean_amplitude_and_phase_are_those_of_scipy(tmp_path, json_of):

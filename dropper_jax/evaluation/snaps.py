@@ -1,0 +1,123 @@
+"""Snap loads: links that go slack and are then pulled taut."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from dropper_jax.base.read import Table
+from dropper_jax.evaluation.record import Record, arc
+from dropper_jax.evaluation.settings import Settings
+from dropper_jax.scene import LineSpec
+
+
+class Snap(NamedTuple):
+    """One event: start and end of slack [s], time of the threshold [s], the following peak [N] and its time [s]."""
+
+    slack_from: float
+    slack_to: float
+    passed: float
+    peak: float
+    peak_at: float
+
+
+#: Keys of the fields of an event in a table.
+EVENT_KEYS = ("slack_from_s", "slack_to_s", "threshold_passed_s", "peak_n", "peak_s")
+
+
+def snap_events(
+    t: np.ndarray,
+    tension: np.ndarray,
+    slack: float,
+    least: float,
+    snap: float,
+    peaks: tuple[np.ndarray, np.ndarray] | None = None,
+) -> list[Snap]:
+    """Events in the tension of one link: below `slack` [N] for at least `least` [s], then above `snap` [N].
+
+    The time below is that between the crossings of `slack`, linear between samples. The rise counts until the tension
+    falls below `slack` again; the peak is the maximum tension until then.
+
+    Args:
+        peaks: maximum tension over the steps since the previous sample (k,) [N] and its time (k,) [s]; default: the
+            samples.
+    """
+    largest, largest_at = (tension, t) if peaks is None else peaks
+    # the ends of slack, each with the sample at which it started, and the next start, up to which the peak counts
+    change = np.diff((tension < slack).astype(int), prepend=0)
+    starts = np.flatnonzero(change > 0)
+    found = []
+    for begin, end, until in zip(starts, np.flatnonzero(change < 0), [*starts[1:], len(t)], strict=False):
+        start = t[0] if begin == 0 else _crossing(t, tension, begin - 1, slack)
+        stop = _crossing(t, tension, end - 1, slack)
+        over = np.flatnonzero(largest[end:until] > snap)
+        if stop - start < least or not over.size:
+            continue
+        first = end + int(over[0])
+        peak = end + int(np.argmax(largest[end:until]))
+        # a peak between two samples below the threshold passes it at an unknown time before
+        passed = largest_at[first]
+        if tension[first] > snap:
+            passed = _crossing(t, tension, first - 1, snap)
+        found.append(Snap(*map(float, (start, stop, passed, largest[peak], largest_at[peak]))))
+    return found
+
+
+def _crossing(t: np.ndarray, tension: np.ndarray, i: int, level: float) -> float:
+    """Time at which the tension passes `level` between samples i and i + 1."""
+    rise = tension[i + 1] - tension[i]
+    if rise == 0:
+        return t[i]
+    return t[i] + (level - tension[i]) / rise * (t[i + 1] - t[i])
+
+
+def _thresholds(spec: LineSpec, tension: np.ndarray, settings: Settings) -> tuple[float, float]:
+    """Tensions [N] of a link below which it is slack and above which a snap follows; by default parts of its mean."""
+    mean = max(float(tension.mean()), 0.0)
+    slack = settings.slack
+    if slack is None:
+        slack = 0.0 if spec.rigid else 0.1 * mean
+    snap = settings.snap
+    if snap is None:
+        snap = 2.0 * mean
+    return slack, max(snap, slack)
+
+
+def line_snaps(record: Record, settings: Settings) -> list[Table]:
+    """Per line: number of events, per link and in its worst link, fraction of time slack, and the largest events.
+
+    A rigid link is never slack: for it the fraction is that of compression.
+    """
+    listed = 10  # events listed per line, the largest first
+    found = []
+    for where in record.written_lines:
+        s = arc(where.spec.length)
+        extremes = record.extremes["tension"].of(where.links)
+        counts = []
+        share = []
+        events = []
+        for j, tension in enumerate(record.tension[:, where.links].T):
+            slack, snap = _thresholds(where.spec, tension, settings)
+            peaks = extremes.largest[:, j], extremes.largest_at[:, j]
+            own = snap_events(record.t_tension, tension, slack, settings.slack_time, snap, peaks)
+            counts.append(len(own))
+            share.append(float(np.mean(tension < slack)))
+            for event in own:
+                times = dict(zip(EVENT_KEYS, event, strict=True))
+                events.append({"at_m": float(s[j]), **times, "slack_n": slack, "snap_n": snap})
+        events.sort(key=lambda event: -event["peak_n"])
+        found.append(
+            {
+                "line": where.name,
+                "rigid": where.spec.rigid,
+                "arc_length_m": s,
+                "events": counts,
+                "most_events": max(counts),
+                "slack_share": share,
+                "largest_share_slack": max(share),
+                "shown": events[:listed],
+                "not_shown": max(len(events) - listed, 0),
+            }
+        )
+    return found

@@ -1,0 +1,150 @@
+"""Sections of the report line by line: bending, seabed, water, coefficients and mussels."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dropper_jax.base.numerics import spread
+from dropper_jax.base.read import Table
+from dropper_jax.evaluation.record import Record
+from dropper_jax.evaluation.settings import Settings
+from dropper_jax.load.checks_water import bed_height, surface_over
+from dropper_jax.load.scene import Scene
+from dropper_jax.report.motion import node_arc, node_rows
+from dropper_jax.report.tables import Rows
+from dropper_jax.run.bends import bending_moment, bending_summary, bends, curvature
+from dropper_jax.run.flow_coefficients import flow_table, follows
+from dropper_jax.run.growth import overgrown
+from dropper_jax.scene import BuoySpec, sliced_lines
+from dropper_jax.scene.data import point_nodes
+
+
+def bed_contact(record: Record, settings: Settings) -> Rows:
+    """Per line: length on the seabed [m] over time, and fraction of time of each node.
+
+    A node is on the seabed if it is at most `contact` above it, a link if both its ends are. The length is a number of
+    complete links, so it is zero for a line that rises from an anchor on the seabed.
+    """
+    bed = bed_height(record.scene, record.positions)
+    if bed is None:
+        return {"skipped": "the scene has no [effects.seabed]"}
+    on = record.positions[..., 2] - bed <= settings.contact
+    found = []
+    for row, where in node_rows(record):
+        own = on[:, where.nodes]
+        length = (own[:, :-1] & own[:, 1:]) @ np.asarray(where.spec.length, float)
+        found.append(
+            {
+                **row,
+                "length_m": spread(length, ("min", "mean", "max")),
+                "share_of_line": float(length.mean() / where.spec.total),
+                "share_of_time": own.mean(axis=0),
+                "share_with_contact": float(np.mean(length > 0)),
+            }
+        )
+    return found
+
+
+def flow_coefficients(scene: Scene) -> Rows:
+    """Coefficients that depend on the flow, per line."""
+    if follows(scene):
+        return flow_table(overgrown(scene))
+    return {"skipped": "the scene has no flow-dependent coefficients"}
+
+
+def line_bending(record: Record) -> Rows:
+    """Per line the maximum moment [N m], its arc length [m] and time [s], the minimum radius [m], and the maximum and
+    mean moment of each node [N m] against arc length from the first point [m]."""
+    scene = record.scene
+    if not bends(scene):
+        return {"skipped": "the scene has no [effects.bending]"}
+    kappa = curvature(scene, record.positions, record.t)
+    moment = bending_moment(scene, record.positions, record.t, tuple(record.solution.broken))
+    summary = bending_summary(scene, record.t, kappa, moment)
+    found = []
+    for line, where in sliced_lines(scene):
+        own = moment[:, where.nodes]
+        along = {"length_m": node_arc(line.length), "max_n_m": own.max(axis=0)}
+        found.append({"line": line.name, **summary[line.name], **along, "mean_n_m": own.mean(axis=0)})
+    return found
+
+
+def submergence(record: Record) -> Table:
+    """Per line the fraction of time under the actual surface and the depth [m] of its nodes; per buoy the draught."""
+    if record.scene.sea is None:
+        return {"skipped": "the scene has no water"}
+    depth = surface_over(record.scene, record.positions, record.t) - record.positions[..., 2]
+    lines = []
+    for row, where in node_rows(record):
+        own = depth[:, where.nodes]
+        lines.append(
+            {
+                **row,
+                "share_under_water": (own > 0).mean(axis=0),
+                "mean_depth_m": own.mean(axis=0),
+                "least_depth_m": own.min(axis=0),
+                "largest_depth_m": own.max(axis=0),
+            }
+        )
+    return {"lines": lines, "buoys": [_buoy(record, buoy, depth) for buoy in record.scene.buoys]}
+
+
+def _buoy(record: Record, buoy: BuoySpec, depth: np.ndarray) -> Table:
+    """Draught and submergence of a buoy, from the depths (k, nodes) [m] of all nodes."""
+    base = depth[:, point_nodes(record.scene)[buoy.point]] + buoy.attachment
+    return {
+        "buoy": buoy.name,
+        "draught_m": spread(base, ("min", "mean", "max")),
+        "height_m": buoy.height,
+        "share_under_water": float(np.mean(base >= buoy.height)),
+        "share_out_of_water": float(np.mean(base <= 0)),
+        "longest_under_water_s": _longest(base >= buoy.height, record.t),
+    }
+
+
+def _longest(under: np.ndarray, t: np.ndarray) -> float:
+    """Longest uninterrupted time [s] in which all samples are true."""
+    edges = np.flatnonzero(np.diff(under.astype(int), prepend=0, append=0))
+    return float(np.max(t[edges[1::2] - 1] - t[edges[::2]], initial=0.0))
+
+
+def crops(record: Record) -> Rows:
+    """Per line with mussels: their mass [kg], weight in water [N] and maximum diameter [m], and the drop-off.
+
+    A mussel drops off if the acceleration of its node exceeds `SeasonSpec.holding`. `mass_at_risk_kg` is the crop on
+    links with a node above this limit, `share_beyond` the fraction of nodes and samples above it.
+    """
+    scene = record.scene
+    sea = scene.sea
+    season = scene.season
+    if season is None and all(line.growth is None for line in scene.lines):
+        return {"skipped": "the scene has no mussels ([growth] or [line.growth])"}
+    found = []
+    for bare, (line, where) in zip(scene.lines, sliced_lines(overgrown(scene)), strict=True):
+        if bare.growth is None and not (season is not None and season.on(bare.name, bare.piece_of)):
+            continue
+        if sea is None or line.diameter is None or bare.diameter is None:
+            continue  # a line with mussels has both
+        crop = line.mass - bare.mass
+        volume = 0.25 * np.pi * (line.diameter**2 - bare.diameter**2) * line.length
+        drop_off = None
+        if season is not None and season.attachment is not None and np.any(volume > 0.0):
+            limit = season.holding(float(np.sum(crop) / np.sum(volume)), sea.density, sea.gravity)
+            size = record.acceleration[:, where.nodes]
+            hit = np.any(size > limit, axis=0)
+            drop_off = {
+                "limit_m_per_s2": limit,
+                "largest_m_per_s2": float(size.max()),
+                "share_beyond": float(np.mean(size > limit)),
+                "mass_at_risk_kg": float(np.sum(crop[hit[1:] | hit[:-1]])),
+            }
+        found.append(
+            {
+                "line": bare.name,
+                "mass_kg": float(np.sum(crop)),
+                "wet_weight_n": float(sea.gravity * np.sum(crop - sea.density * volume)),
+                "largest_diameter_m": float(np.max(line.diameter)),
+                "drop_off": drop_off,
+            }
+        )
+    return found

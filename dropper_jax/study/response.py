@@ -1,0 +1,89 @@
+"""Response of a scene's first link to regular waves over their period."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from dropper_jax.base.errors import Progress, SceneError, silent
+from dropper_jax.base.read import Table
+from dropper_jax.load.scene import Scene
+from dropper_jax.run.build import build_model
+from dropper_jax.run.simulate import Solution, simulate
+
+#: Fraction of a run, at its end, for the evaluation of the response.
+TAKEN = 1.0 / 3.0
+#: Increase of the wave height for the additional curve.
+HIGHER_WAVES = 1.1
+
+
+def responses(
+    scene: Scene, periods: Sequence[float] | np.ndarray, more: bool = True, progress: Progress = silent
+) -> list[Table]:
+    """Response of a scene's first link in regular waves of these periods [s], over whole periods at the end of runs.
+
+    Args:
+        more: also with waves that are 10 % higher.
+
+    Returns:
+        {period_s, status, mean_rad, amplitude_rad, phase_rad, wet, amplitude_10_percent_more} per period: mean and
+        first harmonic of the angle from the vertical in the plane of the waves, its phase relative to the elevation at
+        the fixed point (0 in phase, -pi/2 a quarter period behind), mean wet fraction of the far end, and the amplitude
+        at 1.1 times the height.
+
+    Raises:
+        SceneError: no regular waves of a period, or runs shorter than three periods.
+    """
+    waves = None if scene.sea is None else scene.sea.waves
+    if waves is None or waves.kind != "regular" or waves.period is None:
+        raise SceneError("sea.waves: a response needs regular waves with a period; allowed: kind 'regular', `period`")
+    least = max(periods) / TAKEN
+    if scene.run.duration < least:
+        raise SceneError(
+            f"run.duration: {scene.run.duration:g} s is too short for these periods; allowed: >= {least:g} s"
+        )
+    key = "height" if waves.amplitude is None else "amplitude"
+    higher = {f"sea.waves.{key}": HIGHER_WAVES * np.max(getattr(waves, key))}
+    found = []
+    for i, period in enumerate(map(float, periods)):
+        progress(i / len(periods), f"period {period:g} s")
+        values = {"sea.waves.period": period}
+        row = {"period_s": period, **_response(simulate(scene.with_values(values)), period)}
+        if more:
+            other = _response(simulate(scene.with_values({**values, **higher})), period)
+            row["amplitude_10_percent_more"] = other["amplitude_rad"] / row["amplitude_rad"] - 1.0
+        found.append(row)
+    progress(1.0, "")
+    return found
+
+
+def _response(solution: Solution, period: float) -> Table:
+    """Mean, first harmonic and wet fraction of a run in waves of a period [s], over whole periods at its end."""
+    model = build_model(solution.scene, "float64")
+    sea = model.sea
+    if sea is None or model.line.diameter is None:
+        raise SceneError("line.0.diameter: missing; a response needs it, > 0 m")
+    span = np.floor(TAKEN * solution.t[-1] / period) * period
+    last = solution.t > solution.t[-1] - span
+    t = solution.t[last]
+    nodes = solution.positions[last]
+    course = float(sea.waves.direction)
+    link = nodes[:, 1] - nodes[:, 0]
+    angle = np.arctan2(link[:, :2] @ [np.cos(course), np.sin(course)], -link[:, 2])
+    held = jnp.asarray(nodes[:1, 0] * [1.0, 1.0, 0.0])
+    eta = np.asarray(jax.jit(jax.vmap(lambda s: sea.elevation(held, s)[0]))(jnp.asarray(t)))
+    wave = np.exp(-2j * np.pi * t / period)
+    swing = 2 * np.mean((angle - angle.mean()) * wave)
+    surface = 2 * np.mean(eta * wave)
+    size = float(model.line.diameter[0]) + np.abs(link[:, 2])
+    s = np.clip(0.5 + (eta - nodes[:, 1, 2]) / size, 0.0, 1.0)
+    return {
+        "status": solution.status,
+        "mean_rad": angle.mean(),
+        "amplitude_rad": abs(swing),
+        "phase_rad": np.angle(swing / surface),
+        "wet": np.mean(s * s * (3.0 - 2.0 * s)),
+    }

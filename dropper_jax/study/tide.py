@@ -1,0 +1,82 @@
+"""Equilibria through a cycle of current and level."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import jax.numpy as jnp
+import numpy as np
+
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.read import Table
+from dropper_jax.load.scene import Scene
+from dropper_jax.run.build import build_model
+from dropper_jax.run.line_weights import fixed_point_loads
+from dropper_jax.scene import line_slices, utilisations
+from dropper_jax.sea import Sea
+from dropper_jax.statics.static_pose import equilibrium, release_loads
+
+
+def cycle_times(sea: Sea, count: int) -> np.ndarray:
+    """Times (count,) [s] over the longest constituent of current and level, or over their tables.
+
+    Raises:
+        SceneError: neither changes with time.
+    """
+    parts = [p for p in (sea.current, sea.level) if p is not None]
+    periods = [np.max(p.period) for p in parts if p.period is not None]
+    times = [p.time for p in parts if p.time is not None]
+    if periods:
+        return np.linspace(0.0, max(periods), count)
+    if times:
+        return np.linspace(np.min(np.concatenate(times)), np.max(np.concatenate(times)), count)
+    raise SceneError(STEADY)
+
+
+STEADY = "--tide: neither sea.current nor sea.level changes with time. Use a scene in which one does"
+
+
+def tidal_cycle(scene: Scene, count: int = 13) -> Table:
+    """Independent equilibria at times of a cycle: the line is assumed to follow the tide without delay.
+
+    Returns:
+        {rows, slack, slack_status}: per time {t_s, level_m, speed_m_per_s, status, displacement_m, line_moved_m,
+        held_load_n, anchor_utilisation (of points with an `[[anchor]]`: load over capacity)}; `slack` are the positions
+        (nodes, 3) [m] without a current at the mean level, `displacement_m` and `line_moved_m` the maximum horizontal
+        displacements from there of all nodes and of the nodes of each line.
+    """
+    model = build_model(scene)
+    sea = model.sea
+    if sea is None:
+        raise SceneError(STEADY)
+    loads = release_loads(model, scene.start)
+    times = cycle_times(sea, count)
+    slack = equilibrium(replace(model, sea=replace(sea, current=None, level=None)), loads)
+    rows = []
+    for t in times:
+        pose = equilibrium(model, loads, float(t))
+        held = fixed_point_loads(scene, pose.positions, pose.tension, float(t))
+        used = utilisations(scene.anchors, {name: (np.hypot(*load[:2]), load[2]) for name, load in held.items()})
+        way = np.hypot(*(pose.positions - slack.positions)[:, :2].T)
+        level = 0.0 if sea.level is None else sea.level.at(jnp.asarray(t))
+        rows.append(
+            {
+                "t_s": float(t),
+                "level_m": float(level),
+                "speed_m_per_s": _speed(sea, t),
+                "status": pose.status,
+                "displacement_m": way.max(),
+                "line_moved_m": {line.name: way[line.nodes].max() for line in line_slices(scene)},
+                "held_load_n": held,
+                "anchor_utilisation": used,
+            }
+        )
+    return {"rows": rows, "slack": slack.positions, "slack_status": slack.status}
+
+
+def _speed(sea: Sea, t: float) -> float:
+    """Speed of the current at the surface [m/s], negative after the current has turned."""
+    if sea.current is None:
+        return 0.0
+    surface = jnp.linalg.norm(sea.current.profile(jnp.zeros(1), sea.depth))
+    return float(sea.current.scale(jnp.asarray(t))) * float(surface)

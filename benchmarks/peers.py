@@ -19,9 +19,9 @@ from study import RESULTS, Found, command, describe, say, store, versions
 
 from dropper_jax import Model, Scene, State, build, load_scene
 from dropper_jax.plots import style
-from dropper_jax.study.march import Scheme, runnable
 from dropper_jax.study.pictures import marks
 from dropper_jax.study.reference import Reference, reference
+from dropper_jax.study.schemes import Scheme, runnable
 from dropper_jax.study.work_precision import measure
 
 REPEATS = 7  # the least of these counts, for everybody: other load on the machine only ever adds

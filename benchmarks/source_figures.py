@@ -29,14 +29,14 @@ from dropper_jax.analysis.spectrum import amplitude_spectrum
 from dropper_jax.load.checks_water import surface_over
 from dropper_jax.load.scene import Scene
 from dropper_jax.plots import style, view
-from dropper_jax.plots.panels import Curve, Panel, history
 from dropper_jax.plots.run import readable
 from dropper_jax.plots.style import force_unit
+from dropper_jax.plots.time_panels import Curve, Panel, history
 from dropper_jax.run.build import build, build_model
 from dropper_jax.run.end_links import point_loads
 from dropper_jax.run.simulate import Solution, simulate
 from dropper_jax.study import accuracy_pictures
-from dropper_jax.study.march import convergence
+from dropper_jax.study.convergence import convergence
 from fitting.traces.trace import read_trace
 
 AXES = ("x", "y", "z")

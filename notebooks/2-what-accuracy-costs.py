@@ -31,7 +31,7 @@ import dropper_jax as dj
 from dropper_jax.plots import style
 from dropper_jax.study import accuracy_pictures
 from dropper_jax.study.accuracy import accuracy
-from dropper_jax.study.march import parse
+from dropper_jax.study.schemes import parse
 
 plt.rcParams.update(style.RC | {"figure.dpi": 90})
 

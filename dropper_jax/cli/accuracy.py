@@ -55,7 +55,7 @@ def run(args: Namespace) -> int:
     scene = read_scene(args)
 
     from dropper_jax.study.accuracy import accuracy
-    from dropper_jax.study.march import parse
+    from dropper_jax.study.schemes import parse
 
     schemes = [parse(name) for text in args.integrators or () for name in text.split(",")] or None
     dts = None if args.dts is None else tuple(args.dts)

@@ -202,7 +202,7 @@ def _text(found: FrequencyResponse) -> str:
 def _draw(name: str, found: FrequencyResponse, path: Path) -> None:
     """Spectra of the tensions at the ends with the largest deviations, in the sea state with the maximum tension."""
     from dropper_jax.plots import style
-    from dropper_jax.plots.panels import Curve, Panel, draw_panel
+    from dropper_jax.plots.time_panels import Curve, Panel, draw_panel
 
     state = int(np.argmax(np.max(found.maximum_tension, axis=1)))
     omega, tension, _ = found.spectra(state)

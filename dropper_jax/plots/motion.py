@@ -10,10 +10,10 @@ from matplotlib.ticker import LogLocator, MaxNLocator
 
 from dropper_jax.analysis import spectrum
 from dropper_jax.plots import panels, style, system, view
-from dropper_jax.plots.panels import Curve, Panel, draw_panel, history, legend, line_style
 from dropper_jax.plots.run import ANGLE, TRAVEL, Run, directions, elevations, travel
 from dropper_jax.plots.style import CYCLE, DARK, FAINT, FIRST, SECOND
 from dropper_jax.plots.tension import ends_panel, loads_of
+from dropper_jax.plots.time_panels import Curve, Panel, draw_panel, history, legend, line_style
 
 
 @style.with_style

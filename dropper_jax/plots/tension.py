@@ -11,9 +11,9 @@ import numpy as np
 from dropper_jax.analysis.spectrum import balance_drift
 from dropper_jax.load.scene import Scene
 from dropper_jax.plots import panels, style
-from dropper_jax.plots.panels import Curve, Panel, history
 from dropper_jax.plots.run import TENSION, Run, changing
 from dropper_jax.plots.style import CYCLE, DARK, force_unit
+from dropper_jax.plots.time_panels import Curve, Panel, history
 from dropper_jax.run.bends import curvature
 from dropper_jax.run.end_links import Motion, held_points, point_loads
 from dropper_jax.scene import whole_lines

@@ -14,9 +14,9 @@ from dropper_jax.base.read import Table
 from dropper_jax.evaluation.record import Record
 from dropper_jax.evaluation.tension import load_extremes
 from dropper_jax.plots import style
-from dropper_jax.plots.panels import Curve, line_style
 from dropper_jax.plots.run import readable
 from dropper_jax.plots.style import ALERT, CYCLE, DARK, FAINT, FIRST, SECOND, force_unit
+from dropper_jax.plots.time_panels import Curve, line_style
 from dropper_jax.plots.water import draw_bands
 from dropper_jax.report.sections import load_of_anchor
 from dropper_jax.report.tables import largest

@@ -15,7 +15,8 @@ from dropper_jax.base.read import Table
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.build import build
 from dropper_jax.stability.case import Case, scene_of
-from dropper_jax.study.march import GridRun, Scheme, grid_run
+from dropper_jax.study.march import GridRun, grid_run
+from dropper_jax.study.schemes import Scheme
 
 #: Saved times of a run.
 SAVES = 40

@@ -13,6 +13,7 @@ from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from dropper_jax.base.read import Table
 from dropper_jax.plots import style
+from dropper_jax.study.damping import THESIS_DT
 from dropper_jax.study.pictures import column, grouped, marks, save_titled
 
 
@@ -117,8 +118,8 @@ def damping(report: Table, path: str | Path) -> Path:
         height = 0.35 * 1.12 ** (i - len(schemes) / 2)  # a row of crosses per scheme, so that they do not overlap
         axes.plot(bad, np.full_like(bad, height), ls="", marker="x", ms=5, color=look["color"])
     axes.axhline(found["thesis_b_l"], color=style.DARK, lw=0.9, ls=":")
-    axes.axvline(0.0065, color=style.DARK, lw=0.9, ls=":")
-    _note(axes, "b_l the thesis fitted, at its step", (0.0066, found["thesis_b_l"]), (2, 3), fontsize=8)
+    axes.axvline(THESIS_DT, color=style.DARK, lw=0.9, ls=":")
+    _note(axes, "b_l the thesis fitted, at its step", (THESIS_DT, found["thesis_b_l"]), (3, 3), fontsize=8)
     axes.set(xscale="log", xlabel="step [s]", ylabel="equivalent linear damping [kg/s]")
     axes.set_yscale("symlog", linthresh=1e-6)
     axes.set_ylim(-1e-2, 1.0)

@@ -9,7 +9,8 @@ from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.read import Table
 from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.run.build import build
-from dropper_jax.study.march import Scheme, grid_run
+from dropper_jax.study.march import grid_run
+from dropper_jax.study.schemes import Scheme
 
 #: Scheme, claim of the thesis (sections 2.3, 4.3.1 and its conclusion), and the corresponding sign.
 CLAIMS = (

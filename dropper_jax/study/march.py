@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import jax
@@ -13,94 +12,10 @@ from jax import Array
 
 from dropper_jax.analysis.angles import link_angles
 from dropper_jax.backend.programs import cached_jit
-from dropper_jax.base.errors import SceneError
-from dropper_jax.base.read import Table
-from dropper_jax.integrators import INTEGRATORS
 from dropper_jax.model import Model, State
 from dropper_jax.residual import Stepper
 from dropper_jax.stepping.adaptive import adaptive_start, advance_adaptively
 from dropper_jax.stepping.integrate import Progress, begin, empty_rows, next_progress, scan_steps
-from dropper_jax.stepping.stepper import make_stepper
-
-#: Schemes with a weight gamma, and the default weights of a comparison.
-SCHEME_WEIGHTS = {"theta": (0.51, 1.0), "theta_midpoint": (0.51,), "thesis_angles": (0.51,)}
-#: Further solvers and precisions of the main schemes.
-SOLVERS = {"energy_momentum": ("banded", "dense")}
-SINGLE = ("energy_momentum", "rattle")
-#: Schemes compared in waves.
-IN_WAVES = ("energy_momentum", "rattle", "theta_midpoint", "rk4", "energy_momentum_4", "generalized_alpha")
-
-
-@dataclass(frozen=True)
-class Scheme:
-    """An integrator with its weight, solver and precision."""
-
-    integrator: str
-    gamma: float | None = None
-    solver: str = "auto"
-    dtype: str = "float64"
-
-    @classmethod
-    def named(cls, name: str) -> Scheme:
-        """An integrator with the first of its default weights."""
-        return cls(name, SCHEME_WEIGHTS.get(name, (None,))[0])
-
-    @property
-    def label(self) -> str:
-        """Name for tables and legends."""
-        weight = "" if self.gamma is None else f"{self.gamma:g}"
-        parts = (self.integrator, weight, self.solver, self.dtype)
-        return " ".join(part for part in parts if part not in ("", "auto", "float64"))
-
-    def stepper(self, model: Model, **settings: object) -> Stepper:
-        """Raises `SceneError` if the scheme cannot run the model."""
-        return make_stepper(model, self.integrator, self.solver, gamma=self.gamma, **settings)
-
-
-def parse(text: str) -> Scheme:
-    """A scheme from `NAME`, or `NAME:GAMMA` such as `theta:0.51`."""
-    name, _, weight = text.strip().partition(":")
-    if name not in INTEGRATORS:
-        raise SceneError(f"--integrators: {name!r} is unknown; allowed: {', '.join(INTEGRATORS)}, with :GAMMA")
-    if not weight:
-        return Scheme.named(name)
-    try:
-        return Scheme(name, float(weight))
-    except ValueError:
-        raise SceneError(f"--integrators: {text!r}: {weight!r} is not a number; allowed: NAME or NAME:GAMMA") from None
-
-
-def default_schemes(model: Model, quick: bool = False) -> list[Scheme]:
-    """Every integrator; the main ones also with every solver and in single precision, unless `quick`.
-
-    In waves one of each kind: a step costs 50 times as much there, and the others are known from calm scenes.
-    """
-    if model.sea is not None and model.sea.waves is not None:
-        return [Scheme.named(name) for name in IN_WAVES]
-    found = []
-    for name in INTEGRATORS:
-        plain = [Scheme(name, gamma) for gamma in SCHEME_WEIGHTS.get(name, (None,))]
-        found += plain
-        if quick:
-            continue
-        found += [replace(plain[0], solver=solver) for solver in SOLVERS.get(name, ())]
-        if name in SINGLE:
-            found.append(replace(plain[0], dtype="float32"))
-    return found
-
-
-def runnable(schemes: Sequence[Scheme], model: Model) -> tuple[list[Scheme], list[dict[str, str]]]:
-    """The schemes that can run the model, and the others with their reasons."""
-    good = []
-    refused = []
-    for scheme in schemes:
-        try:
-            scheme.stepper(model)
-            good.append(scheme)
-        except SceneError as error:
-            refused.append({"scheme": scheme.label, "reason": str(error)})
-    return good, refused
-
 
 #: Rows of a run, traced or on the host.
 Rows = Array | np.ndarray
@@ -313,36 +228,3 @@ def grid_run(stepper: Stepper, model: Model, s: State, grid: float, every: int, 
     run = march(stepper, model, s, grid / every, every, saves, spare_rows(saves))
     rows = jax.tree.map(lambda x: np.asarray(x)[:saves], run)
     return GridRun(stepper, model, s, grid * np.arange(1, saves + 1), rows)
-
-
-SCHEMES = (Scheme("energy_momentum"), Scheme("thesis_angles", 0.51))
-
-
-def convergence(
-    model: Model, s: State, grid: float, saves: int, dts: list[float], schemes: tuple[Scheme, ...] = SCHEMES
-) -> list[Table]:
-    """RMS difference of each link's angles [rad] between a step and half of it, over the first `saves * grid` seconds.
-
-    Returns:
-        one {label, dts, polar (steps, n), azimuth (steps, n) or None in a plane, status (steps,)} per scheme that
-        runs the model; NaN if either run failed.
-    """
-    found = []
-    everies = sorted({max(1, round(grid / dt)) for dt in dts})
-    for scheme in runnable(schemes, model)[0]:
-        stepper = scheme.stepper(model)
-        runs = [grid_run(stepper, model, s, grid, every, saves) for every in [*everies, 2 * everies[-1]]]
-        turns = np.angle(np.exp(1j * np.diff([run.angles for run in runs], axis=0)))  # modulo full turns
-        polar, azimuth = np.sqrt(np.mean(turns**2, axis=2)).swapaxes(0, 1)
-        if np.nanmax(azimuth, initial=0.0) < 1e-12:
-            azimuth = None  # in a plane
-        found.append(
-            {
-                "label": scheme.label,
-                "dts": [grid / every for every in everies],
-                "polar": polar,
-                "azimuth": azimuth,
-                "status": [run.status for run in runs[:-1]],
-            }
-        )
-    return found

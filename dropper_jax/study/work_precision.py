@@ -22,7 +22,6 @@ from dropper_jax.study.counted_work import evaluation_work, step_work
 from dropper_jax.study.march import (
     GridRun,
     Rows,
-    Scheme,
     grid_run,
     march_with_accuracy,
     rms,
@@ -30,6 +29,7 @@ from dropper_jax.study.march import (
     rms_position,
 )
 from dropper_jax.study.reference import Reference
+from dropper_jax.study.schemes import Scheme
 
 #: Accuracies of schemes whose steps follow one.
 ACCURACIES = tuple(10.0 ** (-0.5 * k) for k in range(2, 13))

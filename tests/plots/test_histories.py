@@ -9,7 +9,7 @@ from PIL import Image
 import dropper_jax as dj
 from dropper_jax import load_scene, plots
 from dropper_jax.cli.outputs import draw
-from dropper_jax.plots import motion, panels, style, tension
+from dropper_jax.plots import motion, style, tension, time_panels
 from dropper_jax.plots.run import chosen_links, readable
 from dropper_jax.plots.style import force_unit
 from dropper_jax.run.end_links import Motion, held_points, point_loads
@@ -18,8 +18,8 @@ from dropper_jax.run.end_links import Motion, held_points, point_loads
 def test_envelope_of_a_long_record_holds_every_sample():
     t = np.linspace(0.0, 3600.0, 50001)
     values = np.sin(t) + 5.0 * np.exp(-((t - 1234.5) ** 2))  # one short peak
-    at, mean, least, largest = panels.reduce_samples(t, values, values, values)
-    assert len(at) == panels.INTERVALS
+    at, mean, least, largest = time_panels.reduce_samples(t, values, values, values)
+    assert len(at) == time_panels.INTERVALS
     assert (largest.max(), least.min()) == (values.max(), values.min())
     assert np.all((least <= mean) & (mean <= largest))
     assert mean.mean() == pytest.approx(values.mean(), abs=1e-3)
@@ -28,19 +28,19 @@ def test_envelope_of_a_long_record_holds_every_sample():
 def test_mean_of_a_long_record_has_no_beat_with_its_waves():
     t = np.linspace(0.0, 3600.0, 36001)
     values = 2.0 + np.sin(2 * np.pi * t / 8.33)
-    at, mean, _, _ = panels.reduce_samples(t, values, values, values)
+    at, mean, _, _ = time_panels.reduce_samples(t, values, values, values)
     assert np.ptp(mean) > 0.2  # stretches of 11 s beat with waves of 8.33 s
-    assert np.ptp(panels._without_beat(at, mean, 8.33)[20:-20]) < 0.05
+    assert np.ptp(time_panels._without_beat(at, mean, 8.33)[20:-20]) < 0.05
     slow = np.linspace(0.0, 1.0, 320)
-    np.testing.assert_array_equal(panels._without_beat(at, slow, 100.0), slow)
+    np.testing.assert_array_equal(time_panels._without_beat(at, slow, 100.0), slow)
 
 
 def test_ratio_of_heave_to_surface_is_that_of_their_amplitudes():
     t = np.linspace(0.0, 200.0, 4001)
     eta = sum(np.cos(w * t + w**2) for w in (0.5, 0.7, 0.9))
     both = [
-        panels.Panel("z from its start [m]", [panels.Curve("buoy", t, 0.4 * eta)]),
-        panels.Panel("surface [m]", [panels.Curve("", t, eta)]),
+        time_panels.Panel("z from its start [m]", [time_panels.Curve("buoy", t, 0.4 * eta)]),
+        time_panels.Panel("surface [m]", [time_panels.Curve("", t, eta)]),
     ]
     (ratio,) = motion._heave_ratio([motion._spectra(panel) for panel in both])
     frequency = ratio.curves[0].t
@@ -54,14 +54,14 @@ def test_a_zoom_has_the_scale_of_its_envelope_and_a_constant_keeps_it(tmp_path, 
     wave = np.sin(2 * np.pi * t / 8.0) * np.exp(-(((t - 3000.0) / 500.0) ** 2))
     late = np.where(t < 3500.0, 0.0, 0.5)  # constant in the zoom
     both = [
-        panels.Panel("force [N]", [panels.Curve("", t, wave)]),
-        panels.Panel("tension [N]", [panels.Curve("", t, late)]),
-        panels.Panel("z [m]", [panels.Curve("", t, 0.5 * wave)]),
+        time_panels.Panel("force [N]", [time_panels.Curve("", t, wave)]),
+        time_panels.Panel("tension [N]", [time_panels.Curve("", t, late)]),
+        time_panels.Panel("z [m]", [time_panels.Curve("", t, 0.5 * wave)]),
     ]
     drawn = []
     monkeypatch.setattr(style, "finish", lambda figure, *_: drawn.append(figure))
     run = SimpleNamespace(t=t)
-    panels.history(run, tmp_path / "history.png", "histories", both)
+    time_panels.history(run, tmp_path / "history.png", "histories", both)
     limits = np.array([axes.get_ylim() for axes in drawn[0].axes]).reshape(3, 2, 2)
     np.testing.assert_array_equal(limits[:, 0], limits[:, 1])
     np.testing.assert_array_equal(limits[0, 0], limits[1, 0])
@@ -71,17 +71,17 @@ def test_a_zoom_has_the_scale_of_its_envelope_and_a_constant_keeps_it(tmp_path, 
 
 def test_turns_count_waves_and_not_rounding():
     t = np.linspace(0.0, 100.0, 20001)
-    assert panels.turns(np.sin(2 * np.pi * t / 8.0)) == 25  # two in each of 12.5 waves
-    assert panels.turns(1.0 + 1e-9 * np.sin(t)) == 0
-    assert panels.cycle(t, 3.0 + np.sin(2 * np.pi * t / 8.0)) == pytest.approx(8.0, abs=0.01)
+    assert time_panels.turns(np.sin(2 * np.pi * t / 8.0)) == 25  # two in each of 12.5 waves
+    assert time_panels.turns(1.0 + 1e-9 * np.sin(t)) == 0
+    assert time_panels.cycle(t, 3.0 + np.sin(2 * np.pi * t / 8.0)) == pytest.approx(8.0, abs=0.01)
 
 
 def test_zoom_holds_the_largest_value_and_a_few_cycles():
     t = np.linspace(0.0, 3600.0, 36001)
     values = np.sin(2 * np.pi * t / 8.0) * (1.0 + np.exp(-(((t - 2000.0) / 20) ** 2)))
-    start, end = panels.zoom_of([panels.Panel("x [m]", [panels.Curve("", t, values)])])
+    start, end = time_panels.zoom_of([time_panels.Panel("x [m]", [time_panels.Curve("", t, values)])])
     assert start < t[np.argmax(values)] < end
-    assert end - start == pytest.approx(panels.CYCLES * 8.0, rel=0.02)
+    assert end - start == pytest.approx(time_panels.CYCLES * 8.0, rel=0.02)
 
 
 @pytest.mark.parametrize(("forces", "unit"), [([1.0, 4999.0], "N"), ([1.0, -5000.0], "kN"), ([np.nan], "N")])
@@ -165,19 +165,21 @@ def test_spectra_of_x_and_y_that_coincide_are_both_visible(tmp_path, monkeypatch
 
 def test_of_two_curves_that_coincide_the_later_is_dashed():
     t = np.linspace(0.0, 10.0, 50)
-    curves = [panels.Curve(name, t, values) for name, values in (("a", np.sin(t)), ("b", np.cos(t)), ("c", np.sin(t)))]
-    assert [panels.line_style(curves, i) for i in range(3)] == ["-", "-", panels.DASHES]
+    curves = [
+        time_panels.Curve(name, t, values) for name, values in (("a", np.sin(t)), ("b", np.cos(t)), ("c", np.sin(t)))
+    ]
+    assert [time_panels.line_style(curves, i) for i in range(3)] == ["-", "-", time_panels.DASHES]
     axes = style.new_figure(4, 3).subplots()
-    panels.draw_panel(axes, panels.Panel("x [m]", curves))
+    time_panels.draw_panel(axes, time_panels.Panel("x [m]", curves))
     assert [line.get_linestyle() for line in axes.get_lines()] == ["-", "-", "--"]
 
 
 @pytest.mark.parametrize(("waves", "columns"), [(195, 1), (260, 2)])
 def test_a_record_of_at_most_200_waves_is_drawn_wave_by_wave(waves, columns, tmp_path, monkeypatch):
     t = np.linspace(0.0, 60.0, 6001)
-    panel = panels.Panel("tension [N]", [panels.Curve("", t, np.sin(2 * np.pi * waves * t / 60.0))])
+    panel = time_panels.Panel("tension [N]", [time_panels.Curve("", t, np.sin(2 * np.pi * waves * t / 60.0))])
     figures = []
     monkeypatch.setattr(style, "finish", lambda figure, run, what, path: figures.append(figure) or path)
     run = SimpleNamespace(t=t, name="sine", status="ok", settings={"integrator": "energy_momentum", "dt": 0.01})
-    panels.history(run, tmp_path / "tension.png", "tension", [panel])
+    time_panels.history(run, tmp_path / "tension.png", "tension", [panel])
     assert len(figures[0].axes) == columns

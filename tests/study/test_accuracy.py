@@ -11,11 +11,12 @@ from hard_scenes import chain
 import dropper_jax as dj
 from dropper_jax import load_scene
 from dropper_jax.cli import main
-from dropper_jax.study.accuracy import accuracy, advice, numerical_damping
+from dropper_jax.study.accuracy import accuracy, advice
 from dropper_jax.study.counted_work import evaluation_work, step_work
+from dropper_jax.study.damping import numerical_damping
 from dropper_jax.study.euler_claims import euler_claims
-from dropper_jax.study.march import Scheme, parse
 from dropper_jax.study.reference import instant_tension
+from dropper_jax.study.schemes import Scheme, parse
 
 SCENE = "dropper-release-a-undamped"
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dropper_jax.base.markdown import cells
+from dropper_jax.base.read import Table
 from dropper_jax.cli.options import add_scene, read_scene
 from dropper_jax.cli.outputs import add_out, deliver
 from dropper_jax.cli.printing import done_object, failure_of, print_result, print_warnings, record_table, table
@@ -43,12 +44,11 @@ def run(args: Namespace) -> int:
     values = asdict(found)
     for row, line in zip(values["lines"], found.lines, strict=True):
         row["verdict"] = line.verdict
-    return deliver(args, done_object(scene=scene.name, **values, warnings=remarks), _text(found))
+    return deliver(args, done_object(scene=scene.name, **values, warnings=remarks), _text(found, values["lines"]))
 
 
-def _text(found: Explained) -> str:
-    """Questions and answers."""
-    lines = [{**vars(line), "verdict": line.verdict} for line in found.lines]
+def _text(found: Explained, lines: list[Table]) -> str:
+    """Questions and answers; `lines` with their verdicts."""
     ignored = found.ignored or ("nothing",)
     parts = [
         f"Is each line long enough?\n{record_table(lines, LENGTHS)}",

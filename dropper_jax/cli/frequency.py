@@ -211,7 +211,8 @@ def _draw(name: str, found: FrequencyResponse, path: Path) -> None:
         axes = figure.subplots()
         # the six ends with the largest deviations
         ends = np.argsort(-found.tension_deviation[state])[:6]
-        draw_panel(axes, Panel("", [Curve(" at ".join(found.ends[i]), omega, tension[:, i] / 1e6) for i in ends]))
+        curves = [Curve(" at ".join(found.ends[i]), omega, tension[:, i] / 1e6) for i in ends]
+        draw_panel(axes, Panel("", curves))
         axes.set(xlabel="frequency [rad/s]", ylabel="spectrum of the tension [kN$^2$ s/rad]", ylim=(0.0, None))
         figure.legend(loc="outside right upper")
         hs, tp = found.sea_states[state]

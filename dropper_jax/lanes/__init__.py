@@ -213,10 +213,11 @@ class Interpreter:
                 xs = [spread(v, self.members) for v in values]
                 results.append(Value(lax.select_n(jnp.broadcast_to(which, xs[0].shape), *xs), True))
             return results
-        many = mapped_by_cond(p, [v.many for v in given])
+        mapped = [v.many for v in given]
+        many = mapped_by_cond(p, mapped)
 
         def branch(program: Program, arrays: list[Array]) -> list[Array]:
-            return self.with_member_axis(self.run(program, as_values(arrays, [v.many for v in given])), many)
+            return self.with_member_axis(self.run(program, as_values(arrays, mapped)), many)
 
         branches = [partial(branch, b) for b in p["branches"]]
         return as_values(lax.switch(index.array, branches, [v.array for v in given]), many)

@@ -47,7 +47,8 @@ def _mapped_results(program: Program, many: Sequence[bool]) -> list[bool]:
         return not is_literal(atom) and known[atom]
 
     for eqn in jaxpr.eqns:
-        known.update(zip(eqn.outvars, _mapped_outputs(eqn, [read(a) for a in eqn.invars]), strict=True))
+        inputs = [read(atom) for atom in eqn.invars]
+        known.update(zip(eqn.outvars, _mapped_outputs(eqn, inputs), strict=True))
     return [read(a) for a in jaxpr.outvars]
 
 

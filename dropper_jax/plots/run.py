@@ -163,7 +163,7 @@ class Run(Samples):
     @cached_property
     def fixed_nodes(self) -> tuple[int, ...]:
         """Nodes of the fixed points."""
-        return tuple(self.point_names[p.name] for p in self.scene.points if not p.is_free)
+        return tuple(self.point_names[name] for name in self.scene.fixed_points)
 
     @cached_property
     def joints(self) -> tuple[int, ...]:

@@ -175,7 +175,7 @@ def response(run: Run, path: str | Path) -> Path:
     It is the tenth link, as in the thesis; of several lines, or if it does not move, the link that rotates most.
     """
     _sea_of(run)
-    index = _lively(run)
+    index = _response_link(run)
     eta = elevations(run.scene, np.zeros((1, 3)), run.t)[:, 0]
     polar, azimuth = (values[:, index] for values in run.angles)
     turning = [("polar", polar, CYCLE[0]), ("azimuth", azimuth, CYCLE[1])]
@@ -198,7 +198,7 @@ def response(run: Run, path: str | Path) -> Path:
     return style.finish(figure, run, f"response of {run.labels[index]}", path)
 
 
-def _lively(run: Run) -> int:
+def _response_link(run: Run) -> int:
     """The link whose response is drawn."""
     swings = swing(run)
     tenth = min(10, run.tension.shape[1]) - 1

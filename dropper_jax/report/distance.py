@@ -54,8 +54,8 @@ def line_distances(record: Record) -> list[Table] | dict[str, str]:
 INSTANTS = 2000
 
 
-def looks_every(record: Record) -> int:
-    """Samples between two instants."""
+def sample_stride(record: Record) -> int:
+    """Number of samples from one compared instant to the next."""
     return -(-len(record.t) // INSTANTS)
 
 
@@ -74,7 +74,7 @@ def _describe_distance(record: Record, line: WholeLine, near: Approach | None) -
         "t_s": float(record.t[near.sample]),
         "at_m": float(arc(line.spec.length)[near.link]),
         "nearest_at_m": float(arc(other.spec.length)[near.other_link]),
-        "sampled_every_s": looks_every(record) * record.interval,
+        "sampled_every_s": sample_stride(record) * record.interval,
         "diameters_m": touching,
     }
 
@@ -92,7 +92,7 @@ def _nearest(record: Record, a: int, b: int) -> Approach | None:
     second = record.positions[:, record.written_lines[b].nodes]
     step = max(1, PAIRS_AT_ONCE // i.size)
     best = None
-    looked = np.arange(0, len(record.t), looks_every(record))
+    looked = np.arange(0, len(record.t), sample_stride(record))
     for k in range(0, len(looked), step):
         part = looked[k : k + step]
         p = first[part]

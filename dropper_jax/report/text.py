@@ -21,7 +21,8 @@ def markdown(found: Table, pictures: list[dict[str, str]]) -> str:
         pictures: paths from the report's folder, by name, of each run.
     """
     runs = found["runs"]
-    parts = [f"# Report: {literal(', '.join(dict.fromkeys(run['scene'] for run in runs)))}", table_of(OVERVIEW, runs)]
+    scenes = dict.fromkeys(run["scene"] for run in runs)
+    parts = [f"# Report: {literal(', '.join(scenes))}", table_of(OVERVIEW, runs)]
     for number, (run, files) in enumerate(zip(runs, pictures, strict=True), start=1):
         if len(runs) > 1:
             parts.append(f"# Run {number}: {literal(run['file'])}")

@@ -26,7 +26,8 @@ def convergence(
     for scheme in runnable(schemes, model)[0]:
         stepper = scheme.stepper(model)
         runs = [grid_run(stepper, model, s, grid, every, saves) for every in [*everies, 2 * everies[-1]]]
-        turns = np.angle(np.exp(1j * np.diff([run.angles for run in runs], axis=0)))  # modulo full turns
+        changes = np.diff([run.angles for run in runs], axis=0)
+        turns = np.angle(np.exp(1j * changes))  # modulo full turns
         polar, azimuth = np.sqrt(np.mean(turns**2, axis=2)).swapaxes(0, 1)
         if np.nanmax(azimuth, initial=0.0) < 1e-12:
             azimuth = None  # in a plane

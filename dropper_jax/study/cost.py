@@ -107,7 +107,8 @@ def model_variants(model: Model) -> list[tuple[str, Model]]:
 def without_effects(model: Model, names: list[str]) -> Model:
     """The model without these effects, and without those that need one of them."""
     left_out = set(names)
-    return replace(model, effects=tuple(e for e in model.effects if not left_out & {e.name, *e.needs}))
+    kept = [effect for effect in model.effects if left_out.isdisjoint((effect.name, *effect.needs))]
+    return replace(model, effects=tuple(kept))
 
 
 class Variant:

@@ -133,7 +133,7 @@ def _check_design(paths: list[str], names: list[str], lows: np.ndarray, highs: n
             raise SceneError(f"vary: {name}: {start:g} to {end:g} is an empty range; allowed: LOW < HIGH")
 
 
-#: A search takes about ten poses, but no fixed number.
+#: Fraction of the progress that is left after each pose: a search takes about ten, but no fixed number.
 PER_POSE = 0.9
 #: Relative change of the value at which the search stops.
 VALUE_TOLERANCE = 1e-9

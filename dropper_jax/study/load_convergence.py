@@ -104,8 +104,12 @@ class _LoadRun:
 
 def _worst(loads: list[Table], right: list[Table], name: str) -> float:
     """Maximum relative error over the lines; that of a standard deviation is relative to the mean if this is larger."""
-    scale = [max(abs(row[name][0]), 1e-3 * abs(row["mean"][0]), 1e-300) for row in right]
-    return max(abs(a[name][0] - b[name][0]) / s for a, b, s in zip(loads, right, scale, strict=True))
+    errors = []
+    for row, better in zip(loads, right, strict=True):
+        value = better[name][0]
+        scale = max(abs(value), 1e-3 * abs(better["mean"][0]), 1e-300)
+        errors.append(abs(row[name][0] - value) / scale)
+    return max(errors)
 
 
 def _advice(rows: list[Table], name: str, within: float) -> Table:

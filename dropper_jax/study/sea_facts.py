@@ -43,6 +43,7 @@ def _waves(spec: SeaSpec) -> Table | None:
 
 
 def _regular(theory: str, height: float, length: float, period: float, depth: float, **more: float) -> Table:
+    """Facts of regular waves; `more` of those that only one theory knows, or knows better."""
     limit = highest(length, depth)
     return {
         "kind": "regular",

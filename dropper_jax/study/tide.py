@@ -56,8 +56,9 @@ def tidal_cycle(scene: Scene, count: int = 13) -> Table:
     for t in times:
         pose = equilibrium(model, loads, float(t))
         held = fixed_point_loads(scene, pose.positions, pose.tension, float(t))
-        used = utilisations(scene.anchors, {name: (np.hypot(*load[:2]), load[2]) for name, load in held.items()})
-        way = np.hypot(*(pose.positions - slack.positions)[:, :2].T)
+        loads_of_anchors = {name: (np.hypot(*load[:2]), load[2]) for name, load in held.items()}
+        used = utilisations(scene.anchors, loads_of_anchors)
+        moved = np.hypot(*(pose.positions - slack.positions)[:, :2].T)
         level = 0.0 if sea.level is None else sea.level.at(jnp.asarray(t))
         rows.append(
             {
@@ -65,8 +66,8 @@ def tidal_cycle(scene: Scene, count: int = 13) -> Table:
                 "level_m": float(level),
                 "speed_m_per_s": _speed(sea, t),
                 "status": pose.status,
-                "displacement_m": way.max(),
-                "line_moved_m": {line.name: way[line.nodes].max() for line in line_slices(scene)},
+                "displacement_m": moved.max(),
+                "line_moved_m": {line.name: moved[line.nodes].max() for line in line_slices(scene)},
                 "held_load_n": held,
                 "anchor_utilisation": used,
             }

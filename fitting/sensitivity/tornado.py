@@ -11,6 +11,9 @@ from dropper_jax.plots import style
 from fitting.sensitivity.global_indices import Global
 from fitting.sensitivity.result import Local
 
+#: Of bars with a positive value, for each of the values.
+COLOURS = (style.CYCLE[0], style.CYCLE[5])
+
 
 def local_picture(found: Local, path: str | Path) -> Path:
     """Scaled derivatives as bars, the largest on top, without those that are not resolved."""
@@ -27,7 +30,9 @@ def local_picture(found: Local, path: str | Path) -> Path:
         note = f"NOT valid beyond {found.horizon:.2g} s"
     title = f"{found.of} = {found.value:.4g} {found.unit}; {note}"
     names = [found.names[i] for i in shown]
-    return _bars(names, [values[shown]], [""], label, title, path, None if errors is None else [errors[shown]])
+    if errors is None:
+        return _bars(names, [values[shown]], [""], label, title, path)
+    return _bars(names, [values[shown]], [""], label, title, path, [errors[shown]])
 
 
 def global_picture(found: Global, of: str, path: str | Path) -> Path:
@@ -48,8 +53,10 @@ def path_label(name: str) -> str:
         return f"{words[0].replace('_', ' ')}: {'.'.join(words[1:])}"
     if section != "line" or len(words) < 2 or not words[-1].isdigit():
         return name
-    line = "" if words[0] == "0" else f"line.{words[0]}: "
-    return f"{line}{words[1]} of link {int(words[-1]) + 1}"
+    label = f"{words[1]} of link {int(words[-1]) + 1}"
+    if words[0] != "0":
+        label = f"line.{words[0]}: {label}"
+    return label
 
 
 @style.plot_style()
@@ -62,13 +69,14 @@ def _bars(
     path: str | Path,
     errors: Sequence[np.ndarray] | None = None,
 ) -> Path:
+    """Horizontal bars of the names, the largest on top, side by side for several `values`, each with its label."""
     order = np.argsort(np.abs(values[0]))
     figure = style.new_figure(8.0, 1.4 + 0.42 * len(names))
     axes = figure.subplots()
     height = 0.8 / len(values)
     for i, (column, label) in enumerate(zip(values, labels, strict=True)):
         row = np.arange(len(names)) + (0.5 * (len(values) - 1) - i) * height
-        colour = np.where(column[order] < 0, style.SECOND, style.CYCLE[(0, 5)[i]])
+        colour = np.where(column[order] < 0, style.SECOND, COLOURS[i])
         spread = None
         if errors is not None and np.isfinite(errors[i]).all():
             spread = errors[i][order]

@@ -153,7 +153,7 @@ def read_motion(table: Values, path: str, scene: SceneData) -> RecordedMotion:
         SceneError: a point that is not fixed, or not three columns.
     """
     check_keys(read_table(table, path), ("point", "columns", "unit"), path)
-    fixed = [point.name for point in scene.points if not point.is_free]
+    fixed = scene.fixed_points
     point = table.get("point")
     if point not in fixed:
         raise SceneError(f"{path}.point: {point!r} is not a fixed point; {nearest(str(point), fixed)}")

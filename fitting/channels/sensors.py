@@ -43,8 +43,7 @@ class Tension(Channel):
         ends = ends_at(given.scene, read_text(given.table["point"], f"{given.path}.point"), given.path)
         if len(ends) > 1:
             return {"ends": ends}
-        ((_, _, link),) = ends
-        return {"link": link}
+        return {"link": ends[0][2]}
 
     def see(self, motion: SavedMotion) -> Array:
         if not self.ends:

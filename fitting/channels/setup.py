@@ -163,9 +163,7 @@ def _why_missing(scene: Scene, data: Data, section: str, rest: Sequence[str], na
         if shape is None:
             return f" is not given in the scene's start; {nearest(name, given)}"
         return f" has no such entry; allowed: below {', '.join(map(str, shape))}"
-    label = name
-    if len(rest) > 1:
-        label = rest[0]
+    label = rest[0] if len(rest) > 1 else name
     channels = {sensor.channel.name: sensor.channel for sensor in data.sensors}
     names = list(channels)
     if section == "camera":

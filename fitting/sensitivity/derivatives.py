@@ -61,12 +61,12 @@ def local(problem: Study, say: Progress = silent, check: bool = False) -> Local:
     Args:
         check: also compute exact derivatives by reverse mode, and the Lyapunov exponent, by separate programs.
     """
-    if problem.stretches:
-        found = central_differences(problem, say)
-    else:
+    if not problem.stretches:
         found = _by_tangents(problem, say, check)
-    if check and problem.stretches:
-        found = _with_check(problem, found, say)
+    else:
+        found = central_differences(problem, say)
+        if check:
+            found = _with_check(problem, found, say)
     say(1.0, "ok")
     return found
 

@@ -38,9 +38,7 @@ def _on_host(*fields: Any) -> Steps:
 def part_of_steps(steps: Steps, first: int, rows: int) -> Steps:
     """The steps of `rows` intervals from number `first` on."""
     length, ends, *others = map(np.asarray, steps)
-    begin = 0
-    if first:
-        begin = ends[first - 1]
+    begin = ends[first - 1] if first else 0
     ends = ends[first : first + rows]
     return _on_host(length[begin : ends[-1]], ends - begin, *(x[first : first + rows] for x in others))
 

@@ -268,8 +268,9 @@ def check_step(problem: Study, box: Sequence[tuple[float, float]] | None = None,
         return StepVerdict()
     members = {"the run": problem.scene}
     if box is not None:
-        lowest = {name: float(low) for name, (low, _) in zip(problem.names, box, strict=True)}
-        highest = {name: float(high) for name, (_, high) in zip(problem.names, box, strict=True)}
+        low, high = np.transpose(box).tolist()
+        lowest = dict(zip(problem.names, low, strict=True))
+        highest = dict(zip(problem.names, high, strict=True))
         with suppress(SceneError):  # numbers of the model that no value of the scene sets
             members = {
                 "lowest values": problem.scene.with_values(lowest),

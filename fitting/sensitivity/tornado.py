@@ -29,9 +29,9 @@ def local_picture(found: Local, path: str | Path) -> Path:
     if found.window is not None:
         note = f"NOT valid beyond {found.horizon:.2g} s"
     title = f"{found.of} = {found.value:.4g} {found.unit}; {note}"
-    names = [found.names[i] for i in shown]
     if errors is None:
-        return _bars(names, [values[shown]], [""], label, title, path)
+        errors = np.full(len(values), np.nan)
+    names = [found.names[i] for i in shown]
     return _bars(names, [values[shown]], [""], label, title, path, [errors[shown]])
 
 
@@ -67,7 +67,7 @@ def _bars(
     axis: str,
     title: str,
     path: str | Path,
-    errors: Sequence[np.ndarray] | None = None,
+    errors: Sequence[np.ndarray],
 ) -> Path:
     """Horizontal bars of the names, the largest on top, side by side for several `values`, each with its label."""
     order = np.argsort(np.abs(values[0]))
@@ -78,7 +78,7 @@ def _bars(
         row = np.arange(len(names)) + (0.5 * (len(values) - 1) - i) * height
         colour = np.where(column[order] < 0, style.SECOND, COLOURS[i])
         spread = None
-        if errors is not None and np.isfinite(errors[i]).all():
+        if np.isfinite(errors[i]).all():
             spread = errors[i][order]
         axes.barh(row, column[order], height, color=colour, label=label, xerr=spread, ecolor=style.DARK)
     axes.set_yticks(np.arange(len(names)), [path_label(names[i]) for i in order])

@@ -231,10 +231,9 @@ def sweep_against_trace(
 
 def _check_varied(scene: Scene, vary: Mapping[str, Sequence[float]]) -> None:
     """Reject paths that move an end of the line or change its number of links: the trace has neither."""
-    for path in vary:
+    for path, values in vary.items():
         if path.startswith("point."):
             raise SceneError(f"vary: {path!r} moves an end. With a trace, use paths outside [[point]]")
-    for path, values in vary.items():
         if "." in path and changes_size(scene, path, np.asarray(values)):
             raise SceneError(f"vary: {path!r} changes the number of links, which is that of the trace. Use other paths")
 
@@ -243,17 +242,14 @@ def _score_cases(against: Against, result: SweepResult, warnings: list[str]) -> 
     """The scores of all cases of a sweep, and the angles of the best one."""
     plan = result.plan
     scores = np.full((2, plan.cases, len(PARTS)), np.nan)
-    best = None
-    simulated = against.measured
     stored = extra("zarr", "sweep").open_group(result.path, mode="r")
     for case in range(plan.cases):
-        run = link_angles(plan, stored["positions"][case])
-        scores[:, case] = against.score(run)
-        if np.isfinite(scores[0, case, 0]) and (best is None or scores[0, case, 0] < scores[0, best, 0]):
-            best = case
-            simulated = run
-    if best is None:
+        scores[:, case] = against.score(link_angles(plan, stored["positions"][case]))
+    head = scores[0, :, 0]
+    if not np.isfinite(head).any():
         raise SceneError("vary: no case ran to its end. Use values for which the scene runs, or a smaller --dt")
+    best = int(np.nanargmin(head))
+    simulated = link_angles(plan, stored["positions"][best])
     cases = plan.inputs(np.arange(plan.cases))
     return TraceScores(against, result, cases, stored["status"][:], *scores, best, simulated, warnings)
 

@@ -111,9 +111,8 @@ class SweepStore(Store[int, dict[str, np.ndarray]]):
             raise SceneError(f"{self.path}: belongs to other inputs: {'; '.join(found[:MOST_DIFFERENCES])}{more}")
         self._check_versions(here, mixed)
         plan = self.plan
-        shapes = {name: (plan.cases, *plan.inner_shape(name)) for name in plan.stored}
         try:
-            whole = all(tuple(group[name].shape) == shape for name, shape in shapes.items())
+            whole = all(tuple(group[name].shape) == (plan.cases, *plan.inner_shape(name)) for name in plan.stored)
         except Exception:  # any error of Zarr on damaged metadata
             whole = False
         if not whole:

@@ -137,9 +137,7 @@ def _numbers(scene: Scene, data: Data) -> list[Parameter]:
         path = f"channel.{sensor.channel.name}"
         several = len(sensor.channel.columns) > 1
         for j in range(len(sensor.channel.columns)):
-            name = f"{path}.offset"
-            if several:
-                name = f"{name}.{j}"
+            name = f"{path}.offset.{j}" if several else f"{path}.offset"
             where = SetupPlace("readings", i, "offset", (j,))
             found.append(Parameter(name, where, sensor.offset, unit=sensor.channel.measures))
         found.append(Parameter(f"{path}.gain", SetupPlace("readings", i, "gain"), sensor.gain, 0.0))

@@ -133,7 +133,7 @@ def calibrate(pictures: Sequence[str | Path], board: tuple[int, int] = (9, 6)) -
             "(use a flat board, sharp pictures, several slants)"
         )
     others = [_lens(found[:i] + found[i + 1 :], board, size) for i in range(len(found))]
-    return replace(lens, others=tuple(other for other in others if other is not None))
+    return replace(lens, others=tuple(filter(None, others)))
 
 
 def _lens(found: list[np.ndarray], board: tuple[int, int], size: tuple[int, int]) -> Lens | None:

@@ -214,9 +214,7 @@ def _remarks(found: Local) -> list[tuple[str, str]]:
     rate = ""
     if found.exponent is not None:
         rate = f" (growth rate {found.exponent:.2g} per s)"
-    error = ""
-    if np.isfinite(found.value_error):
-        error = f" +- {found.value_error:.2g}"
+    error = f" +- {found.value_error:.2g}" if np.isfinite(found.value_error) else ""
     pairs = [
         ("quantity Q", f"{found.of} = {found.value:.6g}{error} {found.unit} over {found.duration:g} s"),
         ("derivatives valid", f"{_validity(found)}{rate}"),

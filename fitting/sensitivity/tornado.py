@@ -53,10 +53,8 @@ def path_label(name: str) -> str:
         return f"{words[0].replace('_', ' ')}: {'.'.join(words[1:])}"
     if section != "line" or len(words) < 2 or not words[-1].isdigit():
         return name
-    label = f"{words[1]} of link {int(words[-1]) + 1}"
-    if words[0] != "0":
-        label = f"line.{words[0]}: {label}"
-    return label
+    line = "" if words[0] == "0" else f"line.{words[0]}: "
+    return f"{line}{words[1]} of link {int(words[-1]) + 1}"
 
 
 @style.plot_style()

@@ -51,9 +51,7 @@ def _draw_quantity(values: xarray.DataArray) -> Figure:
     if "link" in values.dims:
         values = values.max("link")
     averaged = values.dims[2:]
-    mean = values
-    if averaged:
-        mean = values.mean(averaged)
+    mean = values.mean(averaged) if averaged else values
     figure = style.new_figure(7.0, 4.4)
     axes = figure.subplots()
     axes.set_xlabel(_words(mean.dims[0]))
@@ -101,10 +99,8 @@ def _rows_by_part(scores: TraceScores, fit: FittedScore | None, rows: Sequence[R
     many = len(rows) > TALL_ROWS
     curve_height = 1.7 if many else 2.5
     height = [curve_height] * len(rows)
-    first_curves = 0
     if rows[0] is _map_row:
         height[0] = 3.4
-        first_curves = 1
     whole = 1.6 + sum(height)
     figure = style.new_figure(13.0, whole, layout=None)  # a constrained layout takes seconds for so many panels
     gap = 0.3 if many else 0.62
@@ -130,7 +126,8 @@ def _rows_by_part(scores: TraceScores, fit: FittedScore | None, rows: Sequence[R
             fitted = f", fit {1e3 * fit.angle[part]:.3g} mrad"
         title = f"{PARTS[part]}, {limits[part]:.4g} to {limits[part + 1]:.4g} s"
         axes.set_title(f"{title}\n{error}{fitted}", loc="left", fontsize=9)
-    figure.legend(*grid[first_curves, 0].get_legend_handles_labels(), loc="upper right", ncols=3, markerscale=4)
+    named = grid[min(1, len(rows) - 1), 0]  # not a map
+    figure.legend(*named.get_legend_handles_labels(), loc="upper right", ncols=3, markerscale=4)
     style.title(figure, f"{scores.sweep.plan.scene.name} against {scores.against.trace.name}")
     figure.align_ylabels()
     return style.save(figure, path)

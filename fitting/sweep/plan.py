@@ -156,13 +156,9 @@ class Plan:
         own = [axis for axis in self.axes if axis.resizes]
         if not own:
             return [self.base[0]]
-        columns = [axis.values.tolist() for axis in own]
-        if self.listed:
-            rows = zip(*columns, strict=True)
-        else:
-            rows = itertools.product(*columns)
+        combine = zip if self.listed else itertools.product
         found = []
-        for row in dict.fromkeys(rows):
+        for row in dict.fromkeys(combine(*(axis.values.tolist() for axis in own))):
             with suppress(SceneError):  # such a case has the status invalid_input
                 values = {axis.path: value for axis, value in zip(own, row, strict=True)}
                 found.append(bare_model(self.scene.with_values(values)))
@@ -323,13 +319,13 @@ def make_plan(
 
 def _check_listed(counts: Mapping[str, int], seeds: int) -> None:
     """Reject a list of cases whose paths have different numbers of values, or with seeds."""
-    what = ""
     if seeds:
         what = "seeds, which rows cannot have separately"
     elif len(set(counts.values())) > 1:
         what = f"lists of different lengths ({', '.join(f'{path} {count}' for path, count in counts.items())})"
-    if what:
-        raise SceneError(f"listed: {what}. Use equally many values of every path, without seeds")
+    else:
+        return
+    raise SceneError(f"listed: {what}. Use equally many values of every path, without seeds")
 
 
 def changes_size(scene: Scene, path: str, values: np.ndarray) -> bool:
@@ -359,9 +355,7 @@ def default_chunk(system: bool, cases: int) -> int:
 
 def _count_cases(counts: Mapping[str, int], quantities: int, listed: bool) -> int:
     """The number of cases of a grid or list, whose table must fit into memory."""
-    cases = math.prod(counts.values())
-    if listed:
-        cases = max(counts.values())
+    cases = max(counts.values()) if listed else math.prod(counts.values())
     need = 8 * cases * (3 * len(counts) + quantities + 2)
     left = available_memory()
     if need > 0.5 * left:  # the table of all cases may use half of the free memory

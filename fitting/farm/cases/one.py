@@ -47,16 +47,16 @@ class Tally:
         self.skip = skip
         self.positions = positions
         self.lines = whole_lines(scene)
-        fixed = scene.fixed_points
+        self.fixed = scene.fixed_points
         self.links = EndLinks(scene)
-        self.ends = [(fixed.index(point), end) for point, end in line_ends(scene) if point in fixed]
+        self.ends = [(self.fixed.index(point), end) for point, end in line_ends(scene) if point in self.fixed]
         links = sum(line.links for line in scene.lines)
         self.largest = np.full(links, -np.inf)
         self.when = np.full(links, np.nan)
         self.total = np.zeros(links)
         self.samples = 0
         self.excursion = np.zeros(len(self.lines))
-        self.loads = [np.zeros((0, len(fixed), 2), np.float32)]
+        self.loads = [np.zeros((0, len(self.fixed), 2), np.float32)]
         self.curved = {line.name: line.links for line in self.lines if line.name in curved}
         self.series = {name: [np.zeros((0, links), np.float32)[:, own]] for name, own in self.curved.items()}
 
@@ -75,7 +75,7 @@ class Tally:
         moved = np.linalg.norm(positions[..., :2] - self.positions[:, :2], axis=-1).max(axis=0)
         self.excursion = np.maximum(self.excursion, [moved[line.nodes].max() for line in self.lines])
         # horizontal and upward force of lines on fixed points
-        total = np.zeros((len(t), self.loads[0].shape[1], 3))
+        total = np.zeros((len(t), len(self.fixed), 3))
         for number, end in self.ends:
             total[:, number] += self.links.force(end, positions[:, end.nodes], largest, t)
         loads = np.stack([np.hypot(total[..., 0], total[..., 1]), total[..., 2]], axis=-1)

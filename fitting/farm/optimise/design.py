@@ -306,9 +306,8 @@ class Design:
     def _largest(self, hard: Sequence[np.ndarray], slope: Sequence[np.ndarray]) -> tuple[float, np.ndarray]:
         """The objective if it depends on storms: the maximum of all cases."""
         of = self.goals.objective
-        q = -1  # a motion is the last quantity
-        if of.of != "motion":
-            q = [part.name for part in self.site.parts].index(of.part)
+        # a motion is the last quantity
+        q = -1 if of.of == "motion" else [part.name for part in self.site.parts].index(of.part)
         intact = [i for i, case in enumerate(self.cases) if case.storm.broken is None]
         worst = max(intact, key=lambda i: hard[i][q])
         return float(hard[worst][q]), slope[worst][q]

@@ -202,9 +202,7 @@ def _optimum(design: Design, search: Search, before: Start, along: GradientCheck
     p = len(design.variables)
     limit = 1.0 - design.settings.margin
     low, high = bounds(design.variables)
-    fixed = np.zeros(p, bool)
-    if search.fixed is not None:
-        fixed = search.fixed.astype(bool)
+    fixed = np.zeros(p, bool) if search.fixed is None else np.asarray(search.fixed, bool)
     price = prices(here, search.x, low, high, fixed, limit)
     costs = here.slope[p:] + price.of @ here.slopes[:, p:]
     dominated = dominated_slopes(here, high - low, limit)

@@ -79,9 +79,7 @@ def draw(found: Table, path: Path) -> Path:
     at = range(len(months))
     figure = style.new_figure(7.5, 4.6)
     upper, lower = figure.subplots(2, 1, sharex=True)
-    floats = [row["floats"] for row in months]
-    least = [row["least"] for row in months]
-    most = [row["most"] for row in months]
+    floats, least, most = np.transpose([[row["floats"], row["least"], row["most"]] for row in months])
     top = np.clip(most, least, np.maximum(least, int(1.5 * max(*floats, *least)) + 1))
     upper.fill_between(at, least, top, step="mid", color="#E3E5E8", label="allowed")
     upper.step(at, floats, where="mid", color=style.FIRST, lw=2, label="floats")

@@ -75,9 +75,9 @@ def _case_standard(table: Table, path: str) -> Table | None:
         given = read_list(given, f"{path}.pairs", None, "pairs of return periods of waves and current [years]")
         found["pairs"] = []
         for i, row in enumerate(given):
-            waves, current = read_list(row, f"{path}.pairs.{i}", 2, "[waves, current]")
-            pair = [read_years(waves, f"{path}.pairs.{i}"), read_years(current, f"{path}.pairs.{i}")]
-            found["pairs"].append(pair)
+            where = f"{path}.pairs.{i}"
+            waves, current = read_list(row, where, 2, "[waves, current]")
+            found["pairs"].append([read_years(waves, where), read_years(current, where)])
         found["source"] = "; ".join(filter(None, (found["source"], "pairs: given for this site")))
     if not found.get("pairs"):
         raise SceneError(

@@ -79,19 +79,17 @@ def read_site(source: str | Path | Values) -> Site:
         SceneError: one line with the section, the value and the allowed range.
     """
     file = None
-    folder = Path()
     if isinstance(source, Mapping):
         table = source
     else:
         file = Path(source)
-        folder = file.parent
         table = parse_toml(site_text(file), str(file))
     if "line" in table:
         raise SceneError(
             "line: this is a scene, not a site; `dropper cases small-longline --print` prints a site to edit"
         )
     check_keys(table, (*SITE_KEYS, *PASSED), "")
-    scene = _scene(table, folder)
+    scene = _scene(table, (file or Path()).parent)
     water_of(scene)
     lines = tuple(line.name for line in whole_lines(scene))
     run = RunValues.read(table.get("run", {}), "run")
@@ -108,8 +106,9 @@ def read_site(source: str | Path | Values) -> Site:
         for i, name in enumerate(names):
             read_text(name, f"{path}.{i}", known)
         _unique(path, names)
+    default_name = file.stem if file else scene.name
     site = Site(
-        name=read_text(table.get("name", file.stem if file else scene.name), "name"),
+        name=read_text(table.get("name", default_name), "name"),
         description=read_text(table.get("description", ""), "description"),
         scene=scene,
         run=run,

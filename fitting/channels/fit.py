@@ -28,8 +28,8 @@ from fitting.parameters.names import by_full_path, default_free, full_names
 from fitting.parameters.parameter import Bounds, Priors, StartValues, adjust_parameters, with_effects
 from fitting.parameters.rig_priors import JointPrior, rig_priors
 
-#: Residuals larger than this many times the noise of the sensor, of which this fraction is kept from sample to sample,
-#: are those of a model: a rope of 12 links in place of 24 has 1.7 and 0.7, and so has a bending stiffness 5 % off.
+#: Residuals above this multiple of the sensor's noise, of which more than this fraction is kept from sample to sample,
+#: are those of a model, such as a rope of 12 links in place of 24 (1.7 and 0.7) or a bending stiffness 5 % off.
 LARGER = 1.25
 SMOOTH = 0.5
 #: A step may leave ringing that stays small, but whose derivatives look like those of a chaotic motion.

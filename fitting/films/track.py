@@ -344,27 +344,24 @@ def _warnings(
         t: times of the trace [s], which starts at frame `offset`.
         uncertain: number of angles that are left empty because of their errors.
     """
-    name = film.path.name
     detected = chain.detected
     found = []
     if offset:
-        found.append(f"{name}: no link is visible before frame {offset}; the trace starts there")
+        found.append(f"no link is visible before frame {offset}; the trace starts there")
     if chain.straight:
-        found.append(f"{name}: no joint bends; the nodes are ordered as they lie on a line")
-    found += [f"{name}: {line}" for line in depth]
+        found.append("no joint bends; the nodes are ordered as they lie on a line")
+    found += depth
     if uncertain:
-        found.append(f"{name}: {uncertain} angles with standard errors above {LARGEST_ERROR:g} rad left empty")
+        found.append(f"{uncertain} angles with standard errors above {LARGEST_ERROR:g} rad left empty")
     gaps = _longest_gaps(detected) / film.fps
     for node in np.flatnonzero((~detected).any(axis=0)):
         long = ""
         if gaps[node] > LONGEST_GAP:
             long = f"; the longest gap is {gaps[node]:.2g} s, turns in it are not counted"
-        found.append(
-            f"{name}: marker {node} not seen in {(~detected[:, node]).sum()} frames, bridged and left empty{long}"
-        )
+        found.append(f"marker {node} not seen in {(~detected[:, node]).sum()} frames, bridged and left empty{long}")
     for span in marks.spans(t):
         when = " to ".join(dict.fromkeys(f"{span[key]:.4g}" for key in ("from_s", "to_s")))
         nodes = ", ".join(map(str, span["nodes"]))
         why = " and ".join(WORDS[word] for word in span["why"])
-        found.append(f"{name}: {when} s: nodes {nodes} {why}; marked and left empty")
-    return tuple(found)
+        found.append(f"{when} s: nodes {nodes} {why}; marked and left empty")
+    return tuple(f"{film.path.name}: {line}" for line in found)

@@ -351,16 +351,16 @@ def _unclear_notes(problem: Study, slopes: np.ndarray, errors: np.ndarray, statu
     notes = []
     for i, p in enumerate(problem.parameters):
         large, small = (f"{100 * size:g} %" for size in difference_sizes(p))
+        differences = f"{problem.of.name}: its differences by {large} and {small} of {p.name}"
         if status[i] == UNCLEAR:
             notes.append(
-                f"{problem.of.name}: its differences by {large} and {small} of {p.name} give "
-                f"{slopes[i]:.3g} +- {errors[i]:.2g} per unit: it has no slope at this size. Use a mean, or a "
-                "sweep over the range"
+                f"{differences} give {slopes[i]:.3g} +- {errors[i]:.2g} per unit: it has no slope at this size. Use a "
+                "mean, or a sweep over the range"
             )
         if status[i] == NOT_RESOLVED:
             notes.append(
-                f"{problem.of.name}: its differences by {large} and {small} of {p.name} are apart by more than the "
-                "whole quantity for 1 %: the slope is not resolved. Use a sweep over the range, with several seeds"
+                f"{differences} are apart by more than the whole quantity for 1 %: the slope is not resolved. Use a "
+                "sweep over the range, with several seeds"
             )
     return notes
 

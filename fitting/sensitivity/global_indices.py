@@ -110,7 +110,8 @@ def global_text(found: Global, of: str) -> str:
     for i in np.argsort(-sizes):
         row = [found.names[i], *(f"{x:.4g}" for x in found.ranges[i])]
         for x in (found.first[i], found.first_error[i], found.total[i], found.total_error[i]):
-            row.append("" if np.isnan(x) else f"{x:.3g}")
+            cell = "" if np.isnan(x) else f"{x:.3g}"
+            row.append(cell)
         rows.append(row)
     text = f"{of}: {found.runs} runs, mean {found.mean:.5g}, standard deviation {found.std:.3g}\n\n{table(rows)}"
     if sobol and np.max(found.total_error) > 0.2:  # of the variance: ranks are then chance

@@ -190,7 +190,7 @@ def with_status(problem: Study, found: Local, errors: np.ndarray, branched: np.n
 def local_text(found: Local) -> str:
     """Derivatives as text, the largest first, and their range of validity."""
     scaled = np.isfinite(found.scaled[found.resolved]).all()
-    sizes = np.abs(found.scaled if scaled else found.forward)
+    slopes = found.scaled if scaled else found.forward
     columns = {
         "parameter p": found.names,
         "value": [f"{x:.5g} {unit}" for x, unit in zip(found.values, found.units, strict=True)],
@@ -205,7 +205,7 @@ def local_text(found: Local) -> str:
         columns["window mean"] = [f"{x:.5g}" for x in found.window_mean]
         columns["std error"] = [f"{x:.2g}" for x in found.window_error]
     lines = list(zip(*columns.values(), strict=True))
-    rows = [list(columns), *(lines[i] for i in np.argsort(-sizes))]  # those that are not resolved come last
+    rows = [list(columns), *(lines[i] for i in np.argsort(-np.abs(slopes)))]  # those that are not resolved come last
     return f"{listing(_remarks(found))}\n\n{table(rows)}"
 
 

@@ -47,8 +47,9 @@ def assess(site: Site, folder: str | Path, step: Table | None = None) -> Table:
         for number, name in enumerate(fixed):
             loads = [run["held_loads"][:, number].astype(float) for run in good]
             by_point[name].append(_anchor_row(site, anchors.get(name), storm, loads))
+    status = "failed" if failed else "ok"
     found = {
-        "status": "failed" if failed else "ok",
+        "status": status,
         "schema": 1,
         "site": site.name,
         "scene": site.scene.name,

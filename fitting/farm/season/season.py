@@ -254,11 +254,13 @@ class _Farm:
 def double_crops(site: Site) -> list[str]:
     """A line about lines with mussels of `[[growth]]` whose type is a crop of the library already; none without any."""
     crops = tuple(f"{PREFIX}{name}-" for name, kind in FAMILIES.items() if kind.spread)
-    types = {}
+    cropped = set()
     for line in site.scene.as_written()["line"]:
-        types[line["name"]] = [str(part.get("type", "")) for part in (line, *line.get("sections", ()))]
+        for part in (line, *line.get("sections", ())):
+            if str(part.get("type", "")).startswith(crops):
+                cropped.add(line["name"])
     grown = dict.fromkeys(itertools.chain.from_iterable(site.growth.values()))
-    both = [name for name in grown if any(kind.startswith(crops) for kind in types.get(name, ()))]
+    both = [name for name in grown if name in cropped]
     if not both:
         return []
     return [

@@ -11,7 +11,7 @@ from jax import Array
 from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.read import Table, Values
 from dropper_jax.scene import SceneData
-from fitting.channels.position import Node, link_of, node_of
+from fitting.channels.position import Node, find_link, find_node
 
 
 class SavedMotion(NamedTuple):
@@ -116,7 +116,7 @@ class AtNode(Channel):
 
     @classmethod
     def sensor_fields(cls, given: Given) -> Table:
-        return {"node": node_of(given.scene, given.table, given.path)}
+        return {"node": find_node(given.scene, given.table, given.path)}
 
     def positions(self, motion: SavedMotion) -> Array:
         """Positions of the sensor (times, 3) [m]."""
@@ -133,7 +133,7 @@ class OnLink(Channel):
 
     @classmethod
     def sensor_fields(cls, given: Given) -> Table:
-        line, link = link_of(given.scene, given.table, given.path)
+        line, link = find_link(given.scene, given.table, given.path)
         return {"first": int(line.nodes[link]), "second": int(line.nodes[link + 1])}
 
     def links(self, motion: SavedMotion) -> Array:

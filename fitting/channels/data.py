@@ -48,6 +48,8 @@ class Run:
     own: dict[str, Any] = field(default_factory=dict)
 
 
+#: Minimum size of a reading for its relative noise, as a fraction of the channel's RMS: a reading of 0 is not exact.
+LEAST_READING = 0.05
 #: Values (k, m) of every run and channel, or (k, m, ...) of derivatives.
 ByChannel = Sequence[Sequence[np.ndarray]]
 
@@ -79,7 +81,7 @@ class Series:
 
 @dataclass(frozen=True)
 class Data:
-    """What was measured."""
+    """What was measured: the sensors, the cameras that time some of them, and the runs."""
 
     sensors: tuple[Sensor, ...]
     cameras: tuple[CameraSpec, ...]
@@ -97,8 +99,10 @@ class Data:
     def in_blocks(self, values: ByChannel) -> np.ndarray:
         """The values where there are samples (K, S, ...), 0 in empty slots."""
         parts = [values[r][c][known, j] for r, c, known, j in self.columns()]
-        slots = max(map(len, parts))
-        return np.stack([np.pad(a, [(0, slots - len(a)), *[(0, 0)] * (a.ndim - 1)]) for a in parts])
+        blocks = np.zeros((len(parts), max(map(len, parts)), *parts[0].shape[1:]))
+        for block, samples in zip(blocks, parts, strict=True):
+            block[: len(samples)] = samples
+        return blocks
 
     def deviations(self, shown: ByChannel) -> np.ndarray:
         """Predicted minus measured values (K, S) [SI]."""
@@ -128,12 +132,10 @@ class Data:
         sizes = np.concatenate([noise_by_differences(y) for y in values])
         level = max(float(np.nanmax(np.abs(y))) for y in values)
         spread = max(float(np.nanstd(y, axis=0).max()) for y in values)
-        found = float(np.nanmedian(sizes)) if np.isfinite(sizes).any() else 0.1 * spread
-        return max(found, 1e-6 * level, 1e-12)
-
-
-#: A reading of 0 is not exact: at least 5 % of the channel's RMS.
-LEAST_READING = 0.05
+        size = 0.1 * spread  # too few samples for differences
+        if np.isfinite(sizes).any():
+            size = float(np.nanmedian(sizes))
+        return max(size, 1e-6 * level, 1e-12)
 
 
 def _scale(sensor: Sensor, values: np.ndarray) -> np.ndarray:

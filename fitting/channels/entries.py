@@ -16,12 +16,18 @@ Default = TypeVar("Default", float, None)
 
 
 def check_once(names: Sequence[str], section: str) -> None:
+    """Reject names of tables of a section that are given twice."""
     for i, name in enumerate(names):
         if name in names[:i]:
             raise SceneError(f"{section}.{i}: duplicate name {name!r}; names must be unique")
 
 
-def name_of(table: Values, path: str, default: str | None = None) -> str:
+def read_name(table: Values, path: str, default: str | None = None) -> str:
+    """The name of a table; points of a default, such as a file's, become underscores, because names are in paths.
+
+    Raises:
+        SceneError: an empty name, one with a point, or none without a default.
+    """
     if "name" not in table and default is None:
         raise SceneError(f"{path}.name: missing; needed: a name without a point")
     name = read_text(table.get("name", default), f"{path}.name")
@@ -30,7 +36,7 @@ def name_of(table: Values, path: str, default: str | None = None) -> str:
     return name.replace(".", "_")
 
 
-def value_of(table: Values, path: str, key: str, needed: str) -> Plain:
+def require_value(table: Values, path: str, key: str, needed: str) -> Plain:
     """The value of a key.
 
     Raises:
@@ -41,27 +47,31 @@ def value_of(table: Values, path: str, key: str, needed: str) -> Plain:
     return table[key]
 
 
-def number_of(table: Values, path: str, key: str, default: Default, **limits: float) -> float | Default:
+def optional_number(table: Values, path: str, key: str, default: Default, **limits: float) -> float | Default:
+    """The number at a key within limits (`low`, `high`, `open_low`); the default if it is missing."""
     unit = {"at": "m", "delay": "s", "from": "s", "until": "s"}.get(key, "-")
     if key in table:
         return read_number(table[key], f"{path}.{key}", {"unit": unit, **limits})
     return default
 
 
-def vector_of(table: Values, path: str, key: str, count: int) -> np.ndarray:
-    items = read_list(value_of(table, path, key, f"{count} numbers"), f"{path}.{key}", count, f"{count} numbers")
+def read_vector(table: Values, path: str, key: str, count: int) -> np.ndarray:
+    """The `count` numbers at a key."""
+    items = read_list(require_value(table, path, key, f"{count} numbers"), f"{path}.{key}", count, f"{count} numbers")
     return np.array([read_number(x, f"{path}.{key}.{i}", {"unit": "-"}) for i, x in enumerate(items)])
 
 
-def unit_of(table: Values, path: str, key: str, measures: str) -> str:
+def read_unit(table: Values, path: str, key: str, measures: str) -> str:
+    """The unit at a key, one of a quantity whose SI unit is `measures`."""
     fitting = [name for name, (base, _) in PRIOR_UNITS.items() if base == measures]
-    unit = read_text(value_of(table, path, key, ", ".join(fitting)), f"{path}.{key}")
+    unit = read_text(require_value(table, path, key, ", ".join(fitting)), f"{path}.{key}")
     if unit not in fitting:
         raise SceneError(f"{path}.{key}: {unit!r} is not a unit of this quantity; allowed: {', '.join(fitting)}")
     return unit
 
 
-def columns_of(table: Values, path: str) -> tuple[str, ...]:
+def read_column_names(table: Values, path: str) -> tuple[str, ...]:
+    """The names at `column` or `columns`, of which a table has one."""
     if ("column" in table) == ("columns" in table):
         often = "twice" if "column" in table else "nowhere"
         raise SceneError(f"{path}: names its columns {often}; allowed: column or columns")
@@ -73,7 +83,7 @@ def columns_of(table: Values, path: str) -> tuple[str, ...]:
     return tuple(read_text(name, f"{path}.columns.{i}") for i, name in enumerate(items))
 
 
-def axes_of(
+def read_axes(
     table: Values, path: str, names: Sequence[str], default: Sequence[str], columns: Sequence[str]
 ) -> tuple[int, ...]:
     """Numbers of a sensor's `axes` among these names.

@@ -17,7 +17,7 @@ from dropper_jax.run.build import SceneLike, build_model, initial_state
 from fitting.channels.data import Data, Series
 from fitting.channels.problem import MOST_HALVED, ChannelSolution, Evaluation, Problem
 from fitting.channels.reading import read_data
-from fitting.channels.result import Between, ChannelFit, between, errors_of
+from fitting.channels.result import VERDICTS, Between, ChannelFit, combine_runs, estimate_errors
 from fitting.channels.setup import find_free
 from fitting.estimate.least_squares import continue_fit, first_solution
 from fitting.estimate.loss import LEAST_SQUARES, Loss, as_loss, initial_loss
@@ -26,8 +26,18 @@ from fitting.estimate.scene_fit import common_warnings
 from fitting.estimate.step_size import refine
 from fitting.parameters.names import by_full_path, default_free, full_names
 from fitting.parameters.parameter import Bounds, Priors, StartValues, adjust_parameters, with_effects
-from fitting.parameters.rig_priors import rig_priors
+from fitting.parameters.rig_priors import JointPrior, rig_priors
 
+#: Residuals above this multiple of the sensor's noise, of which more than this fraction is kept from sample to sample,
+#: are those of a model, such as a rope of 12 links in place of 24 (1.7 and 0.7) or a bending stiffness 5 % off.
+LARGER = 1.25
+SMOOTH = 0.5
+#: A step may leave ringing that stays small, but whose derivatives look like those of a chaotic motion.
+LARGEST_GROWTH = 1e3
+#: Growth of derivatives from the middle of a run to its end above which there is a warning.
+CHAOTIC_GROWTH = 10.0
+#: Errors of 3 % of the noise of several channels move estimates by 0.02 standard errors relative to each other.
+SAME_NOISE = 0.01
 #: Sections of paths that do not belong to the scene's model.
 OF_DATA = ("start", "channel", "camera")
 
@@ -46,7 +56,9 @@ def pose(
     Raises:
         SceneError: names, channels, positions or numbers that do not fit together.
     """
-    names = [name.strip() for name in (default_free(scene) if free is None else free)]
+    if free is None:
+        free = default_free(scene)
+    names = [name.strip() for name in free]
     mine = [name.strip() for name in own]
     of_scene = [name for name in (*names, *mine) if ScenePath(name).section not in OF_DATA]
     if of_scene:
@@ -54,14 +66,7 @@ def pose(
     data = source if isinstance(source, Data) else read_data(source, scene)
     if mine and len(data.runs) < 2:
         raise SceneError(f"own: {mine[0]!r}: there is only one run. Use it with 2 runs or more")
-    scenes = []
-    for run in data.runs:
-        try:
-            scenes.append(scene.with_values(run.own) if run.own else scene)
-        except SceneError as error:
-            raise SceneError(f"run {run.name!r}: {error}") from None
-    if len({(s.run.step, s.run.integrator, s.run.save_every) for s in scenes}) > 1:
-        raise SceneError("run.scene: runs with other steps or schemes cannot be fitted together. Use one [run]")
+    scenes = _scenes_of_runs(scene, data)
     _check_spacing(scenes[0], data)
     shared = find_free(scenes[0], data, [n for n in names if n not in mine])
     split = find_free(scenes[0], data, mine, "own")
@@ -80,22 +85,43 @@ def pose(
         first = len(parameters)
         parameters += [replace(p, name=f"{p.name}@{run.name}") for p in split]
         of_run.append((*range(len(shared)), *range(first, len(parameters))))
-
-    def widened(share: np.ndarray) -> np.ndarray:
-        """Joint priors apply only to shared parameters."""
-        return np.pad(share, (0, len(parameters) - len(share)))
-
-    common = tuple(replace(one, share=widened(one.share)) for one in known.common)
-    massive = None if known.massive is None else widened(known.massive)
     return Problem(
         data=data,
-        scenes=tuple(scenes),
+        scenes=scenes,
         parameters=tuple(parameters),
         of_run=tuple(of_run),
         plain=(*shared, *split),
         near=tuple(initial_state(build_model(s), s.start) for s in scenes),
-        known=replace(known, common=common, massive=massive),
+        known=_pad_prior(known, len(parameters)),
     )
+
+
+def _scenes_of_runs(scene: Scene, data: Data) -> tuple[Scene, ...]:
+    """The scene with the own values of each run.
+
+    Raises:
+        SceneError: values that the scene does not have, or that change the step or the scheme.
+    """
+    scenes = []
+    for run in data.runs:
+        try:
+            scenes.append(scene.with_values(run.own) if run.own else scene)
+        except SceneError as error:
+            raise SceneError(f"run {run.name!r}: {error}") from None
+    if len({(s.run.step, s.run.integrator, s.run.save_every) for s in scenes}) > 1:
+        raise SceneError("run.scene: runs with other steps or schemes cannot be fitted together. Use one [run]")
+    return tuple(scenes)
+
+
+def _pad_prior(known: JointPrior, count: int) -> JointPrior:
+    """The joint prior of the shared parameters, for all `count` of them, of which the last it does not concern."""
+    common = []
+    for one in known.common:
+        common.append(replace(one, share=np.pad(one.share, (0, count - len(one.share)))))
+    massive = known.massive
+    if massive is not None:
+        massive = np.pad(massive, (0, count - len(massive)))
+    return replace(known, common=tuple(common), massive=massive)
 
 
 def _check_spacing(scene: Scene, data: Data) -> None:
@@ -165,14 +191,17 @@ def fit_channels(
     point = first_point(problem, initial_loss(loss))
     point = settle_noise(point, iterations, part_of(progress, 0.0, 0.7))
     if point.status == "ok" and point.problem.loss != loss:
-        point = settle_noise(
-            pose_again(point, replace(point.problem, loss=loss), point.evaluation), iterations, progress
-        )
+        point = pose_again(point, replace(point.problem, loss=loss), point.evaluation)
+        point = settle_noise(point, iterations, progress)
     if check_step and point.status == "ok":
         say = part_of(progress, 0.7, 0.95)
-        again = lambda ahead: settle_noise(replace(ahead, iterations=0), iterations, say)  # noqa: E731
-        point = refine(point, say, again, sure=0.0)  # the interval of saved states, used by the cubics, stays the same
-    result = ChannelFit(scene=scene, solution=point, uncertainty=errors_of(point))
+
+        def fit_again(ahead: ChannelSolution) -> ChannelSolution:
+            return settle_noise(replace(ahead, iterations=0), iterations, say)
+
+        # the interval of saved states, used by the cubics, stays the same
+        point = refine(point, say, fit_again, sure=0.0)
+    result = ChannelFit(scene=scene, solution=point, uncertainty=estimate_errors(point))
     result.between = over_runs(result)
     result.warnings = warnings_of(result)
     result.seconds = time.perf_counter() - started
@@ -186,14 +215,8 @@ def over_runs(result: ChannelFit) -> tuple[Between, ...]:
     found = []
     for stem in dict.fromkeys(filter(None, stems)):
         index = [i for i, other in enumerate(stems) if other == stem]
-        found.append(between(stem, result.values[index], result.errors.covariance[np.ix_(index, index)]))
+        found.append(combine_runs(stem, result.values[index], result.errors.covariance[np.ix_(index, index)]))
     return tuple(found)
-
-
-#: Residuals larger than this many times the noise of the sensor, whose memory from sample to sample is above this, are
-#: those of a model: a rope of 12 links in place of 24 has 1.7 and 0.7, and a bending stiffness 5 % off.
-LARGER = 1.25
-SMOOTH = 0.5
 
 
 def warnings_of(result: ChannelFit) -> list[str]:
@@ -201,11 +224,11 @@ def warnings_of(result: ChannelFit) -> list[str]:
     point = result.solution
     e = result.errors
     found = common_warnings(point, e)
-    for p, kind, why in zip(result.parameters, e.determined, e.why, strict=True):
-        if kind == "no":
-            found.append(f"{p.name}: not determined: {why}")
-        elif kind != "yes":
-            found.append(f"{p.name}: {kind}: {why}")
+    for p, determined, why in zip(result.parameters, e.determined, e.why, strict=True):
+        if determined == "no":
+            determined = VERDICTS["no"]
+        if determined != "yes":
+            found.append(f"{p.name}: {determined}: {why}")
     for row in result.channels():
         if row["noise_claimed"] is None:
             continue
@@ -222,13 +245,9 @@ def warnings_of(result: ChannelFit) -> list[str]:
         worst = point.problem.data.sensors[int(np.abs(e.correlation_1).argmax())].channel.name
         found.append(f"channel {worst}: residuals are correlated; errors come from {e.blocks} blocks of time")
     grown = growth(point.evaluation)
-    if grown > 10.0:  # from the middle of a run to its end
+    if grown > CHAOTIC_GROWTH:
         found.append(f"the motion is chaotic: derivatives grow {grown:.2g} times in half the run. Use shorter runs")
     return found
-
-
-#: A step may leave ringing that stays small, but whose derivatives look like those of a chaotic motion.
-LARGEST_GROWTH = 1e3
 
 
 def first_point(problem: Problem, loss: Loss = LEAST_SQUARES) -> ChannelSolution:
@@ -246,15 +265,13 @@ def first_point(problem: Problem, loss: Loss = LEAST_SQUARES) -> ChannelSolution
         problem = problem.finer()
         e = problem.evaluate(values)
     if e.failed:
-        hint = ", --integrator generalized_alpha (which damps the ringing of stiff lines)" if e.unstable else ""
+        hint = ""
+        if e.unstable:
+            hint = ", --integrator generalized_alpha (which damps the ringing of stiff lines)"
         raise SceneError(
             f"start: the run at the start values fails, {e.failed}. Try a smaller --dt{hint}, or other values"
         )
     return first_solution(replace(problem, loss=loss), values, e)
-
-
-#: Errors of 3 % of the noise of several channels move estimates by 0.02 standard errors relative to each other.
-SAME_NOISE = 0.01
 
 
 def settle_noise(point: ChannelSolution, iterations: int, progress: Progress = silent) -> ChannelSolution:
@@ -262,7 +279,7 @@ def settle_noise(point: ChannelSolution, iterations: int, progress: Progress = s
     turns = count()
 
     def descend(point: ChannelSolution) -> ChannelSolution:
-        turn = next(turns)
+        turn = next(turns)  # at most ROUNDS and two more
         return continue_fit(point, iterations, part_of(progress, turn / (ROUNDS + 2), (turn + 1) / (ROUNDS + 2)))
 
     def claimed_series(point: ChannelSolution) -> Series:
@@ -286,7 +303,7 @@ def growth(e: Evaluation) -> float:
         if not np.isfinite(slopes).all():
             return np.inf
         n = len(slopes)
-        ends = (slice(2 * n // 5, 3 * n // 5), slice(4 * n // 5, n))
-        middle, last = (np.abs(slopes[part]).max(axis=(0, 1), initial=0.0) for part in ends)
+        middle = np.abs(slopes[2 * n // 5 : 3 * n // 5]).max(axis=(0, 1), initial=0.0)
+        last = np.abs(slopes[4 * n // 5 :]).max(axis=(0, 1), initial=0.0)
         most = max(most, float((last[middle > 0] / middle[middle > 0]).max(initial=0.0)))
     return most

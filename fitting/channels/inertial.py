@@ -24,10 +24,10 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.numerics import safe_norm
 from dropper_jax.base.read import Table
 from fitting.channels.channel import Channel, Given, OnLink, SavedMotion
-from fitting.channels.entries import axes_of, number_of
-from fitting.channels.position import link_of, node_of
+from fitting.channels.entries import optional_number, read_axes
+from fitting.channels.position import find_link, find_node
 
-#: Axes of an accelerometer.
+#: Axes of an accelerometer, by name.
 AXES = ("along", "across", "side")
 #: Weights of central differences of fourth order, of the rows two before to two after.
 FIRST = (1 / 12, -8 / 12, 0.0, 8 / 12, -1 / 12)
@@ -70,16 +70,16 @@ class Accelerometer(Inertial):
     def sensor_fields(cls, given: Given) -> Table:
         table = given.table
         path = given.path
-        axes = axes_of(table, path, AXES, AXES[: len(given.columns)], given.columns)
-        line, link = link_of(given.scene, table, path)
+        axes = read_axes(table, path, AXES, AXES[: len(given.columns)], given.columns)
+        line, link = find_link(given.scene, table, path)
         length = float(line.spec.length[link])
         if "at" not in table:
-            position = number_of(table, path, "position", 0.5 * length, low=0.0, high=length)
+            position = optional_number(table, path, "position", 0.5 * length, low=0.0, high=length)
         elif "position" in table:
             raise SceneError(f"{path}.position: given twice, by `at` too; allowed: one of them")
         else:
-            position = node_of(given.scene, table, path).share * length
-        turn = number_of(table, path, "turn", 0.0)
+            position = find_node(given.scene, table, path).share * length
+        turn = optional_number(table, path, "turn", 0.0)
         return {"axes": axes, "position": position, "turn": turn, **super().sensor_fields(given)}
 
     def mounted(self, position: Array, turn: Array) -> Channel:
@@ -114,6 +114,6 @@ class Gyro(Inertial):
 
 
 def differences(rows: Array, weights: tuple[float, ...]) -> Array:
-    """Sums (S - 4, m) of five neighbouring rows (S, m) with these weights."""
+    """Derivatives in units of the interval: sums (S - 4, m) of five neighbouring rows (S, m) with these weights."""
     count = len(rows) - len(weights) + 1
     return sum(weight * rows[i : i + count] for i, weight in enumerate(weights))

@@ -43,7 +43,7 @@ def begin(plan: Plan, setup: Setup, near: State) -> State:
     if plan.start == "static":
         return settle(model, near, nodal_loads(model, plan.release_nodes, given.get("release_force")))
     if plan.start == "angles":
-        s = from_angles(model, *(given[key] for key in ("polar", "azimuth", "polar_rate", "azimuth_rate")), plan.zero)
+        s = from_angles(model, given["polar"], given["azimuth"], given["polar_rate"], given["azimuth_rate"], plan.zero)
     elif plan.start == "positions":
         free = slice(1, 1 + model.free_nodes)
         s = state(model, given["positions"][free], given["velocities"][free])

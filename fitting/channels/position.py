@@ -22,23 +22,24 @@ class Node(NamedTuple):
     share: float
 
 
-def line_of(scene: SceneData, table: Values, path: str) -> WholeLine:
+def find_line(scene: SceneData, table: Values, path: str) -> WholeLine:
     """The line that a channel's table names, as specified; a scene with one line needs no name.
 
     Raises:
         SceneError: no such line.
     """
     lines = {line.name: line for line in whole_lines(scene)}
-    if "line" not in table and len(lines) == 1:
+    name = None
+    if "line" in table:
+        name = read_text(table["line"], f"{path}.line")
+    elif len(lines) == 1:
         (name,) = lines
-    else:
-        name = read_text(table["line"], f"{path}.line") if "line" in table else None
     if name not in lines:
         raise SceneError(f"{path}.line: {name!r} is not a line of the scene; {nearest(str(name), lines)}")
     return lines[name]
 
 
-def node_of(scene: SceneData, table: Values, path: str) -> Node:
+def find_node(scene: SceneData, table: Values, path: str) -> Node:
     """The position of a sensor on a node, at a point, or at a length along a line.
 
     Raises:
@@ -48,7 +49,7 @@ def node_of(scene: SceneData, table: Values, path: str) -> Node:
     if key == "point":
         node = ends_at(scene, read_text(table["point"], f"{path}.point"), path)[0][0]
         return Node(node, node, 0.0)
-    line = line_of(scene, table, path)
+    line = find_line(scene, table, path)
     links = line.spec.links
     if key == "at":
         at = _length_along(table, line, path)
@@ -56,7 +57,10 @@ def node_of(scene: SceneData, table: Values, path: str) -> Node:
         link = int(np.clip(np.searchsorted(total, at, side="right") - 1, 0, links - 1))
         share = (at - total[link]) / line.spec.length[link]
         return Node(int(line.nodes[link]), int(line.nodes[link + 1]), float(share))
-    number = read_integer(table["node"], f"{path}.node") if key == "node" else _end(table, 0, links, path)
+    if key == "node":
+        number = read_integer(table["node"], f"{path}.node")
+    else:
+        number = _end(table, 0, links, path)
     if not 0 <= number <= links:
         raise SceneError(
             f"{path}.node: {number} is outside line {line.name!r}; allowed: 0 (its first point) to {links}"
@@ -64,14 +68,14 @@ def node_of(scene: SceneData, table: Values, path: str) -> Node:
     return Node(int(line.nodes[number]), int(line.nodes[number]), 0.0)
 
 
-def link_of(scene: SceneData, table: Values, path: str) -> tuple[WholeLine, int]:
+def find_link(scene: SceneData, table: Values, path: str) -> tuple[WholeLine, int]:
     """The line and the number in it, from 0, of the link that carries a sensor.
 
     Raises:
         SceneError: no position or more than one; a link or length that the line does not have.
     """
     key = _one_of(table, ("link", "end", "at"), path)
-    line = line_of(scene, table, path)
+    line = find_line(scene, table, path)
     if key == "at":
         at = _length_along(table, line, path)
         number = int(np.searchsorted(np.cumsum(line.spec.length), at - 1e-12)) + 1
@@ -90,21 +94,20 @@ def ends_at(scene: SceneData, point: str, path: str) -> tuple[tuple[int, int, in
     Raises:
         SceneError: no such point.
     """
-    found = tuple(
-        (int(line.nodes[node]), int(line.nodes[inner]), line.links.start + min(node, inner))
-        for line in whole_lines(scene)
-        for node, name in line.stops.items()
-        for inner in (node + 1, node - 1)
-        if name == point and 0 <= inner <= line.spec.links
-    )
+    found = []
+    for line in whole_lines(scene):
+        for node, name in line.stops.items():
+            for inner in (node + 1, node - 1):
+                if name == point and 0 <= inner <= line.spec.links:
+                    found.append((int(line.nodes[node]), int(line.nodes[inner]), line.links.start + min(node, inner)))
     if not found:
-        raise SceneError(
-            f"{path}.point: {point!r} is not a point of the scene; {nearest(point, [p.name for p in scene.points])}"
-        )
-    return found
+        known = [p.name for p in scene.points]
+        raise SceneError(f"{path}.point: {point!r} is not a point of the scene; {nearest(point, known)}")
+    return tuple(found)
 
 
 def _end(table: Values, first: int, last: int, path: str) -> int:
+    """The number of the node or link at the `end` of a line, of numbers from `first` to `last`."""
     numbers = {"from": first, "to": last}
     end = read_text(table["end"], f"{path}.end")
     if end not in numbers:
@@ -113,6 +116,7 @@ def _end(table: Values, first: int, last: int, path: str) -> int:
 
 
 def _length_along(table: Values, line: WholeLine, path: str) -> float:
+    """The length [m] along a line from its first point, at the key `at`."""
     at = read_number(table["at"], f"{path}.at", {"unit": "m"})
     length = float(np.sum(line.spec.length))
     if not 0 <= at <= length * (1.0 + ROUNDING):
@@ -127,6 +131,8 @@ def _one_of(table: Values, keys: tuple[str, ...], path: str) -> str:
     if wrong:
         raise SceneError(f"{path}.{wrong[0]}: not a position for this kind of sensor; allowed: {', '.join(keys)}")
     if len(given) != 1:
-        what = f"position given twice, by {' and '.join(given)}" if given else "position missing"
+        what = "position missing"
+        if given:
+            what = f"position given twice, by {' and '.join(given)}"
         raise SceneError(f"{path}: {what}; allowed: one of {', '.join(keys)}")
     return given[0]

@@ -15,7 +15,7 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import State
 from dropper_jax.run.build import build_model, stepper_of
-from fitting.channels.data import ByChannel, Data, Series
+from fitting.channels.data import ByChannel, Data, Run, Series
 from fitting.channels.observe import Plan, differentiate_channels
 from fitting.channels.setup import setup_with_directions
 from fitting.estimate.noise import correlates, lag_one_by_source, whiten
@@ -27,6 +27,10 @@ from fitting.parameters.targets import SetupPlace
 FACTOR = 3.0
 #: Maximum number of halvings of the step for its bias.
 MOST_HALVED = 2
+#: Relative extension of the duration: the last sample belongs to the previous piece.
+PAST_LAST = 1e-6
+#: Derivatives beyond this have squares that overflow in a sum.
+LARGEST_SLOPE = 1e100
 
 
 def is_axial_stiffness(p: Parameter) -> bool:
@@ -49,10 +53,6 @@ class Evaluation(NamedTuple):
     unstable: bool = False
     residual: np.ndarray = np.full((1, 1, 1), np.inf)
     jacobian: np.ndarray | None = None
-
-
-#: Relative extension of the duration: the last sample belongs to the previous piece.
-PAST_LAST = 1e-6
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -111,7 +111,9 @@ class Problem(Residuals):
     @property
     def noise_size(self) -> np.ndarray:
         """The estimated noise of each channel (c,)."""
-        return self.claimed_noise * (1.0 if self.noise is None else self.noise.factor[:, 0])
+        if self.noise is None:
+            return self.claimed_noise
+        return self.claimed_noise * self.noise.factor[:, 0]
 
     @property
     def order(self) -> int:
@@ -138,7 +140,8 @@ class Problem(Residuals):
                 low[i] = value * (1 - value / max(p.low, value / FACTOR))
                 high[i] = value * (1 - value / min(p.high, value * FACTOR))
             elif p.low >= 0 and value > 0:
-                low[i] = max(low[i], (1 / FACTOR - 1) * value) if p.low > 0 else low[i]
+                if p.low > 0:  # otherwise it may become 0
+                    low[i] = max(low[i], (1 / FACTOR - 1) * value)
                 high[i] = min(high[i], (FACTOR - 1) * max(value, 0.1 * p.scale))
         return low, high
 
@@ -160,10 +163,15 @@ class Problem(Residuals):
 
     def timing(self) -> Timing:
         """Times of the samples of all channels."""
-        ends = np.array([(min(t[0] for t in run.t), max(t[-1] for t in run.t)) for run in self.data.runs])
-        run = np.broadcast_to(self.windows.run[:, None], self.windows.t.shape)
-        duration = float(np.diff(ends).sum()) * (1 + PAST_LAST)
-        return Timing(self.windows.t, run, self.sample_mask[..., 0], ends[:, 0], duration, len(ends))
+        starts = []
+        duration = 0.0
+        for run in self.data.runs:
+            times = np.concatenate(run.t)
+            starts.append(times.min())
+            duration += float(np.ptp(times))
+        number = np.broadcast_to(self.windows.run[:, None], self.windows.t.shape)
+        duration *= 1 + PAST_LAST
+        return Timing(self.windows.t, number, self.sample_mask[..., 0], np.array(starts), duration, len(starts))
 
     def correlation(self, point: ChannelSolution) -> tuple[float | np.ndarray, bool]:
         """Correlation of neighbours in each channel (c,); whether any of them is significant."""
@@ -198,9 +206,11 @@ class Problem(Residuals):
     def plan(self, run: int) -> Plan:
         """Static settings of a run, the same for all, so that runs of one kind share a program."""
         scene = self.scenes[run]
-        more = {} if self.retries else {"halvings": 0}
+        settings = {}
+        if not self.retries:
+            settings["halvings"] = 0
         return Plan(
-            stepper_of(build_model(scene), scene.run, track_work=False, **more),
+            stepper_of(build_model(scene), scene.run, track_work=False, **settings),
             scene.start.kind,
             scene.start.zero,
             scene.start.release_nodes,
@@ -216,7 +226,9 @@ class Problem(Residuals):
         rates = [p.high for p in free if p.where.field == "rate"]
         given = [one.delay for one in (*self.data.sensors, *self.data.cameras)]
         rate = max([1.0, *rates, *(camera.rate for camera in self.data.cameras)])
-        early = min([0.0, *given, *filter(np.isfinite, delays)]) * (2 if delays else 1)
+        early = min([0.0, *given, *filter(np.isfinite, delays)])
+        if delays:  # those of a camera and of a channel add up
+            early *= 2
         late = max(float(t[-1]) for run in self.data.runs for t in run.t) * rate - early
         spacing = self.scenes[0].run.step * self.scenes[0].run.save_every
         # cubics through four rows need three saved states after the last sample
@@ -230,42 +242,45 @@ class Problem(Residuals):
         started = []
         failed = ""
         unstable = False
-        for run, scene in enumerate(self.scenes):
-            mine = list(self.of_run[run])
+        for number, (scene, run) in enumerate(zip(self.scenes, self.data.runs, strict=True)):
+            mine = list(self.of_run[number])
             try:
                 at = setup_with_directions(scene, self.data, self.plain, values[mine])
             except SceneError as error:  # such as a static pose that does not exist
-                return Evaluation((), (), tuple(near), f"{self.data.runs[run].name}: {error}")
+                return Evaluation((), (), tuple(near), f"{run.name}: {error}")
             dt = jnp.asarray(self.dt, at.setup.model.dtype)
-            motion, slope, start, bad = differentiate_channels(
-                self.plan(run), at.setup, at.tangents, near[run], dt, self._pad_stamps(run, dt.dtype)
-            )
-            name = self.data.runs[run].name
+            stamps = self._pad_stamps(run, dt.dtype)
+            plan = self.plan(number)
+            motion, slope, start, bad = differentiate_channels(plan, at.setup, at.tangents, near[number], dt, stamps)
             step = int(bad) + 1
+            reason = ""
             if step > 0:
-                failed = failed or f"{name}: step {step} at {step * self.dt:g} s did not solve"
+                reason = f"step {step} at {step * self.dt:g} s did not solve"
             elif not all(np.isfinite(y).all() for y in motion):
-                failed = failed or f"{name}: the start did not solve"
-            elif not all(np.abs(s).max(initial=0.0) < 1e100 for s in slope):  # squares must not overflow in a sum
+                reason = "the start did not solve"
+            elif not all(np.abs(s).max(initial=0.0) < LARGEST_SLOPE for s in slope):
                 unstable = True
-                failed = failed or f"{name}: derivatives grow without bound, the motion is chaotic"
-            shown.append(tuple(np.asarray(y)[: len(t)] for y, t in zip(motion, self.data.runs[run].t, strict=True)))
-            slopes.append(
-                tuple(self._spread(np.asarray(s)[: len(y)], mine) for s, y in zip(slope, shown[-1], strict=True))
-            )
+                reason = "derivatives grow without bound, the motion is chaotic"
+            if reason and not failed:
+                failed = f"{run.name}: {reason}"
+            counts = list(map(len, run.t))
+            shown.append([np.asarray(y)[:count] for y, count in zip(motion, counts, strict=True)])
+            slopes.append([self._spread(s, count, mine) for s, count in zip(slope, counts, strict=True)])
             started.append(start)
-        return self.whiten_residuals(Evaluation(tuple(shown), tuple(slopes), tuple(started), failed, unstable))
+        return self.whiten_residuals(Evaluation(shown, slopes, tuple(started), failed, unstable))
 
-    def _pad_stamps(self, run: int, dtype: jnp.dtype) -> tuple[Array, ...]:
-        """Stamps of a run's channels, the last one repeated up to the longest run's count."""
-        most = np.max([[len(t) for t in other.t] for other in self.data.runs], axis=0)
-        stamps = zip(self.data.runs[run].t, most, strict=True)
-        return tuple(jnp.asarray(np.pad(t, (0, n - len(t)), mode="edge"), dtype) for t, n in stamps)
+    def _pad_stamps(self, run: Run, dtype: jnp.dtype) -> tuple[Array, ...]:
+        """Stamps of a run's channels, the last one repeated up to the longest run's count: runs share a program."""
+        padded = []
+        for channel, t in enumerate(run.t):
+            most = max(len(other.t[channel]) for other in self.data.runs)
+            padded.append(jnp.asarray(np.pad(t, (0, most - len(t)), mode="edge"), dtype))
+        return tuple(padded)
 
-    def _spread(self, slope: np.ndarray, mine: list[int]) -> np.ndarray:
-        """Derivatives by all parameters, from those by a run's own parameters."""
-        full = np.zeros((*slope.shape[:2], len(self.parameters)))
-        full[..., mine] = slope
+    def _spread(self, slope: Array, count: int, mine: list[int]) -> np.ndarray:
+        """Derivatives by all parameters of the first `count` samples, from those by a run's own parameters."""
+        full = np.zeros((count, slope.shape[1], len(self.parameters)))
+        full[..., mine] = np.asarray(slope)[:count]
         return full
 
     def finer(self) -> Problem:

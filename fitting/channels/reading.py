@@ -30,6 +30,7 @@ unit = "mm"
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import chain
 from pathlib import Path
 from typing import NamedTuple
 
@@ -51,19 +52,16 @@ from dropper_jax.scene import SceneData
 from dropper_jax.scene.fit import in_si
 from fitting.channels.channel import Channel, Given
 from fitting.channels.data import CameraSpec, Data, Run, Sensor
-from fitting.channels.entries import check_once, columns_of, name_of, number_of, unit_of, value_of
+from fitting.channels.entries import check_once, optional_number, read_column_names, read_name, read_unit, require_value
 from fitting.channels.inertial import Accelerometer, Gyro
 from fitting.channels.sensors import Angle, Depth, Pixel, Position, Tension, read_camera
 from fitting.traces.csv_table import check_times, read_csv, refuse_twice
 
 #: Minimum number of samples of a channel.
 FEWEST_READINGS = 3
-
-
 #: Kinds of channels, and the keys that tables of all kinds share.
-KINDS: dict[str, type[Channel]] = {
-    cls.kind: cls for cls in (Angle, Position, Pixel, Tension, Depth, Accelerometer, Gyro)
-}
+CLASSES: tuple[type[Channel], ...] = (Angle, Position, Pixel, Tension, Depth, Accelerometer, Gyro)
+KINDS = {cls.kind: cls for cls in CLASSES}
 COMMON = ("name", "kind", "column", "columns", "unit", "camera", "noise", "noise_unit", "offset", "gain", "delay")
 LOCATIONS = ("line", "link", "node", "end", "at", "point")
 
@@ -75,14 +73,16 @@ class Columns(NamedTuple):
     t: np.ndarray
     values: dict[str, np.ndarray]
 
-    def name_of(self, column: str) -> str | None:
+    def find_name(self, column: str) -> str | None:
         """The name here of a column `COLUMN` or `FILE.COLUMN`; None if it is not in this file."""
-        own = column.removeprefix(f"{Path(self.file).stem}.")
-        return next((name for name in (column, own) if name in self.values), None)
+        for name in (column, column.removeprefix(f"{Path(self.file).stem}.")):
+            if name in self.values:
+                return name
+        return None
 
     def read(self, columns: Sequence[str], unit: str) -> tuple[np.ndarray, np.ndarray]:
         """Times (k,) [s] and values (k, m) [SI] of columns that are in this file."""
-        found = [self.values[self.name_of(column) or column] for column in columns]
+        found = [self.values[self.find_name(column) or column] for column in columns]
         return self.t, in_si(1.0, unit)[0] * np.stack(found, axis=1)
 
 
@@ -101,8 +101,13 @@ def read_columns(path: Path) -> Columns:
 
 
 def read_sensor(table: Values, path: str, scene: SceneData, cameras: tuple[CameraSpec, ...]) -> Sensor:
+    """A `[[channel]]`: its channel, and the sensor that is assumed.
+
+    Raises:
+        SceneError: an unknown kind, key, unit or camera, or a position that the scene does not have.
+    """
     read_table(table, path)
-    cls = KINDS[read_text(value_of(table, path, "kind", ", ".join(KINDS)), f"{path}.kind", KINDS)]
+    cls = KINDS[read_text(require_value(table, path, "kind", ", ".join(KINDS)), f"{path}.kind", KINDS)]
     check_keys(table, (*COMMON, *LOCATIONS, *cls.KEYS), path)
     camera = None
     if "camera" in table:
@@ -111,23 +116,25 @@ def read_sensor(table: Values, path: str, scene: SceneData, cameras: tuple[Camer
         if name not in names:
             raise SceneError(f"{path}.camera: {name!r} is not a camera; {nearest(str(name), names)}")
         camera = names.index(name)
-    columns = columns_of(table, path)
-    unit = unit_of(table, path, "unit", cls.measures)
+    columns = read_column_names(table, path)
+    unit = read_unit(table, path, "unit", cls.measures)
     if cls.scalar and len(columns) != 1:
         raise SceneError(f"{path}.columns: {len(columns)} columns; allowed: 1, because this kind is a single number")
-    common = {"name": name_of(table, path), "columns": columns, "unit": unit, "camera": camera}
+    common = {"name": read_name(table, path), "columns": columns, "unit": unit, "camera": camera}
     channel = cls.make(Given(table, path, common, scene, tuple(c.matrix for c in cameras)))
-    noise = number_of(table, path, "noise", None, low=0.0, open_low=True)
+    noise = optional_number(table, path, "noise", None, low=0.0, open_low=True)
     noise_unit = table.get("noise_unit", unit)
     if noise_unit != "%":
-        noise_unit = unit_of({"noise_unit": noise_unit}, path, "noise_unit", cls.measures)
+        noise_unit = read_unit({"noise_unit": noise_unit}, path, "noise_unit", cls.measures)
+    if noise is not None:
+        noise, _ = in_si(noise, noise_unit)
     return Sensor(
         channel,
-        None if noise is None else in_si(noise, noise_unit)[0],
+        noise,
         noise_unit == "%",
-        in_si(number_of(table, path, "offset", 0.0), unit)[0],
-        number_of(table, path, "gain", 1.0),
-        number_of(table, path, "delay", 0.0),
+        in_si(optional_number(table, path, "offset", 0.0), unit)[0],
+        optional_number(table, path, "gain", 1.0),
+        optional_number(table, path, "delay", 0.0),
     )
 
 
@@ -140,15 +147,20 @@ class RecordedMotion(NamedTuple):
 
 
 def read_motion(table: Values, path: str, scene: SceneData) -> RecordedMotion:
+    """A `[[motion]]`.
+
+    Raises:
+        SceneError: a point that is not fixed, or not three columns.
+    """
     check_keys(read_table(table, path), ("point", "columns", "unit"), path)
-    held = [point.name for point in scene.points if not point.is_free]
+    fixed = scene.fixed_points
     point = table.get("point")
-    if point not in held:
-        raise SceneError(f"{path}.point: {point!r} is not a fixed point; {nearest(str(point), held)}")
-    columns = columns_of(table, path)
+    if point not in fixed:
+        raise SceneError(f"{path}.point: {point!r} is not a fixed point; {nearest(str(point), fixed)}")
+    columns = read_column_names(table, path)
     if len(columns) != 3:
         raise SceneError(f"{path}.columns: {len(columns)} columns; allowed: 3, x, y and z")
-    return RecordedMotion(point, columns, unit_of(table, path, "unit", "m"))
+    return RecordedMotion(point, columns, read_unit(table, path, "unit", "m"))
 
 
 def read_run(
@@ -158,11 +170,17 @@ def read_run(
     sensors: tuple[Sensor, ...],
     motions: tuple[RecordedMotion, ...],
 ) -> Run:
+    """A `[[run]]`: the samples of every sensor from its files in `folder`, and its own scene values.
+
+    Raises:
+        SceneError: a file that cannot be read, a column that no file or several files have, too few samples, samples
+            before the scene starts.
+    """
     check_keys(read_table(table, path), ("file", "name", "from", "until", "scene"), path)
-    files, default = _files(value_of(table, path, "file", "a CSV, or a list of them"), path, folder)
+    files, default = _files(require_value(table, path, "file", "a CSV, or a list of them"), path, folder)
     named = [sensor.channel.columns for sensor in sensors]
-    low = number_of(table, path, "from", -np.inf)
-    high = number_of(table, path, "until", np.inf)
+    low = optional_number(table, path, "from", -np.inf)
+    high = optional_number(table, path, "until", np.inf)
     times = []
     values = []
     for i, sensor in enumerate(sensors):
@@ -180,7 +198,7 @@ def read_run(
         values.append(y[keep])
     own = dict(read_table(table.get("scene", {}), f"{path}.scene"))
     own |= _recorded_motions(files, motions, path)
-    return Run(name_of(table, path, default), tuple(times), tuple(values), own)
+    return Run(read_name(table, path, default), tuple(times), tuple(values), own)
 
 
 def _files(given: Plain, path: str, folder: Path) -> tuple[list[Columns], str]:
@@ -200,8 +218,9 @@ def _files(given: Plain, path: str, folder: Path) -> tuple[list[Columns], str]:
     found = []
     names = []
     for i, item in enumerate(read_list(given, f"{path}.file", None, "a file or a list of files")):
-        own = item if isinstance(item, Mapping) else read_text(item, f"{path}.file.{i}")
-        files, name = _files(own, path, folder)
+        if not isinstance(item, Mapping):
+            item = read_text(item, f"{path}.file.{i}")
+        files, name = _files(item, path, folder)
         found += files
         names.append(name)
     if not found:
@@ -211,7 +230,7 @@ def _files(given: Plain, path: str, folder: Path) -> tuple[list[Columns], str]:
 
 def _one_file(files: Sequence[Columns], columns: Sequence[str], what: str, index: int = 0, count: int = 1) -> Columns:
     """The file that contains all of these columns: the only one, or number `index` of as many as `count`."""
-    found = [file for file in files if all(map(file.name_of, columns))]
+    found = [file for file in files if all(map(file.find_name, columns))]
     if len(found) == 1 or (found and len(found) == count):
         return found[index % len(found)]
     if found:
@@ -220,8 +239,11 @@ def _one_file(files: Sequence[Columns], columns: Sequence[str], what: str, index
             f"{what}: {', '.join(columns)} occurs in {len(found)} files; allowed: in one, or one channel for each of "
             f"the files, in their order. Name the file too: [{names}]"
         )
-    known = [name for file in files for name in file.values]
-    missing = next((name for name in columns if not any(file.name_of(name) for file in files)), columns[0])
+    known = list(chain.from_iterable(file.values for file in files))
+    missing = columns[0]  # unless a column is in no file at all, it is not together with the others
+    for column in reversed(columns):
+        if not any(file.find_name(column) for file in files):
+            missing = column
     raise SceneError(f"{what}: column {missing!r} is in no file with the others; {nearest(missing, known)}")
 
 

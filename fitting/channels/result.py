@@ -18,6 +18,11 @@ from fitting.estimate.scene_fit import SceneFit
 from fitting.estimate.uncertainty import Uncertainty, quantile, uncertainty
 from fitting.parameters.fitted_scene import fitted_scene
 
+#: Error of a parameter, over that of its prior, from which the data add next to nothing to the prior.
+PRIOR_ALONE = 0.95
+#: Sensitivity up to which a parameter is not determined: 1 % of the channel changes it by 20 %.
+INSENSITIVE = 0.05
+
 
 @dataclass(frozen=True)
 class Between:
@@ -40,7 +45,7 @@ class Between:
     std_errors: np.ndarray
 
 
-def between(name: str, values: np.ndarray, covariance: np.ndarray, level: float = 0.90) -> Between:
+def combine_runs(name: str, values: np.ndarray, covariance: np.ndarray, level: float = 0.90) -> Between:
     """Mean and spread of a parameter from the runs' estimates (n,) and their covariance (n, n); n at least 2.
 
     Run r has `p_r = mu + u_r`, with u_r of variance tau^2. Its estimate is `b_r`; the covariance C of the estimates
@@ -66,14 +71,18 @@ def between(name: str, values: np.ndarray, covariance: np.ndarray, level: float 
         square = float((values - mean) @ inverse @ (values - mean))
         return mean, weight, square, float(np.linalg.slogdet(total)[1]) + np.log(weight) + square
 
-    found = minimize_scalar(
-        lambda log: solve_variance(np.exp(log))[3], bounds=(np.log(1e-8 * top), np.log(1e2 * top)), method="bounded"
-    )
+    def cost(log_variance: float) -> float:
+        return solve_variance(np.exp(log_variance))[3]
+
+    found = minimize_scalar(cost, bounds=(np.log(1e-8 * top), np.log(1e2 * top)), method="bounded")
     variance = float(np.exp(found.x))
     if solve_variance(0.0)[3] <= found.fun + 1e-9:
         variance = 0.0
     mean, weight, square, _ = solve_variance(variance)
-    error = float(np.sqrt(max(square / (n - 1), 1.0 if variance == 0.0 else 0.0) / weight))
+    scatter = square / (n - 1)
+    if variance == 0.0:  # runs that agree better than their errors do not make the mean surer
+        scatter = max(scatter, 1.0)
+    error = float(np.sqrt(scatter / weight))
     reach = float(stdtrit(n - 1, 0.5 + level / 2)) * error
     spread = float(np.sqrt(variance))
     return Between(name, mean, error, mean - reach, mean + reach, spread, np.asarray(values), own)
@@ -94,7 +103,7 @@ class Errors(Uncertainty):
     why: tuple[str, ...]
 
 
-def errors_of(point: ChannelSolution) -> Errors:
+def estimate_errors(point: ChannelSolution) -> Errors:
     """Errors at a solution, and the parameters that its channels do not determine.
 
     White residuals of known size give the covariance `S^-1`; if neighbours remain correlated, the scatter of blocks of
@@ -119,40 +128,39 @@ def _sensitivity(point: ChannelSolution) -> np.ndarray:
     for c, sensor in enumerate(data.sensors):
         shown = np.concatenate([run[c] for run in e.shown])
         slope = np.concatenate([run[c] for run in e.slopes])
-        about = 0.0 if sensor.channel.of_tension else shown.mean(axis=0)
-        size = np.sqrt(np.mean((shown - about) ** 2))
+        if not sensor.channel.of_tension:
+            shown = shown - shown.mean(axis=0)
+        size = np.sqrt(np.mean(shown**2))
         least = 1e-300 if sensor.relative else point.problem.noise_size[c]
         found[:, c] = np.sqrt(np.mean(slope**2, axis=(0, 1))) * np.abs(point.values) / max(size, least)
     return found
 
 
-#: The data add next to nothing to a prior that is as wide as the error.
-PRIOR_ALONE = 0.95
-
-
 def _verdict(point: ChannelSolution, i: int, se: float, sensitivity: np.ndarray) -> tuple[str, str]:
+    """How parameter i, of standard error `se` and sensitivity (c,), is determined; and why, unless it is `yes`."""
     p = point.problem.parameters[i]
     value = float(point.values[i])
     known = ("yes", "")
     if not p.low < p.high:
         return known
-    if p.prior is not None:
-        alone = se >= PRIOR_ALONE * p.prior[1]
-        return ("prior", "determined by its prior only") if alone else known
-    if p.low < 0:
+    if p.prior is not None and se >= PRIOR_ALONE * p.prior[1]:
+        return "prior", "determined by its prior only"
+    if p.prior is not None or p.low < 0:
         return known
     most = float(sensitivity.max(initial=0.0))
     reach = quantile(0.95) * se
     bound = ("upper bound", f"below {max(value, 0.0) + reach:.3g} {p.unit} with 95 %")
     if p.in_model and p.low == 0 and value < reach:  # it is compatible with zero
         return bound
-    if value > 0 and most <= 0.05:
+    if value > 0 and most <= INSENSITIVE:
         moves = "no channel is sensitive to it"
         if most > 1e-6:
             name = point.problem.data.sensors[int(sensitivity.argmax())].channel.name
             moves = f"1 % of channel {name!r} is {1 / most:.0f} % of it"
         return "no", f"{moves} (d ln y/d ln p = {most:.2g})"
-    return bound if value < reach else known
+    if value < reach:
+        return bound
+    return known
 
 
 #: Remark for each way in which a parameter is determined.
@@ -197,6 +205,7 @@ class ChannelFit(SceneFit[Problem, Evaluation]):
         for c, sensor in enumerate(problem.data.sensors):
             off = deviations[(problem.windows.weight[..., 0] > 0) & (problem.windows.source == c)[:, None]]
             interval = float(np.median(np.concatenate([np.diff(run.t[c]) for run in problem.data.runs])))
+            noise_unit = "-" if sensor.relative else sensor.channel.measures
             found.append(
                 {
                     "name": sensor.channel.name,
@@ -205,7 +214,7 @@ class ChannelFit(SceneFit[Problem, Evaluation]):
                     "samples": int(off.size),
                     "rms": float(np.sqrt(np.mean(off**2))),
                     "noise": float(problem.noise_size[c]),
-                    "noise_unit": "-" if sensor.relative else sensor.channel.measures,
+                    "noise_unit": noise_unit,
                     "noise_claimed": sensor.noise,
                     "kept": float(np.exp(-noise.decay[c, 0] * interval)),
                     "correlation": float(self.errors.correlation_1[c]),

@@ -15,13 +15,18 @@ from dropper_jax.base.numerics import safe_norm
 from dropper_jax.base.read import Table, Values, check_keys, read_list, read_number, read_rows, read_table, read_text
 from fitting.channels.channel import AtNode, Channel, Given, OnLink, SavedMotion
 from fitting.channels.data import CameraSpec
-from fitting.channels.entries import axes_of, name_of, number_of, value_of, vector_of
-from fitting.channels.position import ends_at, link_of
+from fitting.channels.entries import optional_number, read_axes, read_name, read_vector, require_value
+from fitting.channels.position import ends_at, find_link
 
 
 @dataclass(frozen=True)
 class Tension(Channel):
-    """Tension [N] of a link, or the magnitude `|sum of T d/|d||` of the force of all lines that end at a point."""
+    """Tension [N] of a link, or the magnitude `|sum of T d/|d||` of the force of all lines that end at a point.
+
+    Attributes:
+        ends: of each line that ends at the point its node there, the next one, and the link between.
+        link: its number, where there are no ends.
+    """
 
     kind: ClassVar[str] = "tension"
     measures: ClassVar[str] = "N"
@@ -33,10 +38,12 @@ class Tension(Channel):
     @classmethod
     def sensor_fields(cls, given: Given) -> Table:
         if "point" not in given.table:
-            line, link = link_of(given.scene, given.table, given.path)
+            line, link = find_link(given.scene, given.table, given.path)
             return {"link": line.links.start + link}
         ends = ends_at(given.scene, read_text(given.table["point"], f"{given.path}.point"), given.path)
-        return {"ends": ends} if len(ends) > 1 else {"link": ends[0][2]}
+        if len(ends) > 1:
+            return {"ends": ends}
+        return {"link": ends[0][2]}
 
     def see(self, motion: SavedMotion) -> Array:
         if not self.ends:
@@ -76,7 +83,7 @@ class Pixel(AtNode):
 
     @classmethod
     def sensor_fields(cls, given: Given) -> Table:
-        value_of(given.table, given.path, "camera", "the name of a [[camera]]")
+        require_value(given.table, given.path, "camera", "the name of a [[camera]]")
         if len(given.columns) != 2:
             raise SceneError(f"{given.path}.columns: {len(given.columns)} columns; allowed: 2, u and v")
         return {"matrix": given.projections[given.common["camera"]], **super().sensor_fields(given)}
@@ -135,7 +142,7 @@ class Position(AtNode):
 
     @classmethod
     def sensor_fields(cls, given: Given) -> Table:
-        axes = axes_of(given.table, given.path, AXES, AXES, given.columns)
+        axes = read_axes(given.table, given.path, AXES, AXES, given.columns)
         return {"axes": axes, **super().sensor_fields(given)}
 
     def see(self, motion: SavedMotion) -> Array:
@@ -154,23 +161,28 @@ class Depth(AtNode):
 
 
 def read_camera(table: Values, path: str) -> CameraSpec:
+    """A `[[camera]]`, given by its projection, or by its position, the point that it looks at and its focal length.
+
+    Raises:
+        SceneError: an unknown or missing key, or a camera that looks straight up or down.
+    """
     keys = ("name", "position", "look_at", "focal", "centre", "projection", "delay", "rate")
     check_keys(read_table(table, path), keys, path)
     if "projection" in table:
         rows = read_list(table["projection"], f"{path}.projection", 3, "3 rows of 4 numbers")
         matrix = read_rows(rows, f"{path}.projection", {"unit": "-"}, 4, "4 numbers")
     else:
-        position = vector_of(table, path, "position", 3)
-        look_at = vector_of(table, path, "look_at", 3)
+        position = read_vector(table, path, "position", 3)
+        look_at = read_vector(table, path, "look_at", 3)
         ahead = look_at - position
         if np.hypot(ahead[0], ahead[1]) < 1e-9:
             raise SceneError(f"{path}.look_at: directly above or below the camera. Use another point, or `projection`")
         limits = {"unit": "px", "low": 0.0, "open_low": True}
-        focal = read_number(value_of(table, path, "focal", "focal length [px]"), f"{path}.focal", limits)
-        matrix = projection(position, look_at, focal, vector_of(table, path, "centre", 2))
+        focal = read_number(require_value(table, path, "focal", "focal length [px]"), f"{path}.focal", limits)
+        matrix = projection(position, look_at, focal, read_vector(table, path, "centre", 2))
     return CameraSpec(
-        name_of(table, path),
+        read_name(table, path),
         tuple(map(tuple, matrix.tolist())),
-        number_of(table, path, "delay", 0.0),
-        number_of(table, path, "rate", 1.0, low=0.0, open_low=True),
+        optional_number(table, path, "delay", 0.0),
+        optional_number(table, path, "rate", 1.0, low=0.0, open_low=True),
     )

@@ -163,7 +163,9 @@ def _why_missing(scene: Scene, data: Data, section: str, rest: Sequence[str], na
         return f" has no such entry; allowed: below {', '.join(map(str, shape))}"
     label = rest[0] if len(rest) > 1 else name
     channels = {sensor.channel.name: sensor.channel for sensor in data.sensors}
-    names = channels if section == "channel" else [camera.name for camera in data.cameras]
+    names = list(channels)
+    if section == "camera":
+        names = [camera.name for camera in data.cameras]
     if label not in names:
         return f": {label!r} is not a {section}; {nearest(label, names)}"
     fields = ["delay", "rate"]
@@ -175,6 +177,7 @@ def _why_missing(scene: Scene, data: Data, section: str, rest: Sequence[str], na
 
 
 def _of_time(name: str, where: SetupPlace, delay: float) -> Parameter:
+    """A delay [s], free within `DELAY_RANGE`."""
     return Parameter(name, where, delay, delay - DELAY_RANGE, delay + DELAY_RANGE, unit="s")
 
 
@@ -192,7 +195,8 @@ def setup_with_directions(scene: Scene, data: Data, parameters: Sequence[Paramet
     then built again, and their directions are taken there.
     """
     written = {p.name: float(v) for p, v in zip(parameters, values, strict=True) if p.moves_model}
-    scene = scene.with_values(written) if written else scene
+    if written:
+        scene = scene.with_values(written)
     first = setup = first_setup(scene, data)
     directions: list[Setup] = []
     for p, v in zip(parameters, values, strict=True):

@@ -12,6 +12,8 @@ from fitting.films.video import Video, opencv
 
 #: Maximum number of orders that are drawn.
 SHOWN = 6
+#: Width of the picture of one order [pixel].
+TILE_WIDTH = 560
 
 
 def write_alternatives(error: AmbiguousOrderError, video: str | Path, path: str | Path) -> Path:
@@ -22,7 +24,8 @@ def write_alternatives(error: AmbiguousOrderError, video: str | Path, path: str 
 
 
 def _tile(image: np.ndarray, positions: np.ndarray, number: int) -> np.ndarray:
-    scale = 560 / image.shape[1]  # pixels of one picture over those of the frame
+    """The frame with the nodes at `positions` (n, 2) [pixel of the video], numbered in this order."""
+    scale = TILE_WIDTH / image.shape[1]  # pixels of one picture over those of the frame
     picture = draw_links(opencv().resize(image, None, fx=scale, fy=scale), scale * positions, 2)
     for k, position in enumerate(scale * positions):
         write_text(picture, str(k), position + [8, -8], 0.6, BRIDGED)

@@ -8,6 +8,9 @@ from dropper_jax.base.errors import Progress, SceneError
 from fitting.films.detection import Circles, MarkerAppearance, detect, learn_appearance, stands_out
 from fitting.films.video import Video
 
+#: Maximum number of frames from which the appearance is learned.
+MOST_IMAGES = 16
+
 
 def scan(
     film: Video, span: tuple[int, int | None], nodes: int, radius: float | None, bright: bool | None, say: Progress
@@ -35,18 +38,22 @@ def _learn_appearance(
     for i, image in enumerate(film.frames(*span)):
         if i % stride == 0:
             images.append(image)
-        if len(images) > 16:  # spread over the film
+        if len(images) > MOST_IMAGES:
             images = images[::2]
             stride = 2 * stride
 
     def learn(image: np.ndarray, count: int) -> tuple[int, MarkerAppearance]:
+        """The number of circles that look like the `count` strongest spots, 0 if these do not stand out."""
         appearance = learn_appearance(image, count, radius, bright)
-        return len(detect(image, appearance)) if stands_out(image, appearance, count) else 0, appearance
+        if not stands_out(image, appearance, count):
+            return 0, appearance
+        return len(detect(image, appearance)), appearance
 
     learned = [learn(image, nodes) for image in images]
     complete = [appearance for count, appearance in learned if count >= nodes]
     if complete:
         return max(complete, key=lambda appearance: appearance.answer)
+    # for the error alone: how many circles the frames show at most
     most = max(count for count, _ in learned)
     for fewer in range(nodes - 1, most, -1):
         for image in images[::5]:

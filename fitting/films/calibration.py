@@ -16,6 +16,13 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from fitting.films.video import opencv, read_image
 
+#: Minimum number of pictures with the board: fewer do not determine both focal length and distortion.
+FEWEST_PICTURES = 4
+#: Largest reprojection error [pixel] of a calibration that may be used; the thesis reached 0.15.
+LARGEST_ERROR = 1.0
+#: Focal length [image widths] above which the calibration has diverged.
+LONGEST_FOCUS = 20.0
+
 
 @dataclass(frozen=True)
 class Lens:
@@ -106,35 +113,27 @@ def calibrate(pictures: Sequence[str | Path], board: tuple[int, int] = (9, 6)) -
     Raises:
         SceneError: too few pictures with a board, sizes that differ, an error above one pixel, no convergence.
     """
-    # minimum number of pictures with the board: fewer do not determine both focal length and distortion
-    fewest_pictures = 4
-    # largest reprojection error [pixel] of a calibration that may be used; the thesis reached 0.15
-    largest_error = 1.0
     images = [(Path(path).name, read_image(path)) for path in pictures]
     sizes = {image.shape for _, image in images}
     if len(sizes) > 1:
         raise SceneError(f"calibration: pictures of different sizes, {sorted(sizes)}; allowed: one size, the video's")
     found = [there for _, image in images if (there := corners(image, board)) is not None]
-    if len(found) < fewest_pictures:
+    if len(found) < FEWEST_PICTURES:
         raise SceneError(
             f"calibration: a board of {board[0]} x {board[1]} inner corners found in {len(found)} of {len(images)} "
-            f"pictures, fewer than {fewest_pictures}. Use more pictures, or --board with the number of corners"
+            f"pictures, fewer than {FEWEST_PICTURES}. Use more pictures, or --board with the number of corners"
         )
     size = images[0][1].shape[::-1]
     lens = _lens(found, board, size)
     if lens is None:
         raise SceneError("calibration: did not converge. Use pictures at several slants and positions")
-    if lens.error > largest_error:
+    if lens.error > LARGEST_ERROR:
         raise SceneError(
-            f"calibration: reprojection error {lens.error:.3g} pixel; allowed: at most {largest_error:g} "
+            f"calibration: reprojection error {lens.error:.3g} pixel; allowed: at most {LARGEST_ERROR:g} "
             "(use a flat board, sharp pictures, several slants)"
         )
     others = [_lens(found[:i] + found[i + 1 :], board, size) for i in range(len(found))]
-    return replace(lens, others=tuple(other for other in others if other is not None))
-
-
-#: A focal length above 20 image widths: the calibration has diverged.
-LONGEST_FOCUS = 20.0
+    return replace(lens, others=tuple(filter(None, others)))
 
 
 def _lens(found: list[np.ndarray], board: tuple[int, int], size: tuple[int, int]) -> Lens | None:
@@ -170,9 +169,12 @@ def plane_from_board(picture: str | Path, lens: Lens | None, board: tuple[int, i
         raise SceneError(
             f"{Path(picture).name}: {image.shape[::-1]} pixels; allowed: {lens.size}, those of the calibration"
         )
-    straight = found.astype(float) if lens is None else lens.straighten(found)
+    straight = found.astype(float)
+    middle = (np.array(image.shape[::-1]) - 1) / 2
+    if lens is not None:
+        straight = lens.straighten(found)
+        middle = lens.centre
     homography, _ = opencv().findHomography(straight, board_points(board, square)[:, :2].astype(float))
-    middle = (np.array(image.shape[::-1]) - 1) / 2 if lens is None else lens.centre
     return Plane(_level_homography(homography, middle))
 
 

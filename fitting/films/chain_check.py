@@ -49,9 +49,10 @@ def why_no_chain(positions: np.ndarray, marks: Marks, error: np.ndarray) -> str:
         return jerk
     for j, column in enumerate(error.T, 1):
         known = column[np.isfinite(column)]
-        if len(known) and (typical := float(np.median(known))) > LARGEST_ERROR:
-            return f"the angle of link {j} has a standard error of {typical:.2g} rad"
-        if (good := int((known <= LARGEST_ERROR).sum())) < FEWEST:
+        if len(known) and np.median(known) > LARGEST_ERROR:
+            return f"the angle of link {j} has a standard error of {np.median(known):.2g} rad"
+        good = np.sum(known <= LARGEST_ERROR)
+        if good < FEWEST:
             return f"link {j} is seen in {good} frames, fewer than {FEWEST}"
     return ""
 

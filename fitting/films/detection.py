@@ -20,6 +20,13 @@ RAYS = 48
 RAY_STEP = 0.5
 #: Radii [pixel] that are tried by default.
 RADII = tuple(map(float, np.geomspace(2.5, 40.0, 14)))
+#: Radius of the disc to which the difference of two Gaussians responds best, in radii of `_spots`.
+RESPONDING = 1.15
+#: Minimum fraction of rays that show an edge.
+SHOWN_RAYS = 0.55
+#: Maximum radius of a circle as a multiple of the usual one; minimum contrast as a fraction of the usual one.
+LARGEST_RADIUS = 1.35
+WEAKEST = 0.85
 
 
 @dataclass(frozen=True)
@@ -46,6 +53,7 @@ class Circles:
         return len(self.error)
 
     def pick(self, which: np.ndarray) -> Circles:
+        """Some of them, by a mask or by number."""
         return Circles(*(getattr(self, f.name)[which] for f in fields(self)))
 
 
@@ -56,15 +64,13 @@ def learn_appearance(
     image: np.ndarray, nodes: int, radius: float | None = None, bright: bool | None = None
 ) -> MarkerAppearance:
     """The radius and shade at which the `nodes` strongest spots of a picture stand out most."""
-    # radius of the disc to which the difference of two Gaussians responds best [radius]
-    responding = 1.15
     best = MarkerAppearance(radius or RADII[0], bool(bright), 0.0)
     shades = (True, False) if bright is None else (bright,)
-    sizes = RADII if radius is None else (radius / responding,)
+    sizes = RADII if radius is None else (radius / RESPONDING,)
     for shade, size in product(shades, sizes):
         answers = _spots(image, size, shade)[1]
         if len(answers) >= nodes and answers[nodes - 1] > best.answer:
-            best = MarkerAppearance(responding * size, shade, float(answers[nodes - 1]))
+            best = MarkerAppearance(RESPONDING * size, shade, float(answers[nodes - 1]))
     if best.answer < 2.0:  # grey levels above the noise
         return replace(best, answer=0.0)
     for _ in range(3):  # the search radius for the rim depends on the radius
@@ -104,11 +110,14 @@ def detect_at(image: np.ndarray, appearance: MarkerAppearance, guesses: np.ndarr
 
 
 def _at(image: np.ndarray, appearance: MarkerAppearance, seeds: np.ndarray) -> Circles:
-    if not len(seeds):
-        return NONE
+    """Circles around the seeds (m, 2) [pixel], fitted again around their centres, each one once."""
     smooth = opencv().GaussianBlur(image, (0, 0), 0.8).astype(np.float32)
-    circles = _fit(smooth, seeds, appearance)
-    return _distinct(_fit(smooth, circles.centre, appearance), appearance) if len(circles) else NONE
+    for _ in range(2):
+        if not len(seeds):
+            return NONE
+        circles = _fit(smooth, seeds, appearance)
+        seeds = circles.centre
+    return _distinct(circles, appearance)
 
 
 def _spots(image: np.ndarray, radius: float, bright: bool) -> tuple[np.ndarray, np.ndarray]:
@@ -120,23 +129,16 @@ def _spots(image: np.ndarray, radius: float, bright: bool) -> tuple[np.ndarray, 
     if shrink > 1:
         small = cv2.resize(small, None, fx=1 / shrink, fy=1 / shrink, interpolation=cv2.INTER_AREA)
     r = radius / shrink
-    # widths of the Gaussians [radius]; their difference responds best to discs 1.15 times as large
+    # widths of the Gaussians [radius]; their difference responds best to discs `RESPONDING` times as large
     answer = cv2.GaussianBlur(small, (0, 0), 0.6 * r) - cv2.GaussianBlur(small, (0, 0), 1.2 * r)
-    answer = answer if bright else -answer
+    if not bright:
+        answer = -answer
     reach = 2 * int(np.ceil(0.7 * r)) + 1
     where = np.argwhere((answer == cv2.dilate(answer, np.ones((reach, reach), np.uint8))) & (answer > 0))
     strength = answer[tuple(where.T)]
     order = np.argsort(-strength)[:200]
     factor = np.array(image.shape) / small.shape
     return ((where[order] + 0.5) * factor - 0.5)[:, ::-1], strength[order]
-
-
-#: Minimum fraction of rays that show an edge.
-SHOWN_RAYS = 0.55
-#: Maximum radius of a circle as a multiple of the usual one.
-LARGEST_RADIUS = 1.35
-#: Minimum contrast as a fraction of the usual one.
-WEAKEST = 0.85
 
 
 def _fit(image: np.ndarray, seeds: np.ndarray, appearance: MarkerAppearance) -> Circles:
@@ -166,7 +168,8 @@ def _brightness(image: np.ndarray, seeds: np.ndarray, ray: np.ndarray, along: np
 
 def _edges(light: np.ndarray, along: np.ndarray, appearance: MarkerAppearance) -> tuple[np.ndarray, np.ndarray]:
     """Distance (m, rays) at which each ray crosses half way from inside to outside, otherwise NaN; contrast (m,)."""
-    light = light if appearance.bright else -light
+    if not appearance.bright:
+        light = -light
     at = along / appearance.radius
     inside = np.median(light[..., at <= 0.5], axis=(1, 2))
     outside = np.median(light[..., (at > 1.25) & (at < 1.6)], axis=(1, 2))

@@ -22,6 +22,17 @@ from scipy.optimize import least_squares
 
 from fitting.films.calibration import Lens, Plane
 
+#: Focal length of an ordinary camera [image widths].
+USUAL_FOCUS = 1.25
+#: Maximum values of pan [rad], pitch [rad], k1 and log(focus / usual).
+LIMITS = np.array([0.6, 0.6, 0.6, 0.9])
+#: Minimum noise of a circle's centre [pixel].
+LEAST_NOISE = 0.03
+#: Standard deviation of normal numbers over the median of their absolute values.
+ROBUST = 1.4826
+#: Duration of a block [s], over which deviations persist.
+BLOCK = 0.25
+
 
 @dataclass(frozen=True)
 class Flat:
@@ -80,9 +91,10 @@ class Flat:
         return np.where([plane, plane, lens, lens], 0.01, [0.15, 0.15, 0.15, 0.3])
 
     def _tilt_points(self, points: np.ndarray, parameters: np.ndarray) -> np.ndarray:
+        """Points (k, 2) of a camera with this pan, pitch, bending and focal length, as one square to the plane sees
+        them."""
         pan, pitch, bending, focus = parameters
-        # usual focal length: 1.25 image widths
-        usual = 1.25 * self.size[0] if self.lens is None else self.lens.focus
+        usual = USUAL_FOCUS * self.size[0] if self.lens is None else self.lens.focus
         size = usual * np.exp(focus)
         ray = bent = (points - self.middle) / size
         for _ in range(6):  # bent = ray (1 + k1 |ray|^2)
@@ -111,8 +123,6 @@ def flatten(pixels: np.ndarray, flat: Flat, fps: float) -> Flat:
     Args:
         pixels: (k, n, 2) of the video, NaN if not detected.
     """
-    # maximum values of pan, pitch, k1 and log(focus / usual)
-    parameter_limits = np.array([0.6, 0.6, 0.6, 0.9])
     keep = np.flatnonzero(np.isfinite(link_lengths(pixels)).any(axis=1))
     keep = keep[spread_out(len(keep), 300)]
     positions = pixels[keep]
@@ -123,6 +133,7 @@ def flatten(pixels: np.ndarray, flat: Flat, fps: float) -> Flat:
         return flat
 
     def off(parameters: np.ndarray) -> np.ndarray:
+        """Deviations (k, n - 1) of the logarithms of the lengths from their means; 0 of links that are not detected."""
         log = np.log(np.maximum(link_lengths(replace(flat, parameters=parameters)(positions)), 1e-9))
         return np.nan_to_num(log - np.nansum(log, axis=0) / np.maximum(both.sum(axis=0), 1))
 
@@ -132,14 +143,13 @@ def flatten(pixels: np.ndarray, flat: Flat, fps: float) -> Flat:
     for _ in range(3):
         result = least_squares(
             lambda p, noise=noise: np.concatenate([(off(p) / noise).ravel(), p / spread]),
-            np.clip(found, -0.9 * parameter_limits, 0.9 * parameter_limits),
-            bounds=(-parameter_limits, parameter_limits),
+            np.clip(found, -0.9 * LIMITS, 0.9 * LIMITS),
+            bounds=(-LIMITS, LIMITS),
             loss="soft_l1",
         )
         found = result.x
         left = np.where(both, np.abs(off(found)), np.nan)
-        # noise of a centre: at least 0.03 pixels
-        noise = np.maximum(1.4826 * np.nanmedian(left, axis=0), 0.03 / size)
+        noise = np.maximum(ROBUST * np.nanmedian(left, axis=0), LEAST_NOISE / size)
         noise = np.where(np.isfinite(noise), noise, np.nanmedian(noise))
     return replace(flat, parameters=found, covariance=_covariance(off, found, noise, spread, keep, fps))
 
@@ -170,7 +180,7 @@ def robust_lengths(positions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.nd
     lengths = link_lengths(positions)
     known = np.where(np.isfinite(lengths).any(axis=0), lengths, 0.0)
     usual = np.nanmedian(known, axis=0)
-    return lengths, usual, 1.4826 * np.nanmedian(np.abs(known - usual), axis=0)
+    return lengths, usual, ROBUST * np.nanmedian(np.abs(known - usual), axis=0)
 
 
 def level_error(flat: Flat, others: list[Flat], pixels: np.ndarray) -> float:
@@ -186,10 +196,6 @@ def level_error(flat: Flat, others: list[Flat], pixels: np.ndarray) -> float:
     links = [np.diff(to(rows), axis=1) @ [1.0, 1j] for to in (flat, *others)]
     turns = np.angle([np.nansum(link * links[0].conj()) for link in links[1:]])
     return float(np.sqrt((len(turns) - 1) * np.var(turns)))
-
-
-#: Duration of a block [s].
-BLOCK = 0.25
 
 
 def _covariance(

@@ -33,6 +33,12 @@ from fitting.films.ordering import (
 
 #: Changes [tolerances] up to which another order is equally good.
 AS_GOOD = 3.0
+#: Maximum number of orders that are looked for.
+MOST_ORDERS = 50
+#: Change of a length [pixel] up to which a row of markers is one line of links.
+LINE_CHANGE = 1.0
+#: Maximum distance of a given position from its circle [radius].
+NEAR_CIRCLE = 3.0
 
 
 def follow_film(
@@ -56,14 +62,15 @@ def follow_film(
     """
     centres = [each.centre for each in circles]
     mapped = map_centres(centres, flat)
+    straight = False
     if start is None:
         chain = clearest_chain(mapped, nodes, radius, fps)
+        if chain is None:
+            chain = chain_in_line(mapped, nodes)
+            straight = True
     else:
         chain = named_chain(mapped, centres, np.asarray(start, float), flat, radius, fps)
-    straight = chain is None
-    if chain is None:
-        chain = chain_in_line(mapped, nodes)
-    for _ in range(3):
+    for _ in range(3):  # usually one is enough
         found = follow(mapped, chain)
         flat = flatten(_of_nodes(centres, found), flat, fps)
         mapped = map_centres(centres, flat)
@@ -77,11 +84,7 @@ def follow_film(
     still = resting(positions, radius, nodes)
     if start is None:
         straight = _check_order(positions, pixels, still, straight)
-    marks = find_marks(np.nan_to_num(positions), found >= 0)
-    # a single frame between gaps has no confirmation yet: with hindsight it is accepted again where it fits
-    well = (found >= 0) & ~marks.nodes
-    beside = np.pad(well, ((1, 1), (0, 0)))
-    detected = well & (beside[:-2] | beside[2:])
+    detected = _confirmed(found, positions)
     found = np.where(detected, found, -1)
     error = _of_nodes([each.error for each in circles], found)
     result = TrackedChain(positions, pixels, error, detected, chain, flat, still, straight)
@@ -91,6 +94,16 @@ def follow_film(
     if start is None and turn_round(begin, still, first):
         result = reverse_chain(result)
     return result
+
+
+def _confirmed(found: np.ndarray, positions: np.ndarray) -> np.ndarray:
+    """Which nodes (k, n) are detected without a mark, in this frame and in the one before or after.
+
+    A single frame between gaps has no confirmation yet: with hindsight it is accepted again where it fits.
+    """
+    well = (found >= 0) & ~find_marks(np.nan_to_num(positions), found >= 0).nodes
+    beside = np.pad(well, ((1, 1), (0, 0)))
+    return well & (beside[:-2] | beside[2:])
 
 
 def map_centres(centres: list[np.ndarray], to: Callable[[np.ndarray], np.ndarray]) -> list[np.ndarray]:
@@ -111,6 +124,8 @@ def _learn(tracks: np.ndarray, chain: Chain, still: np.ndarray, order: bool) -> 
 
     Args:
         tracks: positions of the nodes (k, n, 2), NaN if not detected.
+        still: nodes that rest (n,).
+        order: whether the order of the nodes is learned too.
     """
     path = np.arange(len(still))
     changed = False
@@ -118,7 +133,8 @@ def _learn(tracks: np.ndarray, chain: Chain, still: np.ndarray, order: bool) -> 
         best, *others = _orders(tracks, still) or [path]
         if others:
             line = on_a_line(tracks)
-            best = best if line is None else line
+            if line is not None:
+                best = line
         if not np.array_equal(best, path) and not np.array_equal(best[::-1], path):
             path = best
             changed = True
@@ -141,12 +157,12 @@ def _learn(tracks: np.ndarray, chain: Chain, still: np.ndarray, order: bool) -> 
 
 
 def _orders(tracks: np.ndarray, still: np.ndarray) -> list[np.ndarray]:
-    """The best orders of all nodes in which links keep their lengths as well as those of the chain, at most 50."""
+    """The best orders of all nodes in which links keep their lengths as well as those of the chain."""
     change, mean = changes(tracks)
     own = float(np.median(np.diagonal(change, 1)))
     # tolerance [pixel, fraction, deviations of the chain's own links] once the plane is known
     ratio = change / np.maximum(2.0 * min(own, 1.0), np.hypot(0.05, 0.0005 * mean))
-    return [path for _, path in paths(ratio, still, len(still), AS_GOOD, 50)]
+    return [path for _, path in paths(ratio, still, len(still), AS_GOOD, MOST_ORDERS)]
 
 
 def _check_order(tracks: np.ndarray, pixels: np.ndarray, still: np.ndarray, straight: bool) -> bool:
@@ -163,7 +179,9 @@ def _check_order(tracks: np.ndarray, pixels: np.ndarray, still: np.ndarray, stra
         return True
     frame = int(np.argmax(np.isfinite(tracks[..., 0]).sum(axis=1)))
     orders = [pixels[frame, path] for path in (own, *others)]
-    count = f"{len(orders)} orders" if len(orders) < 50 else "many orders"
+    count = "many orders"
+    if len(orders) < MOST_ORDERS:
+        count = f"{len(orders)} orders"
     raise AmbiguousOrderError(
         f"the order of the nodes is not known: in {count} of the {nodes} circles all links keep their lengths; "
         "use a film in which every joint bends, or --start with the nodes' positions in the first frame",
@@ -185,9 +203,8 @@ def chain_in_line(centres: list[np.ndarray], nodes: int) -> Chain:
         line = on_a_line(tracks)
         if line is not None:
             change, mean = changes(tracks)
-            pairs = line[:-1], line[1:]
-            # change of a length [pixel] up to which a row of markers is one line of links
-            if (change[pairs] <= 1.0).all():
+            pairs = (line[:-1], line[1:])
+            if (change[pairs] <= LINE_CHANGE).all():
                 return Chain(tracks[0, line], mean[pairs], change[pairs], at)
     raise SceneError(
         f"track: no chain of {nodes} moving markers found among {max(counts)} circles; "
@@ -206,8 +223,7 @@ def named_chain(
     Raises:
         SceneError: a position that is neither.
     """
-    # distance of a given position from its circle [radius]
-    near_circle = 3.0 * radius
+    near_circle = NEAR_CIRCLE * radius
     positions = flat(named)
     apart = distances(named, centres[0])
     error = np.full(len(named), near_circle)

@@ -18,6 +18,11 @@ from fitting.films.flattening import Flat, link_lengths
 from fitting.films.identity import bridge, length_errors
 from fitting.films.ordering import Chain, distances, fast_step
 
+#: Standard deviations of position and length up to which a circle is the missed node.
+ACCEPTED = 3.0
+#: Deviations beyond this number of standard deviations count as much as one there.
+OUTLYING = 3.0
+
 
 @dataclass
 class TrackedChain:
@@ -25,8 +30,9 @@ class TrackedChain:
 
     Attributes:
         flat: (k, n, 2) flat pixels, bridged if not detected; pixels: the same in the video's own.
-        error: (k, n) standard errors of the circles' fits [pixel]; seen: (k, n).
-        chain, map: the results; chain.at is the frame from which it was followed.
+        error: (k, n) standard errors of the circles' fits [pixel]; detected: (k, n).
+        chain: the links, as the whole film shows them; chain.at is the frame from which it was followed.
+        map: from pixels to the plane, by the whole film.
         resting: (n,) which nodes rest; straight: the order is known only from lying on a line.
         exposure: [frame] that the lengths show, 0 if none; its effect on `flat` is corrected.
     """
@@ -80,7 +86,7 @@ def detect_again(found: TrackedChain, images: Iterable[np.ndarray], appearance: 
     numbered = enumerate(images)
 
     def there(i: int) -> tuple[np.ndarray, Circles]:
-        image = next(image for number, image in numbered if number == i)
+        image = next(image for number, image in numbered if number == i)  # frames are asked for in their order
         circles = detect_at(image, appearance, found.pixels[i, ~found.detected[i]])
         apart = distances(circles.centre, found.pixels[i, found.detected[i]])
         circles = circles.pick(np.all(apart > 3.0, axis=1))
@@ -108,14 +114,13 @@ def _take(found: TrackedChain, there: Callable[[int], tuple[np.ndarray, Circles]
         for k in np.flatnonzero(~found.detected[i]):
             # error [pixel] between samples: there, and per frame from the nearest one
             size = 2.0 + 1.0 * min(away[i, k], 12) + fast * min(away[i, k], 2)
-            price = np.linalg.norm(flat - expected[i, k], axis=1) / size
+            cost = np.linalg.norm(flat - expected[i, k], axis=1) / size
             for j, other in ((k - 1, k - 1), (k, k + 1)):
                 if 0 <= j < len(error) and found.detected[i, other]:
                     miss = np.linalg.norm(flat - found.flat[i, other], axis=1) - found.chain.length[j]
-                    price = np.maximum(price, np.abs(miss) / error[j])
-            best = int(np.argmin(price))
-            # standard deviations of position and length up to which a circle is the missed node
-            if price[best] < 3.0:
+                    cost = np.maximum(cost, np.abs(miss) / error[j])
+            best = int(np.argmin(cost))
+            if cost[best] < ACCEPTED:
                 found.flat[i, k] = flat[best]
                 found.pixels[i, k] = circles.centre[best]
                 found.error[i, k] = circles.error[best]
@@ -134,8 +139,10 @@ def bridge_gaps(found: TrackedChain) -> None:
             # no overshoot in long gaps; before the first and after the last sample the position is constant
             inside = np.clip(frames[gaps], known[0], known[-1])
             found.flat[gaps, k] = PchipInterpolator(known, positions)(inside)
+        elif len(known):
+            found.flat[gaps, k] = positions[0]
         else:
-            found.flat[gaps, k] = positions[0] if len(known) else found.chain.positions[k]
+            found.flat[gaps, k] = found.chain.positions[k]
     error = length_errors(found.chain)
     for i in np.flatnonzero(hidden.any(axis=1)):
         found.flat[i] = bridge(found.flat[i], hidden[i], found.chain.length, error)
@@ -143,9 +150,13 @@ def bridge_gaps(found: TrackedChain) -> None:
 
 
 def remove_blur(found: TrackedChain) -> TrackedChain:
-    """The positions corrected for a long exposure."""
-    share = exposure_share(found.where_detected(found.flat))
-    shift = share * second_differences(found.where_detected(found.flat))
+    """The positions corrected for a long exposure.
+
+    A frame exposed for T frames shows the mean position, `p + c d^2p/dt^2` with `c = T^2/24`, of a motion p(t).
+    """
+    positions = found.where_detected(found.flat)
+    share = exposure_share(positions)
+    shift = share * second_differences(positions)
     return replace(found, flat=found.flat - shift, exposure=float(np.sqrt(24 * share)))
 
 
@@ -154,12 +165,14 @@ def second_differences(positions: np.ndarray) -> np.ndarray:
     return np.pad(np.nan_to_num(np.diff(positions, 2, axis=0)), ((1, 1), (0, 0), (0, 0)))
 
 
-#: Deviations beyond 3 standard deviations count as much as one there.
-OUTLYING = 3.0
-
-
 def exposure_share(positions: np.ndarray) -> float:
-    """c of the film, 0 if the lengths do not show it; positions (k, n, 2), NaN if not detected."""
+    """c of the film (see `remove_blur`), 0 if the lengths do not show it.
+
+    A blurred link d has the length `l + c d'' d/|d|`, of a constant l: c is a robust slope.
+
+    Args:
+        positions: (k, n, 2), NaN if not detected.
+    """
     change = second_differences(positions)
     usable = np.where(change.any(axis=-1, keepdims=True), positions, np.nan)
     length = np.maximum(link_lengths(usable), 1e-9)
@@ -180,5 +193,6 @@ def exposure_share(positions: np.ndarray) -> float:
         scale = 1.4826 * float(np.median(off)) + 1e-9
         weight = np.minimum(1.0, OUTLYING * scale / np.maximum(off, 1e-12))
     error = scale / np.sqrt(np.sum(weight * x**2))
-    # at most c of an exposure as long as a frame; below 4 standard errors nothing is corrected
-    return min(share, 1 / 24) if share > 4.0 * error else 0.0
+    if share <= 4.0 * error:  # standard errors
+        return 0.0
+    return min(share, 1 / 24)  # that of an exposure as long as a frame

@@ -30,6 +30,21 @@ REACH = 12.0
 REACH_PER_FRAME = 1.5
 #: Maximum cost of a length between two nodes: a wrong neighbour must not reject a right node.
 LARGEST_MISS = 30.0
+#: Cost of an undetected node, in squared standard deviations: 4 sigma.
+LOST_COST = 16.0
+#: Cost of a node that reappears away from its expected position, in squared standard deviations.
+RETURN_COST = 12.0
+#: Minimum error of an expected position [pixel].
+POSITION_ERROR = 1.5
+#: Error of a bridged position that continues at its rate [pixel].
+BRIDGE_ERROR = 5.0
+#: Minimum error of a length [pixel], and as a fraction of the length.
+LENGTH_ERROR = 0.6
+LENGTH_SHARE = 0.008
+#: Maximum variation of a length as a fraction of it.
+LARGEST_SPREAD = 0.25
+#: Maximum number of shared circles that are denied to one of two nodes in turn.
+MOST_DENIED = 8
 
 
 class Follower:
@@ -73,13 +88,13 @@ class Follower:
         return np.where(self.held[:, None], self.chain.positions, positions)
 
     def _errors(self) -> np.ndarray:
-        # minimum error of an expected position [pixel]
-        floor = 1.5
+        """Errors (n,) [pixel] of the expected positions, which grow with the rate and while a node is lost."""
         step = np.linalg.norm(self._differences(1), axis=1)
         change = max(4.0, FIRST_CHANGE * float(np.mean(self.chain.length)))
         if len(self.past) > 2:
             change = np.linalg.norm(self._differences(2), axis=1)
-        return np.where(self.held, floor, (floor + STEP_SHARE * step + CHANGE_SHARE * change) * (1.0 + self.lost))
+        moving = (POSITION_ERROR + STEP_SHARE * step + CHANGE_SHARE * change) * (1.0 + self.lost)
+        return np.where(self.held, POSITION_ERROR, moving)
 
     def advance(self, centres: np.ndarray) -> np.ndarray:
         """Process the circles (m, 2) of the next frame; returns for each node the number of its circle, or -1 (n,)."""
@@ -97,19 +112,16 @@ class Follower:
         return found
 
     def _assign(self, centre: np.ndarray, guess: np.ndarray) -> np.ndarray:
-        # penalty for an undetected node, in squared standard deviations: 4 sigma
-        lost_price = 16.0
-        # penalty for a node that reappears away from its expected position, in squared standard deviations
-        return_price = 12.0
+        """For each node, expected at `guess` (n, 2), the number of its circle of these (m, 2), or -1 (n,)."""
         if not len(centre):
             return np.full(len(guess), -1)
         unary = (distances(guess, centre) / self._errors()[:, None]) ** 2
         reach = np.where(self.held, 0.0, REACH + REACH_PER_FRAME * self.lost * self.fastest)
         away = distances(self.last_positions, centre) < reach[:, None]
-        far = (self.lost > 0)[:, None] & away & (unary >= return_price)
-        unary[far] = return_price
-        unary[unary > 2 * lost_price] = np.inf
-        unary = np.pad(unary, ((0, 0), (0, 1)), constant_values=lost_price)
+        far = (self.lost > 0)[:, None] & away & (unary >= RETURN_COST)
+        unary[far] = RETURN_COST
+        unary[unary > 2 * LOST_COST] = np.inf
+        unary = np.pad(unary, ((0, 0), (0, 1)), constant_values=LOST_COST)
         miss = (distances(centre, centre) - self.chain.length[:, None, None]) / self.length_error[:, None, None]
         pair = np.pad(np.minimum(miss**2, LARGEST_MISS), ((0, 0), (0, 1), (0, 1)))
         pair[:, np.arange(len(centre)), np.arange(len(centre))] = np.inf
@@ -121,8 +133,8 @@ class Follower:
         for k in np.flatnonzero(found >= 0):
             if far[k, found[k]]:
                 links = [j for j in (k - 1, k) if 0 <= j < len(pair) and found[j] >= 0 and found[j + 1] >= 0]
-                prices = [pair[j, found[j], found[j + 1]] for j in links]
-                if max(prices, default=np.inf) > 3.0**2:  # standard deviations of a length
+                costs = [pair[j, found[j], found[j + 1]] for j in links]
+                if max(costs, default=np.inf) > 3.0**2:  # standard deviations of a length
                     found[k] = -1
         return found
 
@@ -145,19 +157,12 @@ def follow(centres: Sequence[np.ndarray], chain: Chain) -> np.ndarray:
         centres: of the circles (m, 2) of each frame.
     """
     found = np.full((len(centres), len(chain.positions)), -1)
-    for way in (1, -1):
-        follower = Follower(chain, way)
-        for i in range(chain.at, len(centres) if way > 0 else -1, way):
+    frames = np.arange(len(centres))
+    for direction, these in ((1, frames[chain.at :]), (-1, frames[chain.at :: -1])):
+        follower = Follower(chain, direction)
+        for i in these:
             found[i] = follower.advance(centres[i])
     return found
-
-
-#: Minimum error of a length [pixel].
-LENGTH_ERROR = 0.6
-#: Minimum error of a length as a fraction of it.
-LENGTH_SHARE = 0.008
-#: Maximum variation of a length as a fraction of it.
-LARGEST_SPREAD = 0.25
 
 
 def length_errors(chain: Chain) -> np.ndarray:
@@ -168,8 +173,6 @@ def length_errors(chain: Chain) -> np.ndarray:
 
 def bridge(positions: np.ndarray, unknown: np.ndarray, length: np.ndarray, error: np.ndarray) -> np.ndarray:
     """Positions (n, 2) of which the `unknown` (n,) are fitted to the links' lengths (n - 1,) (Gauss-Newton)."""
-    # error of a bridged position that continues at its rate [pixel]
-    bridge_error = 5.0
     positions = positions.copy()
     expected = positions[unknown]
     ends = np.diff(np.eye(len(positions)), axis=0)[:, unknown]  # signs with which a node ends a link
@@ -177,8 +180,8 @@ def bridge(positions: np.ndarray, unknown: np.ndarray, length: np.ndarray, error
         link = np.diff(positions, axis=0)
         size = np.maximum(np.linalg.norm(link, axis=1), 1e-6)
         rows = (ends[..., None] * (link / (size * error)[:, None])[:, None]).reshape(len(link), -1)
-        off = (positions[unknown] - expected).ravel() / bridge_error**2
-        normal = rows.T @ rows + np.eye(expected.size) / bridge_error**2
+        off = (positions[unknown] - expected).ravel() / BRIDGE_ERROR**2
+        normal = rows.T @ rows + np.eye(expected.size) / BRIDGE_ERROR**2
         move = np.linalg.solve(normal, rows.T @ ((length - size) / error) - off)
         positions[unknown] += move.reshape(-1, 2)
     return positions
@@ -186,11 +189,11 @@ def bridge(positions: np.ndarray, unknown: np.ndarray, length: np.ndarray, error
 
 def _without_doubles(unary: np.ndarray, pair: np.ndarray, depth: int = 0) -> tuple[float, np.ndarray]:
     """The cheapest assignment in which no circle serves two nodes: a shared circle is denied to either in turn."""
-    price, states = _viterbi(unary, pair)
+    cost, states = _viterbi(unary, pair)
     circles, counts = np.unique(states[states < unary.shape[1] - 1], return_counts=True)
     double = circles[counts > 1]
-    if not len(double) or depth >= 8:
-        return price, states
+    if not len(double) or depth >= MOST_DENIED:
+        return cost, states
     tries = []
     owners = np.flatnonzero(states == double[0])
     for keeper in owners:
@@ -202,13 +205,13 @@ def _without_doubles(unary: np.ndarray, pair: np.ndarray, depth: int = 0) -> tup
 
 def _viterbi(unary: np.ndarray, pair: np.ndarray) -> tuple[float, np.ndarray]:
     """Minimum sum of unary (n, m) and pair (n - 1, m, m) costs along a chain, and its states (n,)."""
-    price = unary[0]
+    cost = unary[0]
     back = []
     for step, own in zip(pair, unary[1:], strict=True):
-        total = price[:, None] + step
+        total = cost[:, None] + step
         back.append(np.argmin(total, axis=0))
-        price = np.min(total, axis=0) + own
-    states = [int(np.argmin(price))]
+        cost = np.min(total, axis=0) + own
+    states = [int(np.argmin(cost))]
     for choice in reversed(back):
         states.append(int(choice[states[-1]]))
-    return float(price.min()), np.array(states[::-1])
+    return float(cost.min()), np.array(states[::-1])

@@ -48,8 +48,9 @@ def scatter(positions: np.ndarray, fit_error: np.ndarray, used: np.ndarray) -> n
     found = angle_errors(positions, fit_error)
     for link, expected, good in zip(length.T, found.T, used.T, strict=True):
         known = np.isfinite(link)
-        # at least ten samples for the scatter of a link
-        good = known & good if (known & good).sum() >= 10 else known
+        good = known & good
+        if good.sum() < 10:  # too few for the scatter of a link
+            good = known
         if good.sum() < 2:
             continue
         variance = expected[good] ** 2

@@ -20,6 +20,24 @@ from fitting.films.flattening import robust_lengths
 from fitting.films.identity import follow
 from fitting.films.ordering import Chain, distances, fast_step, rates
 
+#: Deviation of a length beyond which it is wrong, in robust deviations.
+WRONG_LENGTH = 7.0
+#: Minimum deviation of a wrong length [pixel], and as a fraction of it; a missing length is not wrong.
+LENGTH_ERROR = 0.8
+LENGTH_SHARE = 0.015
+#: Distance [links] below which two nodes may have either name.
+EITHER_NAME = 0.05
+#: The largest jumps are removed and the others checked again, at most this number of times.
+MOST_JUMPS = 6
+#: Deviation from the neighbouring frames beyond which a node has jumped, in usual deviations.
+JUMP = 8.0
+#: Minimum deviation of a jump, as a fraction of a link.
+SMALLEST_JUMP = 0.15
+#: Number of samples before and after, which give the usual deviation of a position from its neighbours in time.
+NEIGHBOURS = 8
+#: A node cannot move by more than 1.5 fast steps and this number of links.
+SPARE_STEP = 0.2
+
 
 @dataclass(frozen=True)
 class Marks:
@@ -55,14 +73,9 @@ class Marks:
             nodes = self.nodes[part].any(axis=0)
             if not nodes.any():
                 nodes = _ends_of(self.length[part]).any(axis=0)
-            found.append(
-                {
-                    "from_s": float(t[part.start]),
-                    "to_s": float(t[part.stop - 1]),
-                    "nodes": np.flatnonzero(nodes).tolist(),
-                    "why": [name for name in ("swapped", "jumped", "length") if getattr(self, name)[part].any()],
-                }
-            )
+            span = {"from_s": float(t[part.start]), "to_s": float(t[part.stop - 1])}
+            why = [name for name in ("swapped", "jumped", "length") if getattr(self, name)[part].any()]
+            found.append({**span, "nodes": np.flatnonzero(nodes).tolist(), "why": why})
         return found
 
 
@@ -77,23 +90,13 @@ def stretches(which: np.ndarray) -> list[slice]:
     return [part for (part,) in find_objects(label(which)[0])]
 
 
-#: Deviation of a length beyond which it is wrong, in robust deviations.
-WRONG_LENGTH = 7.0
-#: Minimum deviation of a wrong length [pixel].
-LENGTH_ERROR = 0.8
-#: Minimum deviation of a wrong length as a fraction of it; a missing length is not wrong.
-LENGTH_SHARE = 0.015
-
-
 def find_marks(positions: np.ndarray, detected: np.ndarray) -> Marks:
     """Marks of positions (k, n, 2) [pixel of the plane of motion], `detected` (k, n) of which are measured."""
     known = np.where(detected[..., None], positions, np.nan)
     lengths, usual, deviation = robust_lengths(known)
-    length = np.abs(lengths - usual) > np.maximum(
-        WRONG_LENGTH * deviation, np.hypot(LENGTH_ERROR, LENGTH_SHARE * usual)
-    )
-    # two nodes closer than 0.05 links may have either name
-    near = distances(positions, positions) + 1e9 * np.eye(len(usual) + 1) <= 0.05 * np.median(usual)
+    least = np.hypot(LENGTH_ERROR, LENGTH_SHARE * usual)
+    length = np.abs(lengths - usual) > np.maximum(WRONG_LENGTH * deviation, least)
+    near = distances(positions, positions) + 1e9 * np.eye(len(usual) + 1) <= EITHER_NAME * np.median(usual)
     swapped = _swapped_names(known, length, usual, deviation) & ~near.any(axis=2)
     # samples that are already marked must not make their neighbours in time look wrong
     wrong = swapped | _ends_of(length)
@@ -120,27 +123,17 @@ def _swapped_names(positions: np.ndarray, wrong: np.ndarray, usual: np.ndarray, 
     return swapped
 
 
-#: The largest jumps are removed and the others checked again.
-MOST_JUMPS = 6
-#: Deviation from the neighbouring frames beyond which a node has jumped, in usual deviations.
-JUMP = 8.0
-#: Minimum deviation of a jump, as a fraction of a link.
-SMALLEST_JUMP = 0.15
-
-
 def _jumps(positions: np.ndarray, length: float) -> np.ndarray:
     """Samples (k, n) off the cubics through the two detected before and the two after them."""
-    # number of samples before and after, which give the usual deviation of a position from its neighbours in time
-    neighbours = 8
     detected = np.isfinite(positions[..., 0])
     result = np.zeros_like(detected)
     for k in range(detected.shape[1]):
         for _ in range(MOST_JUMPS):
             frames = np.flatnonzero(detected[:, k] & ~result[:, k])
-            if len(frames) < 2 * neighbours:
+            if len(frames) < 2 * NEIGHBOURS:
                 break
             off, apart = off_cubic(frames, positions[frames, k])
-            usual = median_filter(off, 2 * neighbours + 1, mode="nearest")
+            usual = median_filter(off, 2 * NEIGHBOURS + 1, mode="nearest")
             limit = np.maximum(JUMP * usual, SMALLEST_JUMP * length * (apart / 2) ** 2)
             # if neighbouring samples all look wrong, the worst one is: the others are checked without it
             worst = maximum_filter(off / limit, 5, mode="nearest")
@@ -149,10 +142,6 @@ def _jumps(positions: np.ndarray, length: float) -> np.ndarray:
                 break
             result[frames[now], k] = True
     return result | _out_of_reach(np.where(result[..., None], np.nan, positions), length)
-
-
-#: A node cannot move by more than nearly the fastest steps and this number of links.
-SPARE_STEP = 0.2
 
 
 def _out_of_reach(positions: np.ndarray, length: float) -> np.ndarray:

@@ -17,6 +17,30 @@ from fitting.films.flattening import spread_out
 
 #: Maximum number of steps in the search for paths.
 MOST_PATH_STEPS = 40_000
+#: Maximum step of a spot beyond its last one [pixel]: it may have any rate at first, if no other is nearer.
+FASTEST_SPOT = 8.0
+#: Maximum step of a spot as a fraction of the distance to the next one, and in pixels.
+NEXT_SPOT = 0.4
+FARTHEST_SPOT = 60.0
+#: Fraction of a hidden spot's rate that is kept in every frame: it is no longer where its rate would have carried it.
+RATE_DECAY = 0.8
+#: Fraction of frames in which a marker is seen; spots that are missing more often are reflections.
+OFTEN = 0.5
+#: The same if there are too few others.
+SELDOM = 0.1
+#: Tolerance of a change of a length [pixel], and as a fraction of it: a slanting camera changes it by some per cent.
+CHANGE = 0.5
+CHANGE_SHARE = 0.01
+#: Durations [s] of the stretches of the film in which a chain is looked for, one after the other.
+DURATIONS = (1.0, 2.0, 4.0)
+#: Sum of squared changes [tolerances] by which the second best path must be worse.
+CLEARLY_BEST = 9.0
+#: Motion [radius] below which a marker hangs on a fixed end or on the wall. The second is used if the first leaves too
+#: few moving ones: the noise of a centre is 1 % of a radius.
+STILL = 0.5
+VERY_STILL = 0.12
+#: Markers lie on a line to within this fraction of its extent.
+ON_A_LINE = 0.03
 
 
 @dataclass(frozen=True)
@@ -51,16 +75,6 @@ class AmbiguousOrderError(Exception):
         self.frame = frame
 
 
-#: Maximum step of a spot beyond its last one [pixel]: it may have any rate at first, if no other is nearer.
-FASTEST_SPOT = 8.0
-#: Maximum step of a spot as a fraction of the distance to the next one.
-NEXT_SPOT = 0.4
-#: Maximum step of a spot [pixel].
-FARTHEST_SPOT = 60.0
-#: Fraction of a hidden spot's rate that is kept in every frame: it is no longer where its rate would have carried it.
-RATE_DECAY = 0.8
-
-
 def distances(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     """Distances (..., m, n) of points (..., m, 2) from others (..., n, 2)."""
     return np.linalg.norm(one[..., :, None, :] - other[..., None, :, :], axis=-1)
@@ -70,7 +84,9 @@ def fast_step(positions: np.ndarray) -> float:
     """98th percentile of the steps from frame to frame of positions (k, n, 2), NaN if not detected; 0 without any."""
     steps = np.linalg.norm(np.diff(positions, axis=0), axis=-1)
     known = steps[np.isfinite(steps)]
-    return float(np.percentile(known, 98)) if len(known) else 0.0
+    if not len(known):
+        return 0.0
+    return float(np.percentile(known, 98))
 
 
 def follow_unnamed(frames: list[np.ndarray], begin: int) -> np.ndarray:
@@ -85,9 +101,8 @@ def follow_unnamed(frames: list[np.ndarray], begin: int) -> np.ndarray:
     for centres in frames[begin + 1 :]:
         guess = last + rate
         apart = distances(guess, centres)
-        limit = np.maximum(
-            FASTEST_SPOT + np.linalg.norm(rate, axis=1), np.minimum(NEXT_SPOT * _alone(last), FARTHEST_SPOT)
-        )
+        alone = np.minimum(NEXT_SPOT * _alone(last), FARTHEST_SPOT)
+        limit = np.maximum(FASTEST_SPOT + np.linalg.norm(rate, axis=1), alone)
         now = np.full_like(last, np.nan)
         if len(centres):
             for i, j in zip(*linear_sum_assignment(np.minimum(apart, 1e3)), strict=True):
@@ -105,16 +120,6 @@ def _alone(positions: np.ndarray) -> np.ndarray:
     apart = distances(positions, positions)
     np.fill_diagonal(apart, np.inf)
     return apart.min(axis=1)
-
-
-#: Fraction of frames in which a marker is seen; spots that are missing more often are reflections.
-OFTEN = 0.5
-#: The same if there are too few others.
-SELDOM = 0.1
-#: Tolerance of a change of a length [pixel].
-CHANGE = 0.5
-#: Tolerance of a change of a length as a fraction of it: a slanting camera changes it by some per cent.
-CHANGE_SHARE = 0.01
 
 
 def best_chain(tracks: np.ndarray, nodes: int, radius: float, at: int = 0) -> tuple[Chain | None, float]:
@@ -137,11 +142,11 @@ def best_chain(tracks: np.ndarray, nodes: int, radius: float, at: int = 0) -> tu
     for worst in (2.0, 4.0, 8.0):
         found = paths(ratio, still, nodes, worst)
         if found:
-            spent, path = found[0]
+            cost, path = found[0]
             next_best = found[1][0] if len(found) > 1 else worst**2
-            pairs = path[:-1], path[1:]
+            pairs = (path[:-1], path[1:])
             chain = Chain(tracks[at, path], mean[pairs], change[pairs], at, rates(tracks[:, path], at))
-            return chain, float(next_best - spent)
+            return chain, float(next_best - cost)
     return None, 0.0
 
 
@@ -150,11 +155,9 @@ def rates(tracks: np.ndarray, at: int) -> np.ndarray | None:
     if not 0 < at < len(tracks) - 1:
         return None
     found = 0.5 * (tracks[at + 1] - tracks[at - 1])
-    return found if np.isfinite(found).all() else None
-
-
-#: Sum of squared changes [tolerances] by which the second best path must be worse.
-CLEARLY_BEST = 9.0
+    if np.isfinite(found).all():
+        return found
+    return None
 
 
 def clearest_chain(frames: list[np.ndarray], nodes: int, radius: float, fps: float) -> Chain | None:
@@ -162,8 +165,7 @@ def clearest_chain(frames: list[np.ndarray], nodes: int, radius: float, fps: flo
     best = None
     clear = -np.inf
     counts = np.array([len(centres) for centres in frames])
-    # durations of the stretches [s]
-    for duration in (1.0, 2.0, 4.0):
+    for duration in DURATIONS:
         size = min(len(frames), max(20, round(duration * fps)))
         for start in spread_out(len(frames) - size + 1, 16):
             # a frame with at least as many circles as nodes, the one in which most others agree
@@ -195,20 +197,18 @@ def changes(tracks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def resting(tracks: np.ndarray, radius: float, nodes: int) -> np.ndarray:
     """Which spots (m,) always rest."""
-    # motion in fractions of their radius below which markers hang on a fixed end or on the wall. The second is used if
-    # the first leaves too few moving ones: the noise of a centre is 1 % of a radius
-    still_motion = (0.5, 0.12)
     known = np.where(np.isfinite(tracks).any(axis=0), tracks, 0.0)
     low, high = np.nanpercentile(known, (2, 98), axis=0)
     size = np.linalg.norm(high - low, axis=1) / radius
-    few = (size >= still_motion[0]).sum() < nodes - 2
-    return size < still_motion[int(few)]
+    if (size >= STILL).sum() < nodes - 2:
+        return size < VERY_STILL
+    return size < STILL
 
 
 def paths(
     ratio: np.ndarray, still: np.ndarray, nodes: int, worst: float, most: int = 2
 ) -> list[tuple[float, np.ndarray]]:
-    """The `most` best paths of `nodes` spots, as sums of squares and spots, by branch and bound.
+    """The `most` best paths of `nodes` spots, as sums of squares and spots, by branch and bound, depth first.
 
     Args:
         ratio: (m, m) changes of the distances [tolerances]; steps above `worst` are not links.
@@ -218,26 +218,22 @@ def paths(
     for i, row in enumerate(ratio):
         near.append([int(j) for j in np.argsort(row) if row[j] <= worst and j != i])
     found: list[tuple[float, tuple[int, ...]]] = []
-    stack: list[tuple[tuple[int, ...], float]] = [((i,), 0.0) for i in reversed(range(len(ratio)))]
+    stack: list[tuple[float, tuple[int, ...]]] = [(0.0, (i,)) for i in reversed(range(len(ratio)))]
     for _ in range(MOST_PATH_STEPS):
         if not stack:
             break
-        path, spent = stack.pop()
-        if len(found) == most and spent >= found[-1][0]:
+        cost, path = stack.pop()
+        if len(found) == most and cost >= found[-1][0]:
             continue
         if len(path) == nodes:
             if path[0] < path[-1]:  # each path in one direction only
-                found = sorted([*found, (spent, path)])[:most]
+                found = sorted([*found, (cost, path)])[:most]
             continue
         # the nearest spot is tried first
         for j in reversed(near[path[-1]]):
             if j not in path and not (still[j] and (len(path) < nodes - 1 or still[path[-1]])):
-                stack.append(((*path, j), spent + float(ratio[path[-1], j] ** 2)))
-    return [(spent, np.array(path)) for spent, path in found]
-
-
-#: Markers lie on a line to within 0.03 of its extent.
-ON_A_LINE = 0.03
+                stack.append((cost + float(ratio[path[-1], j] ** 2), (*path, j)))
+    return [(cost, np.array(path)) for cost, path in found]
 
 
 def on_a_line(tracks: np.ndarray) -> np.ndarray | None:
@@ -254,7 +250,9 @@ def on_a_line(tracks: np.ndarray) -> np.ndarray | None:
         return None
     orders = np.argsort(np.einsum("kmi,ki->km", middle, axes[:, 0]), axis=1)
     same = (orders == orders[0]).all(axis=1) | (orders == orders[0][::-1]).all(axis=1)
-    return orders[0] if same.all() else None
+    if same.all():
+        return orders[0]
+    return None
 
 
 def turn_round(positions: np.ndarray, still: np.ndarray, first: str) -> bool:

@@ -17,6 +17,10 @@ from fitting.films.flattening import link_lengths
 
 #: Relative standard deviation of a link's length that is reported as motion out of the plane: a swing of 0.1 rad.
 OUT_OF_PLANE = 0.003
+#: Relative standard deviation of a link's length that is reported where a camera may explain it.
+CHANGING = 0.03
+#: Minimum number of pairs of frames from which motion out of the plane is detected.
+FEWEST_PAIRS = 30
 
 
 def changing_lengths(flat: np.ndarray, used: np.ndarray) -> tuple[str, ...]:
@@ -36,7 +40,7 @@ def changing_lengths(flat: np.ndarray, used: np.ndarray) -> tuple[str, ...]:
     mean, deviation = length_statistics(flat, used)
     change = np.nan_to_num(deviation / mean)
     worst = int(np.argmax(change))
-    if change[worst] > 0.03:
+    if change[worst] > CHANGING:
         return (
             f"link {worst + 1} changes its length by {100 * change[worst]:.2g} %: motion out of the plane, a slanting "
             "camera (--plane) or an uncalibrated lens (--calibration)",
@@ -55,13 +59,11 @@ def length_statistics(positions: np.ndarray, used: np.ndarray) -> tuple[np.ndarr
 
 def out_of_plane(flat: np.ndarray, used: np.ndarray) -> np.ndarray:
     """Relative standard deviation of the links' lengths (n - 1,) due to motion out of the plane."""
-    # minimum number of pairs of frames from which motion out of the plane is detected
-    fewest_pairs = 30
     found = np.zeros(used.shape[1])
     for j in range(len(found)):
         link = np.diff(flat[:, j : j + 2], axis=1)[:, 0] @ [1.0, 1j]
         keep = used[:, j] & (link != 0)
-        if keep.sum() < fewest_pairs:
+        if keep.sum() < FEWEST_PAIRS:
             continue
         middle = flat[keep, j : j + 2].mean(axis=1)
         middle = middle - middle.mean(axis=0)
@@ -74,6 +76,6 @@ def out_of_plane(flat: np.ndarray, used: np.ndarray) -> np.ndarray:
         rest[keep] = log.real - columns @ np.linalg.lstsq(columns, log.real, rcond=None)[0]
         pairs = rest[1:] * rest[:-1]
         pairs = pairs[np.isfinite(pairs)]
-        if len(pairs) >= fewest_pairs:
+        if len(pairs) >= FEWEST_PAIRS:
             found[j] = np.sqrt(max(float(pairs.mean()), 0.0))
     return found

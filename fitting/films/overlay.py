@@ -18,13 +18,14 @@ LINK = (178, 114, 0)
 DETECTED = (115, 158, 0)
 BRIDGED = (0, 94, 213)
 TEXT = (40, 40, 40)
+#: Maximum number of pictures of a sheet, those of a row, and the width of one [pixel].
+PICTURES = 12
+PER_ROW = 4
+PICTURE_WIDTH = 420
 
 
 def write_overlay(tracked: Tracked, video: str | Path, path: str | Path) -> Path:
     """A contact sheet to a `.png`, the whole motion to an `.mp4` or `.avi`."""
-    # columns of a sheet, and the width of one picture [pixel]
-    per_row = 4
-    picture_width = 420
     path = Path(path)
     cv2 = opencv()
     film = Video(video)
@@ -32,12 +33,12 @@ def write_overlay(tracked: Tracked, video: str | Path, path: str | Path) -> Path
     if path.suffix.lower() != ".png":
         return write_video(path, _draw_frames(tracked, film, 1.0, frames), tracked.fps)
     left, top, right, bottom = _box(tracked, film.size)
-    scale = picture_width / (right - left)
-    size = (picture_width, round((bottom - top) * scale))
+    scale = PICTURE_WIDTH / (right - left)
+    size = (PICTURE_WIDTH, round((bottom - top) * scale))
     tiles = []
-    for picture in _draw_frames(tracked, film, scale, spread_out(len(frames), 12)):
+    for picture in _draw_frames(tracked, film, scale, spread_out(len(frames), PICTURES)):
         tiles.append(cv2.resize(picture[top:bottom, left:right], size, interpolation=cv2.INTER_CUBIC))
-    return write_sheet(tiles, per_row, path)
+    return write_sheet(tiles, PER_ROW, path)
 
 
 def write_sheet(tiles: list[np.ndarray], per_row: int, path: Path) -> Path:
@@ -75,6 +76,7 @@ def draw_links(image: np.ndarray, positions: np.ndarray, thick: int) -> np.ndarr
 
 
 def _draw(image: np.ndarray, tracked: Tracked, i: int, thick: int, letters: float) -> np.ndarray:
+    """Frame i in colour: the chain, a circle around each detected node and a cross on each bridged one, the time."""
     cv2 = opencv()
     radius = tracked.appearance.radius
     picture = draw_links(image, tracked.pixels[i], thick)

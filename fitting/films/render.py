@@ -22,6 +22,9 @@ from fitting.traces.synthetic import Motion
 #: Grey levels of the plate and of a post before it.
 PLATE = 105.0
 POST = 60.0
+#: Minimum number of pictures averaged over an exposure. They are at most 1 pixel apart: a moving disc becomes a streak,
+#: not a row of discs.
+FEWEST_PICTURES = 5
 
 
 @dataclass(frozen=True)
@@ -88,6 +91,7 @@ class View:
 
     @property
     def pixels_per_metre(self) -> float:
+        """Pixels of a metre in the middle of the plane of motion."""
         return self.focus / self.distance
 
     @property
@@ -107,10 +111,6 @@ class View:
         return central_differences(self.to_pixels, positions, 1e-4)
 
 
-#: Pictures averaged over an exposure, at most 1 pixel apart: a moving disc becomes a streak, not a row of discs.
-FEWEST_PICTURES = 5
-
-
 def film(motion: Motion, view: View, fps: float, seed: int = 0) -> Iterator[np.ndarray]:
     """Grey frames (height, width) of a run, one per 1/fps of its time; the same seed gives the same noise."""
     rng = np.random.default_rng(seed)
@@ -118,8 +118,8 @@ def film(motion: Motion, view: View, fps: float, seed: int = 0) -> Iterator[np.n
     for i in range(int((motion.t[-1] - motion.t[0]) * fps + 1e-6) + 1):
         hidden = [node for node, first, last in view.hidden if first <= i <= last]
         now = motion.t[0] + i / fps
-        way = view.exposure * np.linalg.norm(at(now, 1), axis=1).max() * view.pixels_per_metre
-        count = max(FEWEST_PICTURES, int(np.ceil(way / 1.0)))
+        streak = view.exposure * np.linalg.norm(at(now, 1), axis=1).max() * view.pixels_per_metre
+        count = max(FEWEST_PICTURES, int(np.ceil(streak)))
         parts = np.linspace(-0.5, 0.5, 2 * count + 1)[1::2] * view.exposure
         shots = [_shot(view, at(now + part), hidden, i / fps + part) for part in parts]
         yield _develop(np.mean(shots, axis=0), view, rng)
@@ -186,6 +186,7 @@ def _disc(image: np.ndarray, centre: np.ndarray, radius: float, stretch: np.ndar
 
 
 def _develop(image: np.ndarray, view: View, rng: np.random.Generator) -> np.ndarray:
+    """The picture of bytes that the camera gives: blurred and noisy."""
     if view.blur > 0:
         image = opencv().GaussianBlur(image.astype(np.float32), (0, 0), view.blur)
     noisy = image + view.noise * rng.standard_normal(image.shape, dtype=np.float32)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,8 @@ from fitting.traces.trace import FEWEST, Trace
 LONGEST_GAP = 0.5
 #: Meaning of the marks.
 WORDS = {"swapped": "swapped", "jumped": "jumped", "length": "off the lengths of their links"}
+#: Fraction of the announced frames below which a film breaks off: files announce a few too many.
+WHOLE = 0.95
 
 
 @dataclass(frozen=True)
@@ -86,15 +89,19 @@ class Tracked:
             "longest_gap_s": float(_longest_gaps(self.detected).max() / self.fps),
             "angle_se_rad": angle_se_rad,
             "marker_radius_pixel": self.appearance.radius,
-            "link_length_m": mean.tolist() if self.scaled else None,
+            "link_length_m": None,
             "link_length_deviation": (deviation / mean).tolist(),
             "marked": self.marks.spans(self.trace.t),
             "marked_frames": int(self.marks.frames.sum()),
             "slant_rad": self.slant,
             "exposure_s": self.exposure,
-            "reprojection_error_pixel": None if self.lens is None else self.lens.error,
+            "reprojection_error_pixel": None,
             "warnings": list(self.warnings),
         }
+        if self.scaled:
+            found["link_length_m"] = mean.tolist()
+        if self.lens is not None:
+            found["reprojection_error_pixel"] = self.lens.error
         if self.status != "ok":
             found["error"] = self.message
         return found
@@ -142,24 +149,18 @@ def track(
     _check_options(nodes, start, plane, square, scale, distance)
     say = progress or silent
     film = Video(video, fps)
-    lens = calibrate(calibration, board) if calibration else None
-    if lens is not None and lens.size != film.size:
-        raise SceneError(f"calibration: pictures of {lens.size} pixels; allowed: {film.size}, those of the video")
-
-    def flat_by(lens: Lens | None) -> Flat:
-        """The map by a lens, and by the board in the plane of motion as a camera with this lens sees it."""
-        seen = None
-        if plane is not None and square is not None:
-            seen = plane_from_board(plane, lens, board, square)
-        return Flat(film.size, lens, seen)
-
+    lens = None
+    if calibration:
+        lens = calibrate(calibration, board)
+        if lens.size != film.size:
+            raise SceneError(f"calibration: pictures of {lens.size} pixels; allowed: {film.size}, those of the video")
+    map_by = partial(_map_by_lens, film.size, plane, board, square)
     span = _span(film, begin, end)
     say(0.0, "looking for markers")
     appearance, circles = scan(film, span, nodes, radius, bright, say)
     say(0.75, "finding the order of the nodes")
-    flat = flat_by(lens)
     try:
-        chain = follow_film(circles, nodes, appearance.radius, film.fps, flat, first, start)
+        chain = follow_film(circles, nodes, appearance.radius, film.fps, map_by(lens), first, start)
     except AmbiguousOrderError as error:
         raise AmbiguousOrderError(f"{film.path.name}: {error}", error.orders, error.frame + span[0]) from None
     detect_again(chain, film.frames(*span), appearance)
@@ -168,31 +169,24 @@ def track(
     if frames < FEWEST:
         raise SceneError(f"{film.path.name}: {message or 'only'} {frames} frames; allowed: at least {FEWEST}")
     t = (offset + np.arange(frames)) / film.fps
-    if not message and end is None and span[0] + len(circles) < 0.95 * film.announced:
+    if not message and end is None and span[0] + len(circles) < WHOLE * film.announced:
         message = f"the video breaks off after {t[-1]:.3g} s of {film.announced / film.fps:.3g} s"
-    marks = find_marks(chain.flat, chain.detected)
     metres = _metres(chain, scale, distance)
     row_error = 0.0
     if level:
         metres = _level_chain(metres)
     elif lens is not None:  # the rows of the picture are as level as the lens is known
-        others = [replace(flat_by(other), parameters=chain.map.parameters) for other in lens.others]
+        others = [replace(map_by(other), parameters=chain.map.parameters) for other in lens.others]
         row_error = level_error(chain.map, others, chain.where_detected(chain.pixels))
+    marks = find_marks(chain.flat, chain.detected)
     error = np.where(marks.links, np.nan, _angle_errors(chain, ~marks.links, row_error))
     certain = error <= LARGEST_ERROR
     trace = to_trace(film.path.stem, t, metres, error, certain)
     trace = replace(trace, warnings=changing_lengths(chain.flat, certain))
+    status, message = _status(film, chain, marks, error, message)
     slant = None
     if plane is None and chain.map.parameters is not None:
         slant = (float(chain.map.parameters[0]), float(chain.map.parameters[1]))
-    status = "not_converged" if message else "ok"
-    lost = why_no_chain(chain.where_detected(chain.flat), marks, error)
-    if lost:
-        status = "lost"
-        message = (
-            f"{film.path.name}: the circles do not move as the nodes of a chain: {lost}; needed: a marker on each of "
-            f"{nodes} nodes (--overlay shows what was followed, --radius and --marker describe the markers)"
-        )
     tracked = Tracked(
         trace=trace,
         pixels=chain.pixels,
@@ -222,6 +216,7 @@ def _check_options(
     scale: float | None,
     distance: float | None,
 ) -> None:
+    """Reject options of `track` that are out of range or exclude one another."""
     if nodes < 2:
         raise SceneError(f"--nodes: {nodes} is too few; allowed: at least 2, both ends of the chain included")
     if sum(x is not None for x in (plane, scale, distance)) > 1:
@@ -232,12 +227,27 @@ def _check_options(
         raise SceneError(f"--start: {len(start)} positions; allowed: {nodes}, one x,y per node")
 
 
+def _map_by_lens(
+    size: tuple[int, int],
+    picture: str | Path | None,
+    board: tuple[int, int],
+    square: float | None,
+    lens: Lens | None,
+) -> Flat:
+    """The map by a lens, and by the `picture` of a board in the plane of motion as a camera with this lens sees it."""
+    if picture is None or square is None:
+        return Flat(size, lens)
+    return Flat(size, lens, plane_from_board(picture, lens, board, square))
+
+
 def _span(film: Video, begin: float, end: float | None) -> tuple[int, int | None]:
+    """The first frame, and the one after the last, None for all, of a film from `begin` to `end` [s]."""
     if begin < 0 or (end is not None and end <= begin):
         raise SceneError(f"--from, --until: {begin:g} to {end} s; allowed: 0 <= from < until")
     if film.announced and begin * film.fps >= film.announced:
         raise SceneError(f"--from: {begin:g} s is after the end; allowed: below {film.announced / film.fps:.3g} s")
-    return round(begin * film.fps), None if end is None else round(end * film.fps)
+    last = None if end is None else round(end * film.fps)
+    return round(begin * film.fps), last
 
 
 def _trim_frames(chain: TrackedChain, fps: float) -> tuple[TrackedChain, int, str]:
@@ -246,6 +256,7 @@ def _trim_frames(chain: TrackedChain, fps: float) -> tuple[TrackedChain, int, st
     some = detected_links(detected).any(axis=1)
     first = int(np.argmax(some))
     last = len(detected) if some.any() else 0
+    # frames up to the last one that shows each node; all of them for one that no frame shows
     until = len(detected) - np.argmax(detected[::-1], axis=0)
     lost = np.flatnonzero((len(detected) - until > LONGEST_GAP * fps) | ~detected.any(axis=0))
     why = ""
@@ -256,6 +267,25 @@ def _trim_frames(chain: TrackedChain, fps: float) -> tuple[TrackedChain, int, st
     return chain.pick(frames=slice(first, max(first, last))), first, why
 
 
+def _status(film: Video, chain: TrackedChain, marks: Marks, error: np.ndarray, ending: str) -> tuple[str, str]:
+    """Status of a result and its reason.
+
+    Args:
+        error: of the angles (k, n - 1) [rad].
+        ending: why the trace ends early; empty if it does not.
+    """
+    lost = why_no_chain(chain.where_detected(chain.flat), marks, error)
+    if lost:
+        return "lost", (
+            f"{film.path.name}: the circles do not move as the nodes of a chain: {lost}; needed: a marker on each of "
+            f"{chain.detected.shape[1]} nodes (--overlay shows what was followed, --radius and --marker describe the "
+            "markers)"
+        )
+    if ending:
+        return "not_converged", ending
+    return "ok", ""
+
+
 def _metres(chain: TrackedChain, scale: float | None, distance: float | None) -> np.ndarray:
     """Positions (k, n, 2), right and up, in m if a scale is known, otherwise in pixels."""
     flat = chain.flat * [1.0, -1.0]
@@ -263,7 +293,9 @@ def _metres(chain: TrackedChain, scale: float | None, distance: float | None) ->
         scale = chain.map.plane.metres_per_pixel(chain.map.middle)
     if distance is not None:
         scale = distance / float(np.median(np.linalg.norm(flat[:, -1] - flat[:, 0], axis=1)))
-    return flat * (1.0 if scale is None else scale)
+    if scale is None:
+        return flat
+    return flat * scale
 
 
 def _angle_errors(chain: TrackedChain, used: np.ndarray, level: float) -> np.ndarray:
@@ -305,27 +337,31 @@ def _warnings(
     offset: int,
     uncertain: int,
 ) -> tuple[str, ...]:
-    name = film.path.name
+    """Lines on what the trace lacks and why.
+
+    Args:
+        depth: lines on motion out of the plane.
+        t: times of the trace [s], which starts at frame `offset`.
+        uncertain: number of angles that are left empty because of their errors.
+    """
     detected = chain.detected
     found = []
     if offset:
-        found.append(f"{name}: no link is visible before frame {offset}; the trace starts there")
+        found.append(f"no link is visible before frame {offset}; the trace starts there")
     if chain.straight:
-        found.append(f"{name}: no joint bends; the nodes are ordered as they lie on a line")
-    found += [f"{name}: {line}" for line in depth]
+        found.append("no joint bends; the nodes are ordered as they lie on a line")
+    found += depth
     if uncertain:
-        found.append(f"{name}: {uncertain} angles with standard errors above {LARGEST_ERROR:g} rad left empty")
+        found.append(f"{uncertain} angles with standard errors above {LARGEST_ERROR:g} rad left empty")
     gaps = _longest_gaps(detected) / film.fps
     for node in np.flatnonzero((~detected).any(axis=0)):
         long = ""
         if gaps[node] > LONGEST_GAP:
             long = f"; the longest gap is {gaps[node]:.2g} s, turns in it are not counted"
-        found.append(
-            f"{name}: marker {node} not seen in {(~detected[:, node]).sum()} frames, bridged and left empty{long}"
-        )
+        found.append(f"marker {node} not seen in {(~detected[:, node]).sum()} frames, bridged and left empty{long}")
     for span in marks.spans(t):
         when = " to ".join(dict.fromkeys(f"{span[key]:.4g}" for key in ("from_s", "to_s")))
         nodes = ", ".join(map(str, span["nodes"]))
         why = " and ".join(WORDS[word] for word in span["why"])
-        found.append(f"{name}: {when} s: nodes {nodes} {why}; marked and left empty")
-    return tuple(found)
+        found.append(f"{when} s: nodes {nodes} {why}; marked and left empty")
+    return tuple(f"{film.path.name}: {line}" for line in found)

@@ -81,6 +81,11 @@ class Video:
         self.size = (frame.shape[1], frame.shape[0])
 
     def _open(self) -> cv2.VideoCapture:
+        """The file, opened at its first frame.
+
+        Raises:
+            SceneError: not a video.
+        """
         capture = opencv().VideoCapture(str(self.path))
         if not capture.isOpened():
             raise SceneError(f"{self.path.name}: cannot be read as a video; allowed: a video such as MP4, AVI or MOV")
@@ -98,7 +103,9 @@ class Video:
                     _, frame = capture.retrieve()
                     if frame is None:
                         return
-                    yield frame if frame.ndim == 2 else cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY)
+                    if frame.ndim == 3:
+                        frame = cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY)
+                    yield frame
         finally:
             capture.release()
 

@@ -37,6 +37,7 @@ from fitting.sensitivity.tangents import vary_start, vary_study
 
 @cached_jit(static=("plan",))
 def _reverse(plan: Plan, model: Model, near: State, values: Array, steps: Steps) -> Array:
+    """Derivatives (p,) of the quantity by reverse mode."""
     return jax.grad(lambda p: plan.evaluate(model, near, p, steps, checkpoint=True))(values)
 
 
@@ -60,12 +61,12 @@ def local(problem: Study, say: Progress = silent, check: bool = False) -> Local:
     Args:
         check: also compute exact derivatives by reverse mode, and the Lyapunov exponent, by separate programs.
     """
-    if problem.stretches:
-        found = central_differences(problem, say)
-    else:
+    if not problem.stretches:
         found = _by_tangents(problem, say, check)
-    if check and problem.stretches:
-        found = _with_check(problem, found, say)
+    else:
+        found = central_differences(problem, say)
+        if check:
+            found = _with_check(problem, found, say)
     say(1.0, "ok")
     return found
 
@@ -80,42 +81,48 @@ def _by_tangents(problem: Study, say: Progress, check: bool) -> Local:
     forward = np.asarray(quantity.slopes[0])
     if not (np.isfinite(value) or problem.retries or problem.of.at_rest):
         return _by_tangents(replace(problem, retries=True), say, check)
-    settings = problem.scene.run
-    duration = 0.0 if problem.of.at_rest else settings.rows * settings.interval
-    found = replace(
-        empty_result(problem, duration),
-        value=value,
-        forward=forward,
-        growth=None if run is None else _tangent_growth(problem, start, run),
-    )
+    duration = 0.0
+    if run is not None:
+        duration = problem.scene.run.rows * problem.scene.run.interval
+    found = replace(empty_result(problem, duration), value=value, forward=forward)
+    if run is not None:
+        found = replace(found, growth=_tangent_growth(problem, start, run))
     if np.isfinite(value):
         problem.check_derivatives(forward)
     if found.finite:
         found = replace(found, value_error=_error_of_steps(problem, at, start, value))
         say(0.3, "linear range")
-        changed = []
+        changed_runs = []
 
         def evaluate(values: np.ndarray) -> float:
             quantity, changed_run = changed_study(problem, values)
-            changed.append(changed_run)
+            changed_runs.append(changed_run)
             return quantity
 
         found = with_linear_range(problem, found, evaluate)
         found.warnings.extend(error_of_value(problem, found))
-        if run is not None:
-            found = replace(found, motion_growth=_motion_growth(problem, start, run, changed[0]))
+        if run is not None:  # the first of these runs has all parameters changed by 1 %
+            found = replace(found, motion_growth=_motion_growth(problem, start, run, changed_runs[0]))
     if check:
         found = _with_check(problem, found, say)
     if run is not None and found.finite and found.linear_range < 0.01:
-        limit, rate = _growth(problem, start, run)
-        if limit < duration:
-            say(0.7, "windows")
-            mean, spread, length = windows(problem, at, min(limit, duration / 2), run.tree)
-            rate = rate if found.exponent is None else found.exponent
-            found = replace(found, horizon=limit, exponent=rate, window=length, window_mean=mean, window_error=spread)
+        found = _with_windows(problem, found, at, start, run, say)
     if found.finite and found.error is not None and found.linear_range == 0.0:
         found = with_status(problem, found, found.error, np.zeros(len(forward), bool))
     return found
+
+
+def _with_windows(problem: Study, found: Local, at: Array, start: Varied, run: Varied, say: Progress) -> Local:
+    """The result with the time up to which its derivatives are valid and, if that is before the end of the run, their
+    means over windows."""
+    limit, rate = _growth(problem, start, run)
+    if limit >= found.duration:
+        return found
+    say(0.7, "windows")
+    mean, spread, length = windows(problem, at, min(limit, found.duration / 2), run.tree)
+    if found.exponent is not None:  # that of small errors, which was asked for
+        rate = found.exponent
+    return replace(found, horizon=limit, exponent=rate, window=length, window_mean=mean, window_error=spread)
 
 
 def _with_check(problem: Study, found: Local, say: Progress) -> Local:

@@ -67,6 +67,8 @@ JUMP = 6.0
 SMALLEST_JUMP = 0.01
 #: Median of the square of a standard normal number.
 MEDIAN_OF_SQUARE = 0.455
+#: Error of the steps of a run, over that of its accuracy, above which there is a warning.
+MISSED = 3.0
 
 
 def difference_sizes(p: Parameter) -> tuple[float, float]:
@@ -90,10 +92,6 @@ def farthest(one: np.ndarray | Array, other: np.ndarray | Array) -> float:
     return float(np.linalg.norm(np.asarray(one) - np.asarray(other), axis=-1).max())
 
 
-#: Error of the steps of a run, over that of its accuracy, which is warned of.
-MISSED = 3.0
-
-
 def error_by_coarser(of: Quantity, value: float, coarser: float) -> float:
     """The error of a quantity by its value in a run with `FACTOR` times the accuracy; of an extreme the whole
     difference, which depends on few steps."""
@@ -106,7 +104,9 @@ class StudyRuns:
     """Runs of a study along the steps of its own run.
 
     Attributes:
-        base: the quantity of its own run, its error by the steps, the extent of the motion [m].
+        start, model, rows: of the study's own run; record: its steps, None if all are equal.
+        value, value_error: the quantity of the study's own run, and its error by the steps.
+        extent: of the motion of that run [m].
     """
 
     def __init__(self, problem: Study, say: Progress = silent) -> None:
@@ -143,7 +143,9 @@ class StudyRuns:
         carry = begin(stepper, model, s)
         watch = None
         if settings.accuracy is not None:
-            carry = adaptive_start(stepper, model, carry, Record.empty(model) if record is None else record)
+            if record is None:
+                record = Record.empty(model)
+            carry = adaptive_start(stepper, model, carry, record)
             watch = self.problem.plan.watch(s)
         return compile_run(stepper, model, carry, settings, watch)
 
@@ -162,7 +164,9 @@ class StudyRuns:
     def start_moved(self, values: np.ndarray) -> float:
         """Displacement [m] of the farthest node at the start with these values; NaN without one."""
         start = self.start_at(values)
-        return np.nan if start is None else farthest(start.r, self.start.r)
+        if start is None:
+            return np.nan
+        return farthest(start.r, self.start.r)
 
     def is_jump(self, moved: np.ndarray | float, change: np.ndarray | float, rate: np.ndarray | float) -> np.ndarray:
         """Whether changes displace a node much farther than others do at this rate [m per change], if it is known."""
@@ -170,12 +174,15 @@ class StudyRuns:
         return (np.asarray(rate) > 0.0) & (moved > most)
 
     def measure(self, model: Model, s: State, rows: Trajectory, intervals: float = 1.0) -> float:
-        """The quantity of the rows of a run, NaN if a step failed."""
+        """The quantity of the rows of a run, NaN if a step failed.
+
+        Args:
+            intervals: time between rows, in intervals of the study's own run.
+        """
         if rows.first_bad[-1] >= 0:
             return np.nan
-        watch = None if rows.extremes is None else self.problem.plan.watch(s)
         t = s.t + intervals * self.settings.interval * (1.0 + np.arange(len(rows.r)))
-        return float(measure_run(self.problem.of, model, s, rows, t, watch))
+        return float(measure_run(self.problem.of, model, s, rows, t, self.problem.plan.watch(s)))
 
     def run(self, values: np.ndarray) -> Run:
         """The run with these values (p,)."""
@@ -206,9 +213,9 @@ class StudyRuns:
 
 def _recorded(carry: Carry, of: Quantity) -> Record | None:
     """The steps of a run, for others to repeat; None if all are equal."""
-    record = None if isinstance(carry, RunProgress) else carry.record
-    if record is None:
+    if isinstance(carry, RunProgress) or carry.record is None:
         return None
+    record = carry.record
     if int(record.number) >= len(record.length):
         raise SceneError(f"{of.name}: the run takes more than {len(record.length)} steps. Use a shorter run.duration")
     return record.to_repeat()
@@ -270,8 +277,9 @@ def central_differences(problem: Study, say: Progress = silent) -> Local:
     A change beyond a bound ends there.
     """
     base = StudyRuns(problem, say)
-    runs = base.run_all(changed_values(problem)) if np.isfinite(base.value) else []
-    return slopes_of_runs(base, runs)
+    if not np.isfinite(base.value):
+        return slopes_of_runs(base, [])
+    return slopes_of_runs(base, base.run_all(changed_values(problem)))
 
 
 def slopes_of_runs(base: StudyRuns, runs: Sequence[Run]) -> Local:
@@ -281,71 +289,78 @@ def slopes_of_runs(base: StudyRuns, runs: Sequence[Run]) -> Local:
         base: with the quantity, and its value, that the runs have.
     """
     problem = base.problem
-    settings = base.settings
-    nothing = np.full(len(problem.parameters), np.nan)
-    found = replace(
-        empty_result(problem, settings.rows * settings.interval),
-        value=base.value,
-        value_error=base.value_error,
-        method=OF_RUNS,
-        error=nothing,
-        noise=0.0,
-        growth=0.0,
-        motion_growth=0.0,
-        linear_range=min(difference_sizes(p)[0] for p in problem.parameters),
-    )
+    found = _result_of_value(base)
     if not runs:
         return found
-    shown = runs[0]
     changed = Differences.of_runs(problem, runs[1:])
-    slopes, smaller = changed.slopes(base.value).T
-    own = changed.noise(base.value)
-    noise = _noise(base.value, shown, own)
-    reach = np.abs(changed.change[:, 0]).max(axis=1)
-    errors = np.hypot(slopes - smaller, np.maximum(noise, own) / reach)
-    still = [p.is_idle for p in problem.parameters] | np.all(changed.value == base.value, axis=(1, 2))
-    slopes = np.where(still, 0.0, slopes)
-    errors = np.where(still, 0.0, errors)
-    scale = np.array([[p.scale] for p in problem.parameters])
-    small = np.abs(changed.change[:, 1]) / scale
-    grown = _growth(base.extent, small, changed.at_start[:, 1], changed.at_most[:, 1])
-    motion = float(np.max(grown, where=changed.sides[:, 1], initial=0.0))
+    noise = _noise(base.value, runs[0], changed.noise(base.value))
+    slopes, errors = _slopes_with_errors(base, changed, noise)
+    motion = _motion_growth(base, changed)
     branches = [[] for _ in problem.parameters]
     if motion <= MOTION_GROWTH:  # otherwise every run is on a branch of its own
         branches = _branches(base, changed)
     from_start = base.run_from(base.start, changed_values(problem)[0])
-    found = replace(
-        found,
-        forward=slopes,
-        noise=noise,
-        growth=float(_growth(base.extent, SMALL_CHANGE, from_start.at_start, from_start.at_most)),
-        motion_growth=motion,
-    )
+    growth = float(_growth(base.extent, SMALL_CHANGE, from_start.at_start, from_start.at_most))
+    found = replace(found, forward=slopes, noise=noise, growth=growth, motion_growth=motion)
     found = with_status(problem, found, errors, np.array(list(map(bool, branches))))
     found.warnings.extend(_branch_notes(problem, branches))
     found.warnings.extend(statistic_notes(problem, base))
-    found.warnings.extend(_unclear(problem, slopes, errors, found.slope_status))
+    found.warnings.extend(_unclear_notes(problem, slopes, errors, found.slope_status))
     found.warnings.extend(error_of_value(problem, found))
     if len(found.unclear) == len(slopes):
         found = replace(found, linear_range=0.0)
     return found
 
 
-def _unclear(problem: Study, slopes: np.ndarray, errors: np.ndarray, status: Sequence[str]) -> list[str]:
+def _result_of_value(base: StudyRuns) -> Local:
+    """The result with the quantity of the study's own run, without slopes."""
+    problem = base.problem
+    return replace(
+        empty_result(problem, base.settings.rows * base.settings.interval),
+        value=base.value,
+        value_error=base.value_error,
+        method=OF_RUNS,
+        error=np.full(len(problem.parameters), np.nan),
+        noise=0.0,
+        growth=0.0,
+        motion_growth=0.0,
+        linear_range=min(difference_sizes(p)[0] for p in problem.parameters),
+    )
+
+
+def _slopes_with_errors(base: StudyRuns, changed: Differences, noise: float) -> tuple[np.ndarray, np.ndarray]:
+    """Slopes by the larger changes, and their errors (p,); 0 of parameters that change nothing."""
+    slopes, smaller = changed.slopes(base.value).T
+    reach = np.abs(changed.change[:, 0]).max(axis=1)
+    errors = np.hypot(slopes - smaller, np.maximum(noise, changed.noise(base.value)) / reach)
+    idle = [p.is_idle for p in base.problem.parameters]
+    still = idle | np.all(changed.value == base.value, axis=(1, 2))
+    return np.where(still, 0.0, slopes), np.where(still, 0.0, errors)
+
+
+def _motion_growth(base: StudyRuns, changed: Differences) -> float:
+    """Logarithm of the largest growth of a displacement by the smaller changes."""
+    scale = np.array([[p.scale] for p in base.problem.parameters])
+    small = np.abs(changed.change[:, 1]) / scale
+    growth = _growth(base.extent, small, changed.at_start[:, 1], changed.at_most[:, 1])
+    return float(np.max(growth, where=changed.sides[:, 1], initial=0.0))
+
+
+def _unclear_notes(problem: Study, slopes: np.ndarray, errors: np.ndarray, status: Sequence[str]) -> list[str]:
     """A line on each parameter whose slope is not known to a third."""
     notes = []
     for i, p in enumerate(problem.parameters):
         large, small = (f"{100 * size:g} %" for size in difference_sizes(p))
+        differences = f"{problem.of.name}: its differences by {large} and {small} of {p.name}"
         if status[i] == UNCLEAR:
             notes.append(
-                f"{problem.of.name}: its differences by {large} and {small} of {p.name} give "
-                f"{slopes[i]:.3g} +- {errors[i]:.2g} per unit: it has no slope at this size. Use a mean, or a "
-                "sweep over the range"
+                f"{differences} give {slopes[i]:.3g} +- {errors[i]:.2g} per unit: it has no slope at this size. Use a "
+                "mean, or a sweep over the range"
             )
         if status[i] == NOT_RESOLVED:
             notes.append(
-                f"{problem.of.name}: its differences by {large} and {small} of {p.name} are apart by more than the "
-                "whole quantity for 1 %: the slope is not resolved. Use a sweep over the range, with several seeds"
+                f"{differences} are apart by more than the whole quantity for 1 %: the slope is not resolved. Use a "
+                "sweep over the range, with several seeds"
             )
     return notes
 
@@ -373,9 +388,9 @@ def changed_values(problem: Study) -> np.ndarray:
     return np.array(rows)
 
 
-def _noise(value: float, shown: Run, by_samples: np.ndarray) -> float:
+def _noise(value: float, slightly_changed: Run, by_samples: np.ndarray) -> float:
     """Standard deviation of the quantity by rounding, a median over the samples of the parameters and one of all."""
-    samples = np.append(by_samples[by_samples > 0.0], (shown.value - value) / np.sqrt(2.0))
+    samples = np.append(by_samples[by_samples > 0.0], (slightly_changed.value - value) / np.sqrt(2.0))
     samples = samples[np.isfinite(samples)]
     if not samples.size:
         return np.inf
@@ -443,7 +458,7 @@ def statistic_notes(problem: Study, runs: StudyRuns | None = None) -> list[str]:
         ]
     if of.statistic != "mpm":
         return []
-    runs = StudyRuns(problem) if runs is None else runs
+    runs = runs or StudyRuns(problem)
     rows = runs.rows
     t = runs.settings.interval * (1.0 + np.arange(len(rows.r)))
     samples = of.in_time(runs.model, runs.start.r, rows.r, rows.v, rows.tension, t, rows.parted)

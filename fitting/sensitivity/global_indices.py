@@ -17,6 +17,8 @@ from fitting.sensitivity.problem import Study
 
 #: Methods, and SALib's names of first and total indices with their errors.
 METHODS = {"sobol": ("S1", "S1_conf", "ST", "ST_conf"), "morris": ("mu_star", "mu_star_conf", "sigma", "sigma_conf")}
+#: Half of the default range of a parameter, as a fraction of it.
+SPREAD = 0.2
 
 
 @dataclass(frozen=True)
@@ -73,20 +75,23 @@ def global_indices(
         raise SceneError(f"method: {method!r}; allowed: {', '.join(METHODS)}")
     problem = {"num_vars": len(names), "names": list(names), "bounds": [list(pair) for pair in box]}
     sobol = method == "sobol"
-    if sobol and samples & (samples - 1):
-        raise SceneError(f"samples: {samples}; allowed: a power of 2, such as {2 ** round(np.log2(samples))}")
-    sampler, analyser = (extra(f"SALib.{part}.{method}", "sensitivity") for part in ("sample", "analyze"))
-    more = {"calc_second_order": False} if sobol else {}
-    points = sampler.sample(problem, samples, seed=seed, **more)
+    settings = {}
+    if sobol:
+        settings["calc_second_order"] = False
+        if samples.bit_count() > 1:
+            raise SceneError(f"samples: {samples}; allowed: a power of 2, such as {2 ** round(np.log2(samples))}")
+    sampler = extra(f"SALib.sample.{method}", "sensitivity")
+    analyser = extra(f"SALib.analyze.{method}", "sensitivity")
+    points = sampler.sample(problem, samples, seed=seed, **settings)
     values = np.asarray(function(points), float)
     bad = int(np.sum(~np.isfinite(values)))
     if bad:
         raise SceneError(f"samples: {bad} of {len(values)} cases failed. Use ranges in which every case runs")
     indices = dict.fromkeys(METHODS[method], np.zeros(len(names)))
-    if np.ptp(values) <= 1e-12 * np.max(np.abs(values)):
+    if np.ptp(values) <= 1e-12 * np.max(np.abs(values)):  # rounding only
         values = np.full_like(values, values.mean())
     elif sobol:
-        indices = analyser.analyze(problem, values, seed=seed, **more)
+        indices = analyser.analyze(problem, values, seed=seed, **settings)
     else:
         indices = {"sigma_conf": np.full(len(names), np.nan), **analyser.analyze(problem, points, values, seed=seed)}
     columns = [np.asarray(indices[key], float) for key in METHODS[method]]
@@ -96,12 +101,18 @@ def global_indices(
 def global_text(found: Global, of: str) -> str:
     """Indices as text, the largest first."""
     sobol = found.method == "sobol"
-    heads = ("first", "+-", "total", "+-") if sobol else ("mean |effect|", "+-", "spread", "")
+    heads = ("mean |effect|", "+-", "spread", "")
+    sizes = found.first
+    if sobol:
+        heads = ("first", "+-", "total", "+-")
+        sizes = found.total
     rows = [["parameter", "from", "to", *heads]]
-    for i in np.argsort(-found.total if sobol else -found.first):
-        numbers = (found.first[i], found.first_error[i], found.total[i], found.total_error[i])
-        cells = ["" if np.isnan(x) else f"{x:.3g}" for x in numbers]
-        rows.append([found.names[i], *(f"{x:.4g}" for x in found.ranges[i]), *cells])
+    for i in np.argsort(-sizes):
+        row = [found.names[i], *(f"{x:.4g}" for x in found.ranges[i])]
+        for x in (found.first[i], found.first_error[i], found.total[i], found.total_error[i]):
+            cell = "" if np.isnan(x) else f"{x:.3g}"
+            row.append(cell)
+        rows.append(row)
     text = f"{of}: {found.runs} runs, mean {found.mean:.5g}, standard deviation {found.std:.3g}\n\n{table(rows)}"
     if sobol and np.max(found.total_error) > 0.2:  # of the variance: ranks are then chance
         more = 4 * found.runs // (len(found.names) + 2)
@@ -110,7 +121,11 @@ def global_text(found: Global, of: str) -> str:
 
 
 def ranges(problem: Study, given: Mapping[str, tuple[float, float]] | None = None) -> list[tuple[float, float]]:
-    """Range of each parameter in a global study: the given one, otherwise +-20 %, inside its bounds."""
+    """Range of each parameter in a global study: the given one, otherwise +-20 %, inside its bounds.
+
+    Raises:
+        SceneError: an empty range, one of no parameter of the study, or a parameter that ranges cannot vary.
+    """
     given = given or {}
     full = dict(zip(full_names(problem.scene, list(given), "range"), given.values(), strict=True))
     for name, (low, high) in full.items():
@@ -122,6 +137,6 @@ def ranges(problem: Study, given: Mapping[str, tuple[float, float]] | None = Non
             raise SceneError(
                 f"to: the model is not linear in {p.name!r}. Use it in local studies, or in `dropper sweep`"
             )
-        spread = 0.2 * p.scale
+        spread = SPREAD * p.scale
         found.append(full.get(p.name, (max(p.low, p.value - spread), min(p.high, p.value + spread))))
     return found

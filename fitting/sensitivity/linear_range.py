@@ -11,6 +11,9 @@ from dropper_jax.study.gradient_check import GradientCheck
 from fitting.sensitivity.problem import Study
 from fitting.sensitivity.result import Local
 
+#: Relative changes of all parameters that are tried, the largest first.
+SIZES = (1e-2, 1e-3, 1e-4)
+
 
 def with_linear_range(problem: Study, found: Local, evaluate: Callable[[np.ndarray], float]) -> Local:
     """The result with the relative change of all parameters that its derivatives predict: 0.01, 0.001, 0.0001,
@@ -25,16 +28,16 @@ def with_linear_range(problem: Study, found: Local, evaluate: Callable[[np.ndarr
     scale = np.array([p.scale for p in problem.parameters])
     low, high = np.array([(p.low, p.high) for p in problem.parameters]).T
     step = np.where(slopes < 0.0, -1.0, 1.0) * scale
-    ahead = problem.values + 0.01 * step
+    ahead = problem.values + SIZES[0] * step
     step = np.where((low <= ahead) & (ahead <= high), step, -step)
-    behind = problem.values - 0.01 * step
+    behind = problem.values - SIZES[0] * step
     along = None
     changes = []
-    for size in (1e-2, 1e-3, 1e-4):
+    for size in SIZES:
         real = evaluate(problem.values + size * step) - value
         predicted = size * float(slopes @ step)
         changes.append((real, predicted))
-        if size == 1e-2 and np.all((low <= behind) & (behind <= high)):
+        if size == SIZES[0] and np.all((low <= behind) & (behind <= high)):
             opposite = evaluate(behind) - value
             along = GradientCheck.of(2.0 * predicted, real - opposite, 2e-4 * abs(value))
         missed = abs(real - predicted)
@@ -43,12 +46,14 @@ def with_linear_range(problem: Study, found: Local, evaluate: Callable[[np.ndarr
             break
     else:
         size = 0.0
-    error = np.where(slopes == 0.0, 0.0, missed / ((size or 1e-4) * scale))
+    error = np.where(slopes == 0.0, 0.0, missed / ((size or SIZES[-1]) * scale))
     warnings = []
     if len(changes) > 1:
         real, predicted = changes[0]
         unit = problem.of.unit
-        effect = f"changes by {real:.3g} {unit}" if np.isfinite(real) else "has a failed step"
+        effect = "has a failed step"
+        if np.isfinite(real):
+            effect = f"changes by {real:.3g} {unit}"
         warnings.append(
             f"{problem.of.name}: {effect} if all parameters change by 1 %; the derivatives predict {predicted:.3g} "
             f"{unit}. They are valid for changes below {100 * size or 0.01:.2g} % only. Use a sweep for larger ones"

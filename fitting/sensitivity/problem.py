@@ -35,6 +35,8 @@ from fitting.sensitivity.own_steps import find_own_lengths, make_steps
 
 #: Number of runs of a global study that a GPU advances together.
 RUNS_TOGETHER = 64
+#: Longest time [s] between the samples of statistics that need them close together.
+LONGEST_INTERVAL = 0.1
 
 
 @dataclass(frozen=True)
@@ -55,13 +57,13 @@ class Plan:
     stepper: Stepper
 
     @property
-    def follows(self) -> bool:
+    def is_adaptive(self) -> bool:
         """Whether the steps follow an accuracy."""
         return self.run.accuracy is not None
 
     def march(self, model: Model, s: State, steps: Steps, checkpoint: bool = False) -> Trajectory:
         """Saved states of a run from s along these steps."""
-        if self.follows:
+        if self.is_adaptive:
             _, run = along_accepted_steps(self.stepper.plain, model, s, steps, 1, checkpoint, None, follows=True)
         else:
             every = self.run.save_every
@@ -89,7 +91,7 @@ class Plan:
         model = apply(model, self.parameters, values)
         s = initial_state(model, self.start, near=near)
         if self.of.at_rest:
-            return self.measure(model, s, standing(s), s.t[None])
+            return self.measure(model, s, only_start(s), s.t[None])
         if steps is None:
             return self.measure(model, s, *self._run_adaptively(model, s))
         times = s.t + jnp.cumsum(jnp.asarray(steps.length))[jnp.asarray(steps.ends) - 1]
@@ -100,7 +102,7 @@ class Plan:
         rows = self.run.rows
         interval = jnp.asarray(self.run.interval, model.dtype)
         first = begin(self.stepper, model, s)
-        if self.follows:
+        if self.is_adaptive:
             march = one_kernel(partial(advance_adaptively, self.stepper, saves=rows))
             accuracy = jnp.asarray(self.run.accuracy, model.dtype)
             first = adaptive_start(self.stepper, model, first)
@@ -136,16 +138,21 @@ class Study:
 
     @property
     def names(self) -> list[str]:
+        """Names of the parameters."""
         return [p.name for p in self.parameters]
 
     @property
     def values(self) -> np.ndarray:
+        """The scene's own values of the parameters (p,)."""
         return np.array([p.value for p in self.parameters])
 
     @cached_property
     def stepper(self) -> Stepper:
-        more = {} if self.retries or self.scene.run.accuracy is not None else {"halvings": 0}
-        return stepper_of(self.model, self.scene.run, track_work=False, **more)
+        """The scene's stepper, without halved steps unless they are wanted."""
+        settings = {}
+        if not self.retries and self.scene.run.accuracy is None:
+            settings["halvings"] = 0
+        return stepper_of(self.model, self.scene.run, track_work=False, **settings)
 
     @cached_property
     def plan(self) -> Plan:
@@ -224,14 +231,13 @@ def measure_rows(
     return of(model, s.r, rows, t)
 
 
-def standing(s: State) -> Trajectory:
+def only_start(s: State) -> Trajectory:
     """The saved states of a run that has not started: its start alone."""
-    one = lambda tree: jax.tree.map(lambda a: a[None], tree)  # noqa: E731
+    row: State = jax.tree.map(lambda a: a[None], s)
     none = jnp.zeros((1,), jnp.int32)
     never = jnp.full((1,), -1, jnp.int32)
-    r, v, tension, work = one((s.r, s.v, s.tension, s.work))
-    residual = jnp.zeros_like(s.t)[None]
-    return Trajectory(r, v, tension, work, residual, none, none, never, one(s.parted), one(s.own))
+    residual = jnp.zeros_like(row.t)
+    return Trajectory(row.r, row.v, row.tension, row.work, residual, none, none, never, row.parted, row.own)
 
 
 def study(scene: SceneLike, of: str, to: Sequence[str]) -> Study:
@@ -256,18 +262,16 @@ def study(scene: SceneLike, of: str, to: Sequence[str]) -> Study:
     return Study(scene, wanted, parameters, model, start)
 
 
-#: Longest time [s] between the samples of statistics that need them close together.
-LONGEST_INTERVAL = 0.1
-
-
 def check_step(problem: Study, box: Sequence[tuple[float, float]] | None = None, say: Progress = silent) -> StepVerdict:
     """The verdict of `dropper run` on the step of the study's run, or of those at both ends of a box of its values."""
-    if problem.of.at_rest or (box is None and problem.plan.follows):  # the error is in the study's result
+    if problem.of.at_rest or (box is None and problem.plan.is_adaptive):  # the error is in the study's result
         return StepVerdict()
     members = {"the run": problem.scene}
     if box is not None:
+        low, high = np.transpose(box).tolist()
+        lowest = dict(zip(problem.names, low, strict=True))
+        highest = dict(zip(problem.names, high, strict=True))
         with suppress(SceneError):  # numbers of the model that no value of the scene sets
-            lowest, highest = (dict(zip(problem.names, map(float, end), strict=True)) for end in zip(*box, strict=True))
             members = {
                 "lowest values": problem.scene.with_values(lowest),
                 "highest values": problem.scene.with_values(highest),

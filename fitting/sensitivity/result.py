@@ -116,6 +116,7 @@ class Local:
 
     @property
     def trusted(self) -> bool:
+        """Whether every slope is known, valid over the whole run, and predicts the runs along it."""
         along = self.along is None or self.along.status == TRUSTED
         return self.window is None and not self.unclear and along
 
@@ -142,15 +143,12 @@ class Local:
 
     def to_json(self) -> dict[str, Any]:
         """The fields and the properties derived from them."""
-        return {
-            **asdict(self),
-            "scaled": self.scaled,
-            "scaled_error": self.scaled_error,
-            "unclear": self.unclear,
-            "along": None if self.along is None else self.along._asdict(),
-            "trusted": self.trusted,
-            "grows": self.grows,
-        }
+        found = asdict(self)
+        if self.along is not None:
+            found["along"] = self.along._asdict()
+        for name in ("scaled", "scaled_error", "unclear", "trusted", "grows"):
+            found[name] = getattr(self, name)
+        return found
 
 
 def empty_result(problem: Study, duration: float) -> Local:
@@ -192,7 +190,7 @@ def with_status(problem: Study, found: Local, errors: np.ndarray, branched: np.n
 def local_text(found: Local) -> str:
     """Derivatives as text, the largest first, and their range of validity."""
     scaled = np.isfinite(found.scaled[found.resolved]).all()
-    order = np.argsort(-np.abs(found.scaled if scaled else found.forward))  # those that are not resolved come last
+    slopes = found.scaled if scaled else found.forward
     columns = {
         "parameter p": found.names,
         "value": [f"{x:.5g} {unit}" for x, unit in zip(found.values, found.units, strict=True)],
@@ -206,13 +204,19 @@ def local_text(found: Local) -> str:
     if found.window_mean is not None and found.window_error is not None:
         columns["window mean"] = [f"{x:.5g}" for x in found.window_mean]
         columns["std error"] = [f"{x:.2g}" for x in found.window_error]
-    rows = [list(columns), *([column[i] for column in columns.values()] for i in order)]
+    lines = list(zip(*columns.values(), strict=True))
+    rows = [list(columns), *(lines[i] for i in np.argsort(-np.abs(slopes)))]  # those that are not resolved come last
+    return f"{listing(_remarks(found))}\n\n{table(rows)}"
+
+
+def _remarks(found: Local) -> list[tuple[str, str]]:
+    """Names and values of the lines above the table: the quantity, and how far its derivatives are valid."""
     rate = ""
     if found.exponent is not None:
         rate = f" (growth rate {found.exponent:.2g} per s)"
-    off = f" +- {found.value_error:.2g}" if np.isfinite(found.value_error) else ""
+    error = f" +- {found.value_error:.2g}" if np.isfinite(found.value_error) else ""
     pairs = [
-        ("quantity Q", f"{found.of} = {found.value:.6g}{off} {found.unit} over {found.duration:g} s"),
+        ("quantity Q", f"{found.of} = {found.value:.6g}{error} {found.unit} over {found.duration:g} s"),
         ("derivatives valid", f"{_validity(found)}{rate}"),
     ]
     if found.along is not None:
@@ -227,13 +231,13 @@ def local_text(found: Local) -> str:
         pairs.append(("modes", f"forward and reverse differ by {found.mismatch:.1e}"))
     if found.window is not None:
         pairs.append(("windows", f"of {found.window:.3g} s: the quantity of each, averaged over the motion"))
-    return f"{listing(pairs)}\n\n{table(rows)}"
+    return pairs
 
 
 def _cells(found: Local, numbers: np.ndarray, form: str, otherwise: str) -> list[str]:
     """Numbers (p,) as text; `otherwise` where the slope is not resolved."""
-    pairs = zip(numbers, found.resolved, strict=True)
-    return [f"{x:{form}}" if resolved else otherwise for x, resolved in pairs]
+    cells = np.array([f"{x:{form}}" for x in numbers])
+    return np.where(found.resolved, cells, otherwise).tolist()
 
 
 _GROWS = {
@@ -243,6 +247,7 @@ _GROWS = {
 
 
 def _validity(found: Local) -> str:
+    """Where the derivatives are valid, in words."""
     if found.window is not None:
         return f"up to {found.horizon:.3g} s only: beyond, they predict over 10 % of the motion for 1 % of a parameter"
     if found.unclear:

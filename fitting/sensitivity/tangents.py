@@ -31,7 +31,7 @@ from dropper_jax.stepping.integrate import (
 from fitting.parameters.parameter import Parameter, apply
 from fitting.parameters.varied import Varied, floats_of, split, stack_rows, vary
 from fitting.sensitivity.own_steps import padded, saved_times
-from fitting.sensitivity.problem import Plan, Study, standing
+from fitting.sensitivity.problem import Plan, Study, only_start
 
 
 def _vary(
@@ -83,7 +83,7 @@ def _slopes_at_rest(
     return jax.vmap(along, out_axes=(0, Varied(None, 0)))(*directions)
 
 
-class _Passed(NamedTuple):
+class _RunBetween(NamedTuple):
     """A run between two saved times: its state, and the tensions over the time since the last one (n,) [N s]."""
 
     progress: Progress
@@ -91,19 +91,19 @@ class _Passed(NamedTuple):
 
 
 def _take_step(
-    stepper: Stepper, follows: bool, h: Array, before: Array, since: Array, model: Model, passed: _Passed
-) -> tuple[_Passed, Trajectory]:
+    stepper: Stepper, is_adaptive: bool, h: Array, before: Array, since: Array, model: Model, run: _RunBetween
+) -> tuple[_RunBetween, Trajectory]:
     """One step of h [s] after one of `before` [s], to the time `since` the last saved one [s]; and the row to save
     after it, of steps that follow an accuracy with mean tensions."""
-    if not follows:
-        progress, row = advance_and_save(stepper, model, passed.progress, h, 1)
-        return passed._replace(progress=progress), row
-    progress, row = advance_and_save(stepper, model, passed.progress, h[None], 1, before=before[None])
-    impulse = passed.impulse + h * row.tension
-    return _Passed(progress, impulse), row._replace(tension=impulse / since)
+    if not is_adaptive:
+        progress, row = advance_and_save(stepper, model, run.progress, h, 1)
+        return run._replace(progress=progress), row
+    progress, row = advance_and_save(stepper, model, run.progress, h[None], 1, before=before[None])
+    impulse = run.impulse + h * row.tension
+    return _RunBetween(progress, impulse), row._replace(tension=impulse / since)
 
 
-class _Between(NamedTuple):
+class _StepLoop(NamedTuple):
     """The loop over the steps between two saved times: the run, the row to save, and the time since the last one."""
 
     now: Varied
@@ -111,11 +111,11 @@ class _Between(NamedTuple):
     since: Array
 
 
-@cached_jit(static=("stepper", "parameters", "follows"), kernel=True)
+@cached_jit(static=("stepper", "parameters", "is_adaptive"), kernel=True)
 def _vary_run(
     stepper: Stepper,
     parameters: tuple[Parameter, ...],
-    follows: bool,
+    is_adaptive: bool,
     model: Model,
     values: Array,
     start: Varied,
@@ -131,34 +131,36 @@ def _vary_run(
         nothing = now.tree._replace(impulse=jnp.zeros_like(now.tree.impulse))
         now = Varied(nothing, [*now.slopes[:-1], jnp.zeros_like(now.slopes[-1])])
 
-        def take(k: Array, so_far: _Between) -> _Between:
+        def take(k: Array, loop: _StepLoop) -> _StepLoop:
             h = steps.length[k]
-            since = so_far.since + h
+            since = loop.since + h
             before = jnp.where(k > 0, steps.length[k - 1], 0.0)
-            one = partial(_take_step, stepper, follows, h, before, since)
-            found = _vary(one, parameters, model, values, so_far.now)
-            after, new = split(found)
-            earlier = so_far.row.tree
-            row = new.tree._replace(
-                residual=jnp.maximum(earlier.residual, new.tree.residual),
-                retried=earlier.retried + new.tree.retried,
-                failed=earlier.failed + new.tree.failed,
-            )
-            return _Between(after, new._replace(tree=row), since)
+            one = partial(_take_step, stepper, is_adaptive, h, before, since)
+            after, new = split(_vary(one, parameters, model, values, loop.now))
+            return _StepLoop(after, new._replace(tree=_add_row(loop.row.tree, new.tree)), since)
 
-        between = _Between(now, jax.tree.map(lambda x: x[0], rows), jnp.zeros((), model.dtype))
-        between = jax.lax.fori_loop(first, steps.ends[i], take, between)
-        return between.now, between.row
+        loop = _StepLoop(now, jax.tree.map(lambda x: x[0], rows), jnp.zeros((), model.dtype))
+        loop = jax.lax.fori_loop(first, steps.ends[i], take, loop)
+        return loop.now, loop.row
 
-    def begun(changed: Model, s: State) -> _Passed:
-        return _Passed(begin(stepper, changed, s), jnp.zeros_like(s.tension))
+    def start_run(changed: Model, s: State) -> _RunBetween:
+        return _RunBetween(begin(stepper, changed, s), jnp.zeros_like(s.tension))
 
-    now = _vary(begun, parameters, model, values, start)
+    now = _vary(start_run, parameters, model, values, start)
     capacity = len(steps.ends)
     rows = empty_trajectory(now.tree.progress, capacity)
     slopes = [jnp.zeros((capacity, len(values), *x.shape[1:]), x.dtype) for x in floats_of(rows)]
     rows = Varied(rows, slopes)
     return stack_rows(scan_steps(save, now, count, rows)[1])
+
+
+def _add_row(earlier: Trajectory, row: Trajectory) -> Trajectory:
+    """The row after a step, with the maximum residual and the counts of all steps since the last saved time."""
+    return row._replace(
+        residual=jnp.maximum(earlier.residual, row.residual),
+        retried=earlier.retried + row.retried,
+        failed=earlier.failed + row.failed,
+    )
 
 
 @cached_jit(static=("plan",))
@@ -169,7 +171,7 @@ def _vary_quantity(
     if run is None:
 
         def measure_start(changed: Model, s: State) -> Array:
-            return plan.measure(changed, s, standing(s), s.t[None])
+            return plan.measure(changed, s, only_start(s), s.t[None])
 
         return _vary(measure_start, plan.parameters, model, values, start)
     return _vary(partial(plan.measure, t=jnp.asarray(t)), plan.parameters, model, values, start, run)
@@ -183,8 +185,7 @@ def vary_study(problem: Study, at: Array, start: Varied, steps: Steps) -> tuple[
     if plan.of.at_rest:
         return _vary_quantity(plan, model, at, start, None, t[None]), None
     saves = len(steps.ends)
-    spare = padded(steps)
-    run = _vary_run(plan.stepper, plan.parameters, plan.follows, model, at, start, spare, saves)
+    run = _vary_run(plan.stepper, plan.parameters, plan.is_adaptive, model, at, start, padded(steps), saves)
     rows = jax.tree.map(lambda x: np.asarray(x)[:saves], run.tree)
     if np.any(steps.failed):
         rows = rows._replace(first_bad=np.zeros_like(rows.first_bad))

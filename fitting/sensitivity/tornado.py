@@ -11,6 +11,9 @@ from dropper_jax.plots import style
 from fitting.sensitivity.global_indices import Global
 from fitting.sensitivity.result import Local
 
+#: Of bars with a positive value, for each of the values.
+COLOURS = (style.CYCLE[0], style.CYCLE[5])
+
 
 def local_picture(found: Local, path: str | Path) -> Path:
     """Scaled derivatives as bars, the largest on top, without those that are not resolved."""
@@ -26,8 +29,10 @@ def local_picture(found: Local, path: str | Path) -> Path:
     if found.window is not None:
         note = f"NOT valid beyond {found.horizon:.2g} s"
     title = f"{found.of} = {found.value:.4g} {found.unit}; {note}"
+    if errors is None:
+        errors = np.full(len(values), np.nan)
     names = [found.names[i] for i in shown]
-    return _bars(names, [values[shown]], [""], label, title, path, None if errors is None else [errors[shown]])
+    return _bars(names, [values[shown]], [""], label, title, path, [errors[shown]])
 
 
 def global_picture(found: Global, of: str, path: str | Path) -> Path:
@@ -60,17 +65,18 @@ def _bars(
     axis: str,
     title: str,
     path: str | Path,
-    errors: Sequence[np.ndarray] | None = None,
+    errors: Sequence[np.ndarray],
 ) -> Path:
+    """Horizontal bars of the names, the largest on top, side by side for several `values`, each with its label."""
     order = np.argsort(np.abs(values[0]))
     figure = style.new_figure(8.0, 1.4 + 0.42 * len(names))
     axes = figure.subplots()
     height = 0.8 / len(values)
     for i, (column, label) in enumerate(zip(values, labels, strict=True)):
         row = np.arange(len(names)) + (0.5 * (len(values) - 1) - i) * height
-        colour = np.where(column[order] < 0, style.SECOND, style.CYCLE[(0, 5)[i]])
+        colour = np.where(column[order] < 0, style.SECOND, COLOURS[i])
         spread = None
-        if errors is not None and np.isfinite(errors[i]).all():
+        if np.isfinite(errors[i]).all():
             spread = errors[i][order]
         axes.barh(row, column[order], height, color=colour, label=label, xerr=spread, ecolor=style.DARK)
     axes.set_yticks(np.arange(len(names)), [path_label(names[i]) for i in order])

@@ -32,6 +32,9 @@ PARTS = ("head", "middle", "tail")
 ENDS = (0.24, 0.5)
 #: Minimum number of samples of a part, for a meaningful amplitude spectrum.
 FEWEST_SAMPLES = 10
+#: Distance from the nearest known sample, in sampling intervals, beyond which an angle counts as missing. Times of
+#: runs and samples differ by at most half an interval; the rest allows for rounded times in files.
+FARTHEST = 0.75
 
 
 @dataclass(frozen=True)
@@ -57,7 +60,10 @@ class Against:
         return slice(edges[index], edges[index + 1])
 
     def score(self, simulated: np.ndarray) -> np.ndarray:
-        """RMS angle error and distance of spectra (2, 3) [rad] of simulated angles (k, n)."""
+        """RMS angle error and distance of spectra (2, 3) [rad] of simulated angles (k, n); NaN of a run that failed.
+
+        Both are defined in `TraceScores`.
+        """
         found = np.full((2, len(PARTS)), np.nan)
         if not np.isfinite(simulated).all():
             return found
@@ -112,7 +118,7 @@ class TraceScores:
     def run_at(self, values: Sequence[float] | np.ndarray) -> np.ndarray:
         """Angles (k, n) [rad] of one more run, at other values (axes,) such as fitted ones; NaN if it fails."""
         plan = self.sweep.plan
-        return angles(plan, run_at(plan, np.asarray(values, float))["positions"][0])
+        return link_angles(plan, run_at(plan, np.asarray(values, float))["positions"][0])
 
     def to_json(self) -> Table:
         """Plain values."""
@@ -207,14 +213,11 @@ def sweep_against_trace(
     scene = load_scene(scene)
     model, start = build(scene)
     check_planar(model, start)
-    moved = next((path for path in vary if path.startswith("point.")), None)
-    if moved:
-        raise SceneError(f"vary: {moved!r} moves an end. With a trace, use paths outside [[point]]")
-    for path, values in vary.items():
-        if path.count(".") > 0 and changes_size(scene, path, np.asarray(values)):
-            raise SceneError(f"vary: {path!r} changes the number of links, which is that of the trace. Use other paths")
+    _check_varied(scene, vary)
     trace, warnings = settle_convention(as_trace(trace, model.line.links, columns), model, convention)
-    trace = trace.between(0.0, np.inf if until is None else until)
+    if until is None:
+        until = np.inf
+    trace = trace.between(0.0, until)
     check_trace(trace)
     if integrator is None and Rattle4().refuse(model) is None:
         integrator = "rattle_4"
@@ -223,22 +226,32 @@ def sweep_against_trace(
     scene = at_samples(scene, trace)
     t = (1 + np.arange(scene.run.saves)) * scene.run.step * scene.run.save_every
     against = Against(trace, t, sample_trace(trace, t), trace.at(t), part_ends(t, parts))
-    result = sweep(scene, vary, out, traces=True, **settings)
+    return _score_cases(against, sweep(scene, vary, out, traces=True, **settings), warnings)
+
+
+def _check_varied(scene: Scene, vary: Mapping[str, Sequence[float]]) -> None:
+    """Reject paths that move an end of the line or change its number of links: the trace has neither."""
+    for path, values in vary.items():
+        if path.startswith("point."):
+            raise SceneError(f"vary: {path!r} moves an end. With a trace, use paths outside [[point]]")
+        if "." in path and changes_size(scene, path, np.asarray(values)):
+            raise SceneError(f"vary: {path!r} changes the number of links, which is that of the trace. Use other paths")
+
+
+def _score_cases(against: Against, result: SweepResult, warnings: list[str]) -> TraceScores:
+    """The scores of all cases of a sweep, and the angles of the best one."""
     plan = result.plan
     scores = np.full((2, plan.cases, len(PARTS)), np.nan)
-    best = None
-    simulated = against.measured
-    found = extra("zarr", "sweep").open_group(result.path, mode="r")
+    stored = extra("zarr", "sweep").open_group(result.path, mode="r")
     for case in range(plan.cases):
-        run = angles(plan, found["positions"][case])
-        scores[:, case] = against.score(run)
-        if np.isfinite(scores[0, case, 0]) and (best is None or scores[0, case, 0] < scores[0, best, 0]):
-            best = case
-            simulated = run
-    if best is None:
+        scores[:, case] = against.score(link_angles(plan, stored["positions"][case]))
+    head = scores[0, :, 0]
+    if not np.isfinite(head).any():
         raise SceneError("vary: no case ran to its end. Use values for which the scene runs, or a smaller --dt")
+    best = int(np.nanargmin(head))
+    simulated = link_angles(plan, stored["positions"][best])
     cases = plan.inputs(np.arange(plan.cases))
-    return TraceScores(against, result, cases, found["status"][:], *scores, best, simulated, warnings)
+    return TraceScores(against, result, cases, stored["status"][:], *scores, best, simulated, warnings)
 
 
 def at_samples(scene: Scene, trace: Trace) -> Scene:
@@ -248,10 +261,6 @@ def at_samples(scene: Scene, trace: Trace) -> Scene:
     every = max(1, int(np.ceil(interval / scene.run.step - 1e-9)))
     duration = max(1, round(float(trace.t[-1]) / interval)) * interval
     return scene.with_values({"run.dt": interval / every, "run.save_every": every, "run.duration": duration})
-
-
-#: Farther from a known sample than 0.75 intervals: missing.
-FARTHEST = 0.75
 
 
 def sample_trace(trace: Trace, t: np.ndarray) -> np.ndarray:
@@ -286,8 +295,9 @@ def part_ends(t: np.ndarray, parts: Sequence[float] | None) -> tuple[float, floa
     return ends[0], ends[1], last
 
 
-def angles(plan: Plan, positions: np.ndarray) -> np.ndarray:
+def link_angles(plan: Plan, positions: np.ndarray) -> np.ndarray:
     """Polar angles (k, n) [rad] of the links, without jumps, of free nodes (k, nodes, 3) [m] of a case."""
     model = plan.base[0]
-    link = np.asarray(jax.vmap(lambda free: model.links(free, model.ends(jnp.zeros((), model.dtype))))(positions))
+    ends = model.ends(jnp.zeros((), model.dtype))
+    link = np.asarray(jax.vmap(lambda free: model.links(free, ends))(positions))
     return np.unwrap(np.arctan2(-link[..., 2], link[..., 0]), axis=0)

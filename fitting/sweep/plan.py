@@ -105,6 +105,7 @@ class Plan:
 
     @property
     def shape(self) -> tuple[int, ...]:
+        """Number of values of each axis; of listed cases only their number."""
         found = tuple(len(axis.values) for axis in self.axes)
         if self.listed:
             return found[:1]
@@ -112,18 +113,22 @@ class Plan:
 
     @property
     def cases(self) -> int:
+        """Number of cases."""
         return math.prod(self.shape)
 
     @property
     def chunks(self) -> int:
+        """Number of chunks, of which the last may have fewer cases."""
         return -(-self.cases // self.chunk)
 
     @cached_property
     def base(self) -> tuple[Model, State]:
+        """Model and start of the base case."""
         return build(self.scene)
 
     @cached_property
     def stepper(self) -> Stepper:
+        """The stepper of the base case, with the further settings."""
         return stepper_of(self.base[0], self.scene.run, **{"track_work": False, **self.settings})
 
     @property
@@ -142,7 +147,8 @@ class Plan:
     @cached_property
     def named_quantities(self) -> tuple[Quantity, ...]:
         """The quantities that are not in `QUANTITIES`."""
-        return tuple(quantity(n, self.base[0], "quantities") for n in self.quantities if n not in QUANTITIES)
+        names = [name for name in self.quantities if name not in QUANTITIES]
+        return tuple(quantity(name, self.base[0], "quantities") for name in names)
 
     @cached_property
     def models(self) -> list[Model]:
@@ -151,9 +157,8 @@ class Plan:
         if not own:
             return [self.base[0]]
         combine = zip if self.listed else itertools.product
-        rows = dict.fromkeys(combine(*(axis.values.tolist() for axis in own)))
         found = []
-        for row in rows:
+        for row in dict.fromkeys(combine(*(axis.values.tolist() for axis in own))):
             with suppress(SceneError):  # such a case has the status invalid_input
                 values = {axis.path: value for axis, value in zip(own, row, strict=True)}
                 found.append(bare_model(self.scene.with_values(values)))
@@ -185,7 +190,9 @@ class Plan:
 
     def inputs(self, cases: np.ndarray) -> np.ndarray:
         """Values (cases, axes) of case numbers."""
-        index = np.unravel_index(cases, self.shape) * (len(self.axes) if self.listed else 1)
+        index = np.unravel_index(cases, self.shape)
+        if self.listed:  # all axes have the same row
+            index *= len(self.axes)
         columns = [axis.values[i] for axis, i in zip(self.axes, index, strict=True)]
         return np.stack(columns, axis=-1).astype(float)
 
@@ -203,9 +210,12 @@ class Plan:
         span = np.where(ordered, np.ptp(values, axis=0), 0.0)
         position = (values - values.min(axis=0)) * np.divide(1.0, span, out=np.zeros(len(span)), where=span > 0.0)
         alternating = (-1.0) ** np.arange(len(self.axes))
-        corners = [position @ (sign * one) for one in (np.ones(len(self.axes)), alternating) for sign in (-1.0, 1.0)]
+        corners = []
+        for direction in (np.ones(len(self.axes)), alternating):
+            along = position @ direction
+            corners += [int(np.argmin(along)), int(np.argmax(along))]
         found = {}
-        for case in dict.fromkeys(int(np.argmax(corner)) for corner in corners):
+        for case in dict.fromkeys(corners):
             changed = {}
             for axis, x in zip(self.axes, values[case], strict=True):
                 changed[axis.path] = axis.values.dtype.type(x).item()
@@ -227,7 +237,8 @@ class Plan:
         if self.listed:
             found["listed"] = True
         template = self.scene.template
-        if template is not None and any(ScenePath(axis.path).section == "parameters" for axis in self.axes):
+        sections = [ScenePath(axis.path).section for axis in self.axes]
+        if template is not None and "parameters" in sections:
             found["template"] = {"table": template.table, "changes": template.changes}
         return found
 
@@ -268,50 +279,60 @@ def make_plan(
     check_settings(settings, [*run_keys, *stepper_settings()])
     changed = {f"run.{key}": settings.pop(key) for key in run_keys if key in settings}
     scene = load_scene(scene)
-    scene = scene.with_values(changed) if changed else scene
+    if changed:
+        scene = scene.with_values(changed)
     lists = {path: np.asarray(values) for path, values in vary.items()}
-    if listed and (seeds or len({values.size for values in lists.values()}) > 1):
-        counts = ", ".join(f"{path} {values.size}" for path, values in lists.items())
-        if seeds:
-            what = "seeds, which rows cannot have separately"
-        else:
-            what = f"lists of different lengths ({counts})"
-        raise SceneError(f"listed: {what}. Use equally many values of every path, without seeds")
+    counts = {path: values.size for path, values in lists.items()}
+    if listed:
+        _check_listed(counts, seeds)
     if seeds:
         lists[SEED] = np.arange(seeds) + _first_seed(scene)
+        counts[SEED] = seeds
     if not lists:
         raise SceneError("vary: nothing is varied; needed: --vary name=lo:hi:n or --seeds K")
     if chunk is not None and chunk < 1:
         raise SceneError(f"chunk: {chunk}; allowed: a whole number >= 1")
-    names = tuple(QUANTITIES) if quantities is None else tuple(quantities)
+    if quantities is None:
+        quantities = list(QUANTITIES)
+    names = tuple(quantities)
     for name in names:
         if name not in QUANTITIES and "." not in name:
             known = f"{nearest(name, QUANTITIES)}; also SIGNAL.WHERE.STATISTIC, such as tension.chain.fairlead.max"
             raise SceneError(f"quantities: {name!r} is unknown; {known}")
-    cases = _count_cases({path: values.size for path, values in lists.items()}, len(names), listed)
+    cases = _count_cases(counts, len(names), listed)
     full = dict(zip(_paths(scene, list(lists)), lists.values(), strict=True))
     # the first value of every axis is in the base scene, so that an effect that the scene lacks exists
     base = scene.with_values({path: values[0].item() for path, values in full.items()})
     axes = tuple(_axis(base, path, values) for path, values in full.items())
     if chunk is None:
         chunk = default_chunk(not build_model(base).geometry.is_path, cases)
-    found = Plan(base, axes, names, traces, chunk, settings, listed)
-    if any(axis.resizes for axis in axes):
-        for model, name in itertools.product(found.models, names):
-            if name not in QUANTITIES:  # a model of another size may lack it
-                quantity(name, model, "quantities")
-    if any(quantity.signal == PERIOD for quantity in found.named_quantities):
-        raise SceneError(
-            "quantities: natural periods belong to a static pose. Use `dropper sensitivity --of period.1.start`"
-        )
-    return found
+    plan = Plan(base, axes, names, traces, chunk, settings, listed)
+    for one in plan.named_quantities:
+        if one.signal == PERIOD:
+            raise SceneError(
+                "quantities: natural periods belong to a static pose. Use `dropper sensitivity --of period.1.start`"
+            )
+        for model in plan.models:
+            quantity(one.name, model, "quantities")  # a model of another size may lack it
+    return plan
+
+
+def _check_listed(counts: Mapping[str, int], seeds: int) -> None:
+    """Reject a list of cases whose paths have different numbers of values, or with seeds."""
+    if seeds:
+        what = "seeds, which rows cannot have separately"
+    elif len(set(counts.values())) > 1:
+        what = f"lists of different lengths ({', '.join(f'{path} {count}' for path, count in counts.items())})"
+    else:
+        return
+    raise SceneError(f"listed: {what}. Use equally many values of every path, without seeds")
 
 
 def changes_size(scene: Scene, path: str, values: np.ndarray) -> bool:
     """Whether the first and the last of these values give different numbers of links or nodes."""
-    models = [bare_model(scene.with_values({path: value.item()})) for value in (values[0], values[-1])]
-    first, last = ((model.line.links, model.free_nodes) for model in models)
-    return first != last
+    first = bare_model(scene.with_values({path: values[0].item()}))
+    last = bare_model(scene.with_values({path: values[-1].item()}))
+    return first.line.links != last.line.links or first.free_nodes != last.free_nodes
 
 
 #: On a GPU each operation costs the same for one case as for thousands. An H200 runs 131 072 lab droppers only 1.14
@@ -320,10 +341,16 @@ LARGEST_BATCH = 16384
 
 
 def default_chunk(system: bool, cases: int) -> int:
-    """Cases of a device at a time, where the user gives none."""
-    if jax.default_backend() == "cpu":  # cases of a system run one after another: larger chunks gain nothing
+    """Cases of a device at a time, where the user gives none.
+
+    Args:
+        system: whether a case is a system of lines, not a single one.
+    """
+    if jax.default_backend() == "cpu":
+        # cases of a system run one after another: larger chunks gain nothing
         return 1 if system else 64
-    return min(cases, 256 if system else LARGEST_BATCH)
+    largest = 256 if system else LARGEST_BATCH
+    return min(cases, largest)
 
 
 def _count_cases(counts: Mapping[str, int], quantities: int, listed: bool) -> int:
@@ -340,6 +367,7 @@ def _count_cases(counts: Mapping[str, int], quantities: int, listed: bool) -> in
 
 
 def _first_seed(scene: Scene) -> int:
+    """The seed of the scene's wave spectrum, from which those of further realisations count up."""
     waves = (scene.to_dict().get("sea") or {}).get("waves") or {}
     if waves.get("kind") != "spectrum":
         raise SceneError("seeds: nothing in this scene is random. Use a scene whose sea has a wave spectrum")
@@ -352,7 +380,9 @@ def _paths(scene: Scene, names: list[str]) -> list[str]:
     for name in names:
         if ScenePath(name).section == "run":
             raise SceneError(f"vary: {name!r} belongs to the compiled program. Use one sweep for each value")
-        found.append(name if name.count(".") >= 2 else full_names(scene, [name], "vary")[0])
+        if name.count(".") < 2:
+            (name,) = full_names(scene, [name], "vary")
+        found.append(name)
     for path in found:
         if found.count(path) > 1:
             raise SceneError(f"vary: {path!r} is given twice; allowed: every path once")
@@ -360,11 +390,14 @@ def _paths(scene: Scene, names: list[str]) -> list[str]:
 
 
 def _axis(scene: Scene, path: str, values: np.ndarray) -> Axis:
+    """How a path's values enter the model.
+
+    They replace numbers of the model if the last value, set there, gives the model of the scene with that value.
+    """
     if values.ndim != 1 or values.size == 0 or not np.isfinite(values).all():
         raise SceneError(f"vary: {path}: no finite numbers; allowed: at least one")
     if changes_size(scene, path, values):
         return Axis(path, values, resizes=True)
-    still = ScenePath(path).stem in DAMPING_PATHS
     model = build_model(scene)
     try:
         parameters = resolve(model, [path], option="vary")
@@ -372,7 +405,8 @@ def _axis(scene: Scene, path: str, values: np.ndarray) -> Axis:
         return Axis(path, values)
     inside = apply(model, parameters, np.full(len(parameters), float(values[-1])))
     if same(inside, build_model(scene.with_values({path: values[-1].item()}))):
-        return Axis(path, values, parameters, moves_start=not still)
+        moves_start = ScenePath(path).stem not in DAMPING_PATHS
+        return Axis(path, values, parameters, moves_start)
     return Axis(path, values)
 
 

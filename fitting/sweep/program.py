@@ -36,6 +36,8 @@ from fitting.sweep.plan import STATUS, Plan
 WORTH_ONE_KERNEL = 40_000
 #: Compiler option of lanes: XLA prefers half of the widest vector registers, which takes 1.18 times as long.
 LANES_OPTIONS = {"xla_cpu_prefer_vector_width": 512}
+#: Cases are split over the devices.
+BY_DEVICE = PartitionSpec("device")
 
 
 class Tally(NamedTuple):
@@ -52,8 +54,6 @@ class Tally(NamedTuple):
 Carry = tuple[Progress | Adaptive, Tally]
 #: A pytree of arrays.
 Tree = TypeVar("Tree")
-
-
 #: Structure and shapes of a model's arrays: models with the same one share a program.
 Shape = tuple[Any, ...]
 
@@ -81,7 +81,7 @@ class Pending(NamedTuple):
 
 
 class Program:
-    """Runs of a plan, `devices` chunks at a time.
+    """Runs of a plan, `devices` chunks at a time, default one on every device.
 
     Results do not depend on the number of devices or on which chunks run together: a case has a fixed position in its
     chunk, and the chunk runs on one device. A chunk with models of several shapes runs once for each of them.
@@ -89,16 +89,15 @@ class Program:
 
     def __init__(self, plan: Plan, devices: int | None = None) -> None:
         self.plan = plan
-        self.devices = jax.local_device_count() if devices is None else devices
+        self.devices = devices or jax.local_device_count()
+        #: Numbers of the axes whose values go through the scene, and of those that need a start of their own.
         self.by_scene = [i for i, axis in enumerate(plan.axes) if not axis.parameters]
         self.by_start = [i for i, axis in enumerate(plan.axes) if axis.moves_start]
+        model_axis = 0 if self.by_scene else None
+        start_axis = 0 if self.by_start else None
         #: Axis of cases of the model, the start, the values and the step; None for one of all cases.
-        self.in_axes: tuple[Literal[0] | None, ...] = (
-            0 if self.by_scene else None,
-            0 if self.by_start else None,
-            0,
-            None,
-        )
+        self.in_axes: tuple[Literal[0] | None, ...] = (model_axis, start_axis, 0, None)
+        self._specs = tuple(PartitionSpec() if axis is None else BY_DEVICE for axis in self.in_axes)
         self.mesh = jax.make_mesh((self.devices,), ("device",), devices=jax.local_devices()[: self.devices])
         # Cases of a line advance side by side, 2.3 times as fast as one after another. Those of a system do not: nine
         # cases of a longline (52 links, 750 steps) then compile for 21 s in place of 8 and run for 6.1 s in place of
@@ -124,22 +123,22 @@ class Program:
     def at(self, values: np.ndarray) -> dict[str, np.ndarray]:
         """One more case, with other values (axes,), by the same compiled program; arrays (1, ...) by name."""
         axes = tuple(replace(axis, values=np.array([x])) for axis, x in zip(self.plan.axes, values, strict=True))
-        other = copy(self)
+        other = copy(self)  # shares the compiled programs
         other.plan = replace(self.plan, axes=axes, listed=True)
         return other.collect(other([0]))[0]
 
     def collect(self, pending: Pending) -> dict[int, dict[str, np.ndarray]]:
         """Results by chunk: each quantity, `status` and `failed_at` (cases,)."""
-        refused = pending.refused
         found = {}
         for own, arrays in pending.started:
             for name, array in arrays.items():
                 value = np.asarray(array)
-                fill = np.nan if value.dtype.kind == "f" else 0
-                shape = (len(value), *self.plan.inner_shape(name))  # that of the largest case
-                whole = found.setdefault(name, np.full(shape, fill, value.dtype))
-                whole[(own, *map(slice, value.shape[1:]))] = value[own]
-        found["status"] = np.where(refused, STATUS.index("invalid_input"), found["status"]).astype(np.int8)
+                if name not in found:
+                    fill = np.nan if value.dtype.kind == "f" else 0
+                    shape = (len(value), *self.plan.inner_shape(name))  # that of the largest case
+                    found[name] = np.full(shape, fill, value.dtype)
+                found[name][(own, *map(slice, value.shape[1:]))] = value[own]
+        found["status"] = np.where(pending.refused, STATUS.index("invalid_input"), found["status"]).astype(np.int8)
         for name in found.keys() - {"status", "failed_at"}:
             found[name][found["status"] != 0] = np.nan
         by_chunk: dict[int, dict[str, np.ndarray]] = {}
@@ -152,8 +151,10 @@ class Program:
     def _members(self, chunks: list[int]) -> tuple[list[Members], np.ndarray]:
         """The members of these chunks by shape, and which cases (members,) the scene rejects."""
         plan = self.plan
+        # programs have one shape: devices without a chunk repeat the last one, and a short chunk repeats its cases
         padded = np.pad(chunks, (0, self.devices - len(chunks)), mode="edge")
-        values = plan.inputs(np.concatenate([np.resize(plan.cases_of(c), plan.chunk) for c in padded]))
+        cases = [np.resize(plan.cases_of(chunk), plan.chunk) for chunk in padded]
+        values = plan.inputs(np.concatenate(cases))
         if not self.by_start:
             (shape,) = self._plans
             every = np.ones(len(values), bool)
@@ -161,27 +162,32 @@ class Program:
         keys = [tuple(row[self.by_start]) for row in values]
         built = {key: self._build(key) for key in dict.fromkeys(keys)}
         refused = np.array([built[key] is None for key in keys])
-        first = next(filter(None, built.values()), (next(iter(self._plans)), plan.base))
-        cases = [built[key] or first for key in keys]
+        # a refused case runs as the first valid one, and its results are dropped
+        valid = next(filter(None, built.values()), (next(iter(self._plans)), plan.base))
+        cases = [built[key] or valid for key in keys]
         found = []
-        for shape in dict.fromkeys(shape for shape, _ in cases):
+        first: dict[Shape, tuple[Model, State]] = {}
+        for shape, base in cases:
+            first.setdefault(shape, base)
+        for shape, instead in first.items():
             own = np.array([shape == other for other, _ in cases])
-            instead = next(base for other, base in cases if other == shape)
-            bases = [base if mine else instead for mine, (_, base) in zip(own, cases, strict=True)]
-            model = stack([m for m, _ in bases]) if self.by_scene else plan.base[0]
-            arguments = self._arguments(model, stack([s for _, s in bases]), values)
-            found.append(Members(shape, own, arguments))
+            models = []
+            starts = []
+            for mine, (_, base) in zip(own, cases, strict=True):
+                model, start = base if mine else instead
+                models.append(model)
+                starts.append(start)
+            model = stack(models) if self.by_scene else plan.base[0]
+            found.append(Members(shape, own, self._arguments(model, stack(starts), values)))
         return found, refused
 
     def _arguments(self, model: Model, start: State, values: np.ndarray) -> tuple[Any, ...]:
         """Arguments of a program on its devices."""
         plan = self.plan
         dtype = plan.base[0].dtype
-        batched = jax.NamedSharding(self.mesh, PartitionSpec("device"))
-        shared = jax.NamedSharding(self.mesh, PartitionSpec())
-        axes = [shared if axis is None else batched for axis in self.in_axes]
         arguments = (model, start, jnp.asarray(values, dtype), jnp.asarray(plan.interval, dtype))
-        return tuple(map(jax.device_put, arguments, axes))
+        shardings = [jax.NamedSharding(self.mesh, spec) for spec in self._specs]
+        return tuple(map(jax.device_put, arguments, shardings))
 
     def _build(self, key: tuple[float, ...]) -> tuple[Shape, tuple[Model, State]] | None:
         """Model and start of a case, and their shape, for which there then is a plan."""
@@ -199,10 +205,12 @@ class Program:
                 raise SceneError(f"vary: {', '.join(values)}: a value {what}. Use one sweep for each value")
             own = []
             for axis in plan.axes:
-                known = resolve(base[0], [axis.path], option="vary") if axis.parameters else ()
-                own.append(replace(axis, parameters=known))
+                if axis.parameters:  # numbers of another model
+                    axis = replace(axis, parameters=resolve(base[0], [axis.path], option="vary"))
+                own.append(axis)
             self._plans[shape] = replace(plan, scene=plan.scene.with_values(values), axes=tuple(own))
-            self._plans[shape].__dict__["base"] = base  # found already: an equilibrium
+            # fills the cached property: its start may be an equilibrium, which takes seconds
+            self._plans[shape].__dict__["base"] = base
         return shape, base
 
     def _program(self, shape: Shape, arguments: tuple[Any, ...]) -> jax.stages.Compiled:
@@ -218,14 +226,14 @@ class Program:
             else:
                 chunk = one_kernel(map_members(run, self.in_axes))
                 options = KERNEL_OPTIONS
-            specs = tuple(PartitionSpec() if axis is None else PartitionSpec("device") for axis in self.in_axes)
-            out = PartitionSpec("device")
-            mapped = jax.shard_map(chunk, mesh=self.mesh, in_specs=specs, out_specs=out, check_vma=False)
+            specs = self._specs
+            mapped = jax.shard_map(chunk, mesh=self.mesh, in_specs=specs, out_specs=BY_DEVICE, check_vma=False)
             self._programs[shape] = compile_lowered(jax.jit(mapped).lower(*arguments), options)
         return self._programs[shape]
 
 
 def _shape_of(model: Model) -> Shape:
+    """Structure and shapes of a model's arrays."""
     return jax.tree.structure(model), tuple(map(jnp.shape, jax.tree.leaves(model)))
 
 
@@ -244,8 +252,6 @@ def run_case(plan: Plan, stepper: Stepper, model: Model, start: State, values: A
     watch = None
     if run.save_every > 1 or plan.is_adaptive:
         watch = quantity_signals(named, start.r)
-    zero = jnp.zeros((), model.dtype)
-    tally = Tally(zero - jnp.inf, zero + jnp.inf, zero, jnp.ones_like(start.tension), zero, zero)
 
     def continue_to_save(progress: Progress | Adaptive) -> tuple[Progress | Adaptive, Trajectory]:
         if isinstance(progress, Progress):
@@ -257,7 +263,7 @@ def run_case(plan: Plan, stepper: Stepper, model: Model, start: State, values: A
     def save(carry: Carry, _: None) -> tuple[Carry, dict[str, Array]]:
         progress, tally = carry
         progress, row = continue_to_save(progress)
-        tally = _count(model, start, progress.state, tally, row)
+        tally = _add_row(model, start, progress.state, tally, row)
         s = progress.state
         extremes = {}
         if watch is not None and row.extremes is not None:
@@ -275,45 +281,55 @@ def run_case(plan: Plan, stepper: Stepper, model: Model, start: State, values: A
     first: Progress | Adaptive = begin(stepper, model, start)
     if plan.is_adaptive:
         first = adaptive_start(stepper, model, first)
-    (progress, tally), saved = jax.lax.scan(save, (first, tally), None, length=run.rows)
+    (progress, tally), saved = jax.lax.scan(save, (first, _empty_tally(start)), None, length=run.rows)
     if isinstance(progress, Adaptive):
         progress = progress.progress
+    for one in named:
+        saved[one.name] = statistic(one.statistic, saved[one.name], run.interval, over_steps=watch is not None)
+    for name, value in _known_quantities(model, progress.state, tally, run.rows).items():
+        if name in plan.quantities:
+            saved[name] = value
     failed = progress.first_bad >= 0
     why = jnp.where(jnp.isfinite(tally.residual), STATUS.index("not_converged"), STATUS.index("non_finite"))
-    s = progress.state
-    seen = observe(model, s.r, s.v, s.t, s.parted, s.own)
-    known = {
+    saved["status"] = jnp.where(failed, why, 0).astype(jnp.int8)
+    saved["failed_at"] = jnp.where(failed, (progress.first_bad + 1) * dt, jnp.nan)
+    return saved
+
+
+def _empty_tally(start: State) -> Tally:
+    """The tally of a case that has not started."""
+    zero = jnp.zeros((), start.r.dtype)
+    return Tally(zero - jnp.inf, zero + jnp.inf, zero, jnp.ones_like(start.tension), zero, zero)
+
+
+def _known_quantities(model: Model, s: State, tally: Tally, rows: int) -> dict[str, Array]:
+    """All of `QUANTITIES` of a case that ended in state s, by name; those that are not returned cost nothing."""
+    end = observe(model, s.r, s.v, s.t, s.parted, s.own)
+    return {
         "tension_max": tally.largest,
-        "tension_mean": tally.total / run.rows,
+        "tension_mean": tally.total / rows,
         "tension_min": tally.smallest,
         "angle_max": jnp.arccos(jnp.clip(tally.cosine, -1.0, 1.0)),
         "excursion": tally.excursion,
-        "energy_final": seen.kinetic + seen.potential,
-    }
-    for one in named:
-        saved[one.name] = statistic(one.statistic, saved[one.name], run.interval, over_steps=watch is not None)
-    return {
-        **{name: value for name, value in known.items() if name in plan.quantities},
-        **saved,
-        "status": jnp.where(failed, why, 0).astype(jnp.int8),
-        "failed_at": jnp.where(failed, (progress.first_bad + 1) * dt, jnp.nan),
+        "energy_final": end.kinetic + end.potential,
     }
 
 
-def _count(model: Model, start: State, s: State, tally: Tally, row: Trajectory) -> Tally:
+def _add_row(model: Model, start: State, s: State, tally: Tally, row: Trajectory) -> Tally:
+    """The tally with a saved row of the run, which ends in state s."""
     links = model.links(s.r, model.ends(s.t))
     length = model.line.length
     if model.line.axial.elastic:  # rigid links keep their lengths
         length = safe_norm(links)
     tension = row.tension[0]
-    least = tension
+    smallest = tension
     largest = tension
     if row.extremes is not None:
-        least, largest = (rows[0, : tension.size] for rows in row.extremes[:2])
+        smallest, largest = (rows[0, : tension.size] for rows in row.extremes[:2])
     # a NaN is permanent: `maximum` propagates it
     return Tally(
         jnp.maximum(tally.largest, jnp.max(largest)),
-        jnp.minimum(tally.smallest, jnp.min(least)),
+        jnp.minimum(tally.smallest, jnp.min(smallest)),
         tally.total + jnp.mean(tension),
         jnp.minimum(tally.cosine, -links[:, 2] / length),
         jnp.maximum(tally.excursion, jnp.max(safe_norm(s.r - start.r))),

@@ -42,7 +42,8 @@ class SweepResult:
         cases, resumed: number of cases of the sweep, and how many of them were resumed.
         counts: cases by status.
         steps: time steps of one case.
-        compile_s, run_s: wall time of the first chunks' compilation, and of everything after it [s].
+        compile_s, run_s: wall time of the first chunks' compilation, and of everything after it [s]. With a
+            scheduler the first chunk is run and compiled in the former.
         steps_per_s: steps of all cases that this call ran over `run_s`, saving included.
         plan: the sweep.
         verdict: on the step, from the runs of extreme cases (see `run.members`); stored as attribute `step_check`.
@@ -123,7 +124,7 @@ def _fill(store: SweepStore, scheduler: Scheduler | None, say: Progress) -> Swee
     run_s = 0.0
     ran = 0
 
-    def words(ran: int, seconds: float) -> str:
+    def rate_and_rest(ran: int, seconds: float) -> str:
         rate = ran / max(seconds, 1e-9)
         left = (missing - ran) / max(rate, 1e-9)
         return f"{rate * plan.scene.run.steps:.0f} steps/s, {left:.0f} s left"
@@ -134,7 +135,7 @@ def _fill(store: SweepStore, scheduler: Scheduler | None, say: Progress) -> Swee
         else:
             source = _remote(plan, todo, scheduler)
         compile_s = time.perf_counter() - started
-        ran = store.fill(source, before, plan.cases, say, words, lambda c: len(plan.cases_of(c)))
+        ran = store.fill(source, before, plan.cases, say, rate_and_rest, lambda c: len(plan.cases_of(c)))
         run_s = time.perf_counter() - started - compile_s
     rate = 0.0
     if run_s > 0:

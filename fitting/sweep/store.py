@@ -37,8 +37,12 @@ def input_names(paths: list[str]) -> list[str]:
     """Names of the inputs in the store: the last part of a path if it is unique, otherwise the whole path."""
     short = [path.rsplit(".", 1)[-1] for path in paths]
     taken = {*QUANTITIES, *TRACES, *MARKS, "case", *chain.from_iterable(DIMENSIONS.values())}
-    unclear = [name.isdecimal() or name in taken or short.count(name) > 1 for name in short]
-    return [path if doubt else name for path, name, doubt in zip(paths, short, unclear, strict=True)]
+    names = []
+    for path, name in zip(paths, short, strict=True):
+        if name.isdecimal() or name in taken or short.count(name) > 1:
+            name = path
+        names.append(name)
+    return names
 
 
 class SweepStopped(StoreStopped):
@@ -93,8 +97,7 @@ class SweepStore(Store[int, dict[str, np.ndarray]]):
         self.lock.release()
 
     def _open(self, here: dict[str, str], mixed: bool) -> None:
-        """Open the group, if it is whole, belongs to the same inputs and was made with the same versions; others are
-        recorded if mixing is allowed."""
+        """Open the group, if it is whole, belongs to the same inputs and was made with the same versions."""
         try:
             self.group = group = extra("zarr", "sweep").open_group(self.path, mode="r+")
             there = dict(json.loads(group.attrs[IDENTITY]))
@@ -106,8 +109,21 @@ class SweepStore(Store[int, dict[str, np.ndarray]]):
             if len(found) > MOST_DIFFERENCES:
                 more = f" and {len(found) - MOST_DIFFERENCES} more"
             raise SceneError(f"{self.path}: belongs to other inputs: {'; '.join(found[:MOST_DIFFERENCES])}{more}")
-        there = group.attrs.get("versions", {})
-        there = there if isinstance(there, dict) else {}
+        self._check_versions(here, mixed)
+        plan = self.plan
+        try:
+            whole = all(tuple(group[name].shape) == (plan.cases, *plan.inner_shape(name)) for name in plan.stored)
+        except Exception:  # any error of Zarr on damaged metadata
+            whole = False
+        if not whole:
+            raise SceneError(f"{self.path}: is damaged: its arrays are not those of the sweep. Use a new folder")
+
+    def _check_versions(self, here: dict[str, str], mixed: bool) -> None:
+        """Reject a group made with other versions; where mixing is allowed, record those of this process."""
+        attributes = self.group.attrs
+        there = attributes.get("versions")
+        if not isinstance(there, dict):
+            there = {}
         other = []
         for name in PACKAGES:
             if there.get(name) != here[name]:
@@ -118,18 +134,13 @@ class SweepStore(Store[int, dict[str, np.ndarray]]):
                 "folder, or --mix-versions"
             )
         if other:
-            earlier = group.attrs.get("versions_mixed", [])
-            group.attrs["versions_mixed"] = [*(earlier if isinstance(earlier, list) else []), here]
-        plan = self.plan
-        shapes = {name: (plan.cases, *plan.inner_shape(name)) for name in plan.stored}
-        try:
-            whole = all(tuple(group[name].shape) == shape for name, shape in shapes.items())
-        except Exception:  # any error of Zarr on damaged metadata
-            whole = False
-        if not whole:
-            raise SceneError(f"{self.path}: is damaged: its arrays are not those of the sweep. Use a new folder")
+            earlier = attributes.get("versions_mixed")
+            if not isinstance(earlier, list):
+                earlier = []
+            attributes["versions_mixed"] = [*earlier, here]
 
     def _create(self, group: zarr.Group, versions: dict[str, str]) -> None:
+        """Create the arrays in a new group: inputs with their values, quantities and marks without."""
         plan = self.plan
         cases = plan.inputs(np.arange(plan.cases))
         names = input_names([axis.path for axis in plan.axes])
@@ -140,7 +151,7 @@ class SweepStore(Store[int, dict[str, np.ndarray]]):
         number = {"dtype": plan.scene.run.dtype, "fill_value": np.nan}
         # stored raw, one byte per case: a status file is either whole or not readable
         raw = {"dtype": "int8", "fill_value": PENDING, "compressors": None}
-        numbers: dict[str, dict[str, Any]] = {"failed_at": number | {"dtype": "float64"}, "status": raw}
+        formats: dict[str, dict[str, Any]] = {"failed_at": number | {"dtype": "float64"}, "status": raw}
         for name, (unit, meaning) in plan.stored.items():
             inner = plan.inner_shape(name)
             array = group.create_array(
@@ -148,7 +159,7 @@ class SweepStore(Store[int, dict[str, np.ndarray]]):
                 shape=(plan.cases, *inner),
                 chunks=(plan.chunk, *inner),
                 dimension_names=("case", *DIMENSIONS.get(name, ())),
-                **numbers.get(name, number),
+                **formats.get(name, number),
             )
             # xarray reads the inputs as coordinates
             array.attrs.update({"units": unit, "long_name": meaning, "coordinates": " ".join(names)})
@@ -176,6 +187,7 @@ class SweepStore(Store[int, dict[str, np.ndarray]]):
             self.group[name][self._cases(key)] = found[name]
 
     def _cases(self, key: int) -> slice:
+        """The cases of a chunk."""
         cases = self.plan.cases_of(key)
         return slice(int(cases[0]), int(cases[-1]) + 1)
 

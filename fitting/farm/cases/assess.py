@@ -15,6 +15,9 @@ from fitting.farm.cases.flags import FINAL_SEEDS, characteristic, exceeds_uplift
 from fitting.farm.cases.one import Found
 from fitting.farm.site import Anchor, Part, Site, Storm
 
+#: Below 1 % of its mean a load has no defined direction.
+NO_DIRECTION = 0.01
+
 
 def assess(site: Site, folder: str | Path, step: Table | None = None) -> Table:
     """All content of the report, as plain values.
@@ -27,7 +30,8 @@ def assess(site: Site, folder: str | Path, step: Table | None = None) -> Table:
     """
     runs = CaseStore(folder, site)
     rows: dict[str, list[Table]] = {part.name: [] for part in site.parts}
-    held: dict[str, list[Table]] = {name: [] for name in runs.held}
+    fixed = site.scene.fixed_points
+    by_point: dict[str, list[Table]] = {name: [] for name in fixed}
     anchors = {name: anchor for anchor in site.anchors for name in anchor.points}
     cases = []
     failed = []
@@ -40,10 +44,12 @@ def assess(site: Site, folder: str | Path, step: Table | None = None) -> Table:
         cases[-1] |= _position_results(site, storm, runs, good)
         for part in site.parts:
             rows[part.name].append(_part_row(site, part, storm, runs, good))
-        for number, name in enumerate(runs.held):
+        for number, name in enumerate(fixed):
             loads = [run["held_loads"][:, number].astype(float) for run in good]
-            held[name].append(_anchor_row(site, anchors.get(name), storm, loads))
+            by_point[name].append(_anchor_row(site, anchors.get(name), storm, loads))
+    status = "failed" if failed else "ok"
     found = {
+        "status": status,
         "schema": 1,
         "site": site.name,
         "scene": site.scene.name,
@@ -58,17 +64,19 @@ def assess(site: Site, folder: str | Path, step: Table | None = None) -> Table:
         "standard": site.lists.standard,
         "cases": cases,
         "parts": [_part(part, rows[part.name], site, (step or {}).get(part.name)) for part in site.parts],
-        "anchors": [_anchor(name, anchors.get(name), held[name]) for name in runs.held],
+        "anchors": [_anchor(name, anchors.get(name), by_point[name]) for name in fixed],
         "exclusion": _exclusion(site, cases),
         "backbone": _backbone(site, cases),
         "failed": failed,
     }
     found["flags"] = flags_of(found, site)
     found["passes"] = _passes(found)
-    return {"status": "failed" if failed else "ok", **found}
+    return found
 
 
 def _labels(site: Site, storm: Storm) -> Table:
+    """What distinguishes a load case from others."""
+    break_s = None if storm.broken is None else site.break_time
     return {
         "case": storm.number,
         "name": storm.name,
@@ -80,7 +88,7 @@ def _labels(site: Site, storm: Storm) -> Table:
         "crop": storm.crop,
         "return_periods": storm.periods,
         "state": storm.state,
-        "break_s": None if storm.broken is None else site.break_time,
+        "break_s": break_s,
     }
 
 
@@ -88,17 +96,19 @@ def _position_results(site: Site, storm: Storm, runs: CaseStore, good: Sequence[
     """Maximum excursion [m] over the lines of the exclusion zone, depths of the backbone at rest [m], breaks."""
     found: Table = {"broken": sum(len(run["broken"]) for run in good)}
     own = site.run_of(storm)
-    for name in site.quantities:  # a characteristic maximum, or the mean of another statistic
-        kind = own if name.endswith(".max") else replace(own, characteristic="mean")
+    for name in site.quantities:
+        kind = own
+        if not name.endswith(".max"):  # other statistics have no maximum of a storm
+            kind = replace(own, characteristic="mean")
         values = np.array([run[f"quantity:{name}"] for run in good])
         found.setdefault("quantities", {})[name] = asdict(characteristic(values, kind))
-    lines = list(runs.links)
     if site.exclusion is not None:
-        rows = [lines.index(name) for name in site.matching(site.exclusion.lines)]
-        way = np.array([run["excursion"][rows].max() for run in good])
-        found["excursion_m"] = asdict(characteristic(way, own))
+        rows = [site.lines.index(name) for name in site.matching(site.exclusion.lines)]
+        excursion = np.array([run["excursion"][rows].max() for run in good])
+        found["excursion_m"] = asdict(characteristic(excursion, own))
     if site.backbone is not None:
-        depth = good[0]["depth"][[lines.index(name) for name in site.matching(site.backbone.lines)]]
+        rows = [site.lines.index(name) for name in site.matching(site.backbone.lines)]
+        depth = good[0]["depth"][rows]
         found["depth_m"] = [float(depth[:, 0].min()), float(depth[:, 1].max())]
     return found
 
@@ -150,10 +160,6 @@ def _damage(part: Part, good: Sequence[Found], counted: float) -> float | None:
     return float(found.mean(axis=1).max()) * 3600.0 / counted
 
 
-#: Below 1 % of its mean a load has no defined direction.
-NO_DIRECTION = 0.01
-
-
 def _anchor_row(site: Site, anchor: Anchor | None, storm: Storm, loads: Sequence[np.ndarray]) -> Table:
     """A fixed point in one case: loads, uplift and utilisation, each the characteristic value of the seeds' maxima.
 
@@ -182,26 +188,35 @@ def _uplift(load: np.ndarray) -> float:
     """Maximum angle [deg] above the horizontal of loads (k, 2), among those that have a direction."""
     size = np.hypot(*load.T)
     loaded = load[size >= max(NO_DIRECTION * size.mean(), 1e-12)]
-    return float(np.degrees(np.arctan2(loaded[:, 1], loaded[:, 0]).max())) if len(loaded) else 0.0
+    if not len(loaded):
+        return 0.0
+    return float(np.degrees(np.arctan2(loaded[:, 1], loaded[:, 0]).max()))
 
 
 def _anchor(name: str, anchor: Anchor | None, rows: list[Table]) -> Table:
     """A fixed point over all cases: its rows, the worst of them, and the uplift with its limit [deg]."""
 
     def load(row: Table) -> float:
-        return row["total_n"]["value"] if anchor is None else row["utilisation"]
+        if anchor is None:
+            return row["total_n"]["value"]
+        return row["utilisation"]
 
-    return {
+    found = {
         "point": name,
-        "anchor": None if anchor is None else anchor.name,
+        "anchor": None,
         "cases": rows,
         "worst": max(rows, key=load, default=None),
         "uplift_deg": max((row["uplift_deg"] for row in rows), default=None),
-        "allowed_uplift_deg": None if anchor is None else anchor.table.uplift,
+        "allowed_uplift_deg": None,
     }
+    if anchor is not None:
+        found["anchor"] = anchor.name
+        found["allowed_uplift_deg"] = anchor.table.uplift
+    return found
 
 
 def _part(part: Part, rows: list[Table], site: Site, step: Table | None) -> Table:
+    """A part over all cases: its factors, its rows, the worst of them, step error and fatigue."""
     return {
         "part": part.name,
         "lines": len(part.lines),
@@ -229,18 +244,16 @@ def _fatigue(part: Part, rows: list[Table], site: Site) -> Table:
     }
     hours = {state.name: state.hours for state in site.sea_states if state.hours is not None}
     if not hours:
-        return {**found, "why": "no sea state has `hours`"}
+        return found | {"why": "no sea state has `hours`"}
     yearly = 0.0
     for name, yearly_hours in hours.items():
         own = [row["damage_per_hour"] for row in intact if storms[row["case"]].sea_state.name == name]
         if own:
             yearly += yearly_hours * float(np.mean(own))
-    return {
-        **found,
-        "damage_per_year": yearly,
-        "life_years": 1.0 / yearly if yearly > 0.0 else None,
-        "share_of_year": sum(hours.values()) * 3600.0 / YEAR,
-    }
+    found["damage_per_year"] = yearly
+    if yearly > 0.0:
+        found["life_years"] = 1.0 / yearly
+    return found | {"share_of_year": sum(hours.values()) * 3600.0 / YEAR}
 
 
 def _exclusion(site: Site, cases: list[Table]) -> Table | None:

@@ -34,7 +34,7 @@ class CaseStore(Store[Case, Found]):
     """The folder of a site's runs with one step: a file for each, whose name is the mark and the key of its inputs.
 
     Attributes:
-        links: of each line; held: names of the fixed points, in the order of stored loads.
+        links: of each line.
 
     Raises:
         SceneError: the folder cannot be made, or is a file.
@@ -46,7 +46,6 @@ class CaseStore(Store[Case, Found]):
         self.path = Path(folder) / RUNS
         self.site = site
         self.links = {line.name: line.links for line in whole_lines(site.scene)}
-        self.held = [point.name for point in site.scene.points if not point.is_free]
         try:
             self.path.mkdir(parents=True, exist_ok=True)
         except OSError as error:
@@ -58,15 +57,17 @@ class CaseStore(Store[Case, Found]):
             "run": [run.duration, site.steps.get("dt", site.steps), run.skip, run.ramp],
             "exclusion": site.exclusion is not None,
             "curved": site.curve_lines,
-            **({"quantities": site.quantities} if site.quantities else {}),
         }
+        if site.quantities:
+            shared["quantities"] = site.quantities
         self._shared = hashlib.sha256(json.dumps(shared, sort_keys=True).encode()).hexdigest()
 
     def file(self, case: Case) -> Path:
         """The file of a run."""
         storm = case.storm
-        state = storm.broken
-        broken = None if state is None else [state.line, state.link, self.site.break_time]
+        broken = None
+        if storm.broken is not None:
+            broken = [storm.broken.line, storm.broken.link, self.site.break_time]
         own = {
             "changes": self.site.still_changes(storm),
             "waves": storm.sea_state.waves(storm.direction, case.seed),
@@ -91,15 +92,17 @@ class CaseStore(Store[Case, Found]):
         """Successful runs of a load case, and a row for every other run."""
         good = []
         bad = []
-        for seed in self.site.seeds if seeds is None else seeds:
+        if seeds is None:
+            seeds = self.site.seeds
+        for seed in seeds:
             found = self.read(Case(storm, seed)) or {}
-            code = STATUS[int(found["status"])] if found else "missing"
-            if code == "ok":
+            status = STATUS[int(found["status"])] if found else "missing"
+            if status == "ok":
                 good.append(found)
                 continue
             at = float(found["failed_at"]) if "failed_at" in found else None
             why = str(found.get("message", ""))
-            bad.append({"case": storm.number, "seed": seed, "status": code, "time_s": at, "why": why})
+            bad.append({"case": storm.number, "seed": seed, "status": status, "time_s": at, "why": why})
         return good, bad
 
     def maxima(self, runs: Sequence[Found], line: str) -> np.ndarray:

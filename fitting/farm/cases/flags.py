@@ -34,7 +34,9 @@ class Characteristic:
 
     def error_of(self, scale: float) -> float | None:
         """The standard error of the load times a scale."""
-        return None if self.error is None else scale * self.error
+        if self.error is None:
+            return None
+        return scale * self.error
 
 
 def characteristic(maxima: np.ndarray, run: RunValues) -> Characteristic:
@@ -64,12 +66,14 @@ def flags_of(found: Table, site: Site) -> list[str]:
     notes = []
     if found["failed"]:
         first = found["failed"][0]
-        at = "" if first["time_s"] is None else f" at {first['time_s']:.4g} s"
-        why = f": {first['why']}" if first["why"] else ""
+        what = first["status"]
+        if first["time_s"] is not None:
+            what += f" at {first['time_s']:.4g} s"
+        if first["why"]:
+            what += f": {first['why']}"
         notes.append(
             f"{len(found['failed'])} of {len(site.cases)} runs are missing or failed, the first in case "
-            f"{first['case']}, seed {first['seed']} ({first['status']}{at}{why}): their cases are not assessed with "
-            "all seeds"
+            f"{first['case']}, seed {first['seed']} ({what}): their cases are not assessed with all seeds"
         )
     if found["seeds"] < FINAL_SEEDS:
         notes.append(f"not a final check: {found['seeds']} of at least {FINAL_SEEDS} seeds")
@@ -107,6 +111,7 @@ def exceeds_uplift(anchor: Table) -> bool:
 
 
 def _part(part: Table) -> list[str]:
+    """Lines about a part: its limit and its step error."""
     name = f"part {part['part']}"
     step = part["step"]
     if part["worst"] is None:
@@ -122,6 +127,7 @@ def _part(part: Table) -> list[str]:
 
 
 def _limit(name: str, row: Table) -> list[str]:
+    """A line if a utilisation is above 1, or may be within its error."""
     used = row["utilisation"]
     error = row["utilisation_error"]
     if used > 1.0:

@@ -29,6 +29,8 @@ from fitting.farm.site import Case, Site, Storm
 
 #: Stored arrays of a run by name.
 Found = dict[str, np.ndarray]
+#: How a run ended, stored as the index.
+STATUS = ("ok", "not_converged", "non_finite", "invalid_input")
 
 
 class Tally:
@@ -45,20 +47,18 @@ class Tally:
         self.skip = skip
         self.positions = positions
         self.lines = whole_lines(scene)
-        self.held = [point.name for point in scene.points if not point.is_free]
+        self.fixed = scene.fixed_points
         self.links = EndLinks(scene)
-        self.ends = [(self.held.index(point), end) for point, end in line_ends(scene) if point in self.held]
+        self.ends = [(self.fixed.index(point), end) for point, end in line_ends(scene) if point in self.fixed]
         links = sum(line.links for line in scene.lines)
         self.largest = np.full(links, -np.inf)
         self.when = np.full(links, np.nan)
         self.total = np.zeros(links)
         self.samples = 0
         self.excursion = np.zeros(len(self.lines))
-        self.loads = [np.zeros((0, len(self.held), 2), np.float32)]
+        self.loads = [np.zeros((0, len(self.fixed), 2), np.float32)]
         self.curved = {line.name: line.links for line in self.lines if line.name in curved}
-        self.series = {
-            name: [np.zeros((0, links.stop - links.start), np.float32)] for name, links in self.curved.items()
-        }
+        self.series = {name: [np.zeros((0, links), np.float32)[:, own]] for name, own in self.curved.items()}
 
     def add(self, t: np.ndarray, positions: np.ndarray, tension: np.ndarray, largest: np.ndarray) -> None:
         """Samples at times t (k,) [s]: nodes (k, nodes, 3) [m], tension and its maximum since the last (k, n) [N]."""
@@ -72,10 +72,10 @@ class Tally:
         self.largest = np.fmax(value, self.largest)
         self.total += tension.sum(axis=0)
         self.samples += len(t)
-        way = np.linalg.norm(positions[..., :2] - self.positions[:, :2], axis=-1).max(axis=0)
-        self.excursion = np.maximum(self.excursion, [way[line.nodes].max() for line in self.lines])
+        moved = np.linalg.norm(positions[..., :2] - self.positions[:, :2], axis=-1).max(axis=0)
+        self.excursion = np.maximum(self.excursion, [moved[line.nodes].max() for line in self.lines])
         # horizontal and upward force of lines on fixed points
-        total = np.zeros((len(t), len(self.held), 3))
+        total = np.zeros((len(t), len(self.fixed), 3))
         for number, end in self.ends:
             total[:, number] += self.links.force(end, positions[:, end.nodes], largest, t)
         loads = np.stack([np.hypot(total[..., 0], total[..., 1]), total[..., 2]], axis=-1)
@@ -112,9 +112,6 @@ def _cycles(name: str, tension: np.ndarray) -> Found:
     return found
 
 
-STATUS = ("ok", "not_converged", "non_finite", "invalid_input")
-
-
 class Runner:
     """Runs of one site; shared results of cases are computed once.
 
@@ -145,15 +142,16 @@ class Runner:
         return self._scenes[key].with_values(self.site.moving_changes(case))
 
     def _run(self, case: Case) -> Found:
+        """The run of a case, chunk by chunk up to its end or its first step that fails."""
         scene = self.scene(case)
         model = build_model(scene)
         stepper = stepper_of(model, scene.run, track_work=False)
         start, positions, rest = self._start(scene, model, case.storm)
         skip = self.site.run_of(case.storm).skip
         tally = Tally(scene, skip, positions, self.site.curve_lines)
-        signals: dict[Quantity, list[np.ndarray]] = {
-            quantity(name, model, "quantities"): [] for name in self.site.quantities
-        }
+        signals: dict[Quantity, list[np.ndarray]] = {}
+        for name in self.site.quantities:
+            signals[quantity(name, model, "quantities")] = []
         watch = None if scene.run.accuracy is None else quantity_signals(list(signals), start.r)
         run = compile_run(stepper, model, first_carry(stepper, model, start, scene.run), scene.run, watch=watch)
         carry = run.carry
@@ -173,8 +171,11 @@ class Runner:
             samples = (t, _nodes(model, rows.r, t), rows.tension, largest)
             tally.add(*(np.asarray(values)[:good] for values in samples))
             for one, parts in signals.items():
-                now = (rows.r, rows.v, rows.tension, jnp.asarray(t, model.dtype), rows.parted)
-                values = extremes[one] if one in extremes else one.in_time(model, start.r, *now)
+                if one in extremes:
+                    values = extremes[one]
+                else:
+                    now = (rows.r, rows.v, rows.tension, jnp.asarray(t, model.dtype), rows.parted)
+                    values = one.in_time(model, start.r, *now)
                 parts.append(np.asarray(values)[:good][t[:good] > skip])
             done += len(t)
             retried += int(np.sum(rows.retried[:good]))
@@ -185,11 +186,12 @@ class Runner:
         broken = [row["time_s"] for row in breaks(scene, carry.state.parted)]
         below = case.storm.level - np.asarray(model.nodes(start.r, model.ends(start.t)))[:, 2]
         depth = np.array([(below[line.nodes].min(), below[line.nodes].max()) for line in tally.lines])
-        more = {"rest": rest, "depth": depth, "broken": np.array(broken), "retried": np.array(retried)}
+        found = tally.collect() | info
+        found |= {"rest": rest, "depth": depth, "broken": np.array(broken), "retried": np.array(retried)}
         for one, parts in signals.items():
-            found = statistic(one.statistic, jnp.concatenate(parts), scene.run.interval, over_steps=watch is not None)
-            more[f"quantity:{one.name}"] = np.asarray(found)
-        return {**tally.collect(), **info, **more}
+            value = statistic(one.statistic, jnp.concatenate(parts), scene.run.interval, over_steps=watch is not None)
+            found[f"quantity:{one.name}"] = np.asarray(value)
+        return found
 
     def _start(self, scene: Scene, model: Model, storm: Storm) -> tuple[State, np.ndarray, np.ndarray]:
         """The state at the start, positions of all nodes in still water, and tensions at rest (n,) [N]."""

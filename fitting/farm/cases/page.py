@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dropper_jax.base.markdown import bullets, cell, table
+from dropper_jax.base.markdown import bullets, cell, cells, table
 from dropper_jax.base.read import Table
 from dropper_jax.plots import style
 from fitting.farm.site.report_files import write_report
@@ -44,6 +44,8 @@ Labels = dict[int, str]
 #: Bars of parts within and beyond their limits, and dots of cases with intact and with broken lines.
 HOLDS = "#C9DAEA"
 WEAK = "#F0C9B0"
+#: Maximum number of load cases in the page's table; the CSV has all.
+MOST_CASES = 12
 
 
 def write_page(found: Table, folder: str | Path) -> dict[str, Path]:
@@ -58,7 +60,10 @@ def page(found: Table) -> str:
     verdict = "Not all limits hold, or not all runs are there: see below."
     if found["passes"]:
         verdict = "All limits hold."
-    steps = f"accuracy {found['accuracy']:g}" if found["dt_s"] is None else f"steps of {found['dt_s']:g} s"
+    if found["dt_s"] is None:
+        steps = f"accuracy {found['accuracy']:g}"
+    else:
+        steps = f"steps of {found['dt_s']:g} s"
     parts = [
         f"# Load cases: {found['site']}",
         f"{verdict} Load cases: {len(labels)}, seeds of each: {found['seeds']}, {found['duration_s']:g} s of which the "
@@ -120,7 +125,7 @@ def _factor_cells(part: Table) -> list[str]:
     calculation = "-"
     if row is not None:
         calculation = f"{row['factor']:g} x {row['load_n']:.0f} / {row['capacity_n']:.0f} = {row['utilisation']:.3f}"
-    return [part["part"], calculation, *("-" if x is None else str(x) for x in part["factors"].values())]
+    return [part["part"], calculation, *cells(part["factors"].values(), "")]
 
 
 def _quantities(found: Table, labels: Labels) -> str:
@@ -131,10 +136,13 @@ def _quantities(found: Table, labels: Labels) -> str:
         worst = max(cases, key=lambda case: abs(case["quantities"][name]["value"]))
         value = worst["quantities"][name]
         rows.append([name, f"{value['value']:.4g}", cell(value["error"], ".2g"), labels[worst["case"]]])
-    return "## Quantities\n\n" + table(["quantity", "value [SI]", "+- seeds", "case"], rows) if rows else ""
+    if not rows:
+        return ""
+    return "## Quantities\n\n" + table(["quantity", "value [SI]", "+- seeds", "case"], rows)
 
 
 def _part_cells(part: Table, labels: Labels) -> list[str]:
+    """A part in its worst case."""
     row = part["worst"]
     if row is None:
         return [part["part"], str(part["lines"]), *["-"] * 7]
@@ -153,10 +161,13 @@ def _part_cells(part: Table, labels: Labels) -> list[str]:
 
 def _label(case: Table) -> str:
     """The label of a case; its end names the line that breaks and the time of the break."""
-    return case["name"] if case["break_s"] is None else f"{case['name']} at {case['break_s']:g} s"
+    if case["break_s"] is None:
+        return case["name"]
+    return f"{case['name']} at {case['break_s']:g} s"
 
 
 def _step_error(step: Table | None) -> str:
+    """The error of a part's load by the step [N], and relative."""
     if step is None or "skipped" in step:
         return "not known"
     return f"{step['error_n']:.0f} ({step['relative']:.0%})"
@@ -164,27 +175,35 @@ def _step_error(step: Table | None) -> str:
 
 def _utilisation(row: Table) -> str:
     """Utilisation and its error; of a fixed point without an anchor it is not known."""
-    used = "not given" if row["utilisation"] is None else f"{row['utilisation']:.2f}"
-    return used if row["utilisation_error"] is None else f"{used} +- {row['utilisation_error']:.2f}"
+    if row["utilisation"] is None:
+        return "not given"
+    used = f"{row['utilisation']:.2f}"
+    if row["utilisation_error"] is not None:
+        used += f" +- {row['utilisation_error']:.2f}"
+    return used
 
 
 def _anchor_cells(anchor: Table, labels: Labels) -> list[str]:
+    """A fixed point in its worst case."""
     row = anchor["worst"]
     if row is None:
         return [anchor["point"], *["-"] * 6]
-    allowed = anchor["allowed_uplift_deg"]
+    uplift = f"{anchor['uplift_deg']:.1f}"
+    if anchor["allowed_uplift_deg"] is not None:
+        uplift += f" of {anchor['allowed_uplift_deg']:g}"
     return [
         anchor["point"],
         anchor["anchor"] or "not given",
         f"{row['total_n']['value']:.0f}",
         f"{row['upward_n']['value']:.0f}",
-        f"{anchor['uplift_deg']:.1f}" + ("" if allowed is None else f" of {allowed:g}"),
+        uplift,
         _utilisation(row),
         labels[row["case"]],
     ]
 
 
 def _position_lines(found: Table, labels: Labels) -> list[str]:
+    """Lines on the exclusion zone and on the depth of the backbone."""
     zone = found["exclusion"]
     backbone = found["backbone"]
     if zone is None:
@@ -192,7 +211,7 @@ def _position_lines(found: Table, labels: Labels) -> list[str]:
     else:
         lines = [f"Largest excursion {zone['value']:.2f} m of {zone['allowed_m']:g} m, in {labels[zone['case']]}."]
     if backbone is not None:
-        low, high = ("any" if limit is None else f"{limit:g}" for limit in backbone["allowed_m"])
+        low, high = ["any" if limit is None else f"{limit:g}" for limit in backbone["allowed_m"]]
         lines.append(
             f"Depth of the backbone at rest: {backbone['shallowest_m']:.2f} to {backbone['deepest_m']:.2f} m below "
             f"the water's level; allowed: {low} to {high} m."
@@ -201,6 +220,7 @@ def _position_lines(found: Table, labels: Labels) -> list[str]:
 
 
 def _fatigue_cells(part: Table) -> list[str]:
+    """The fatigue curve of a part, its damage and life, or why they are not known."""
     own = part["fatigue"]
     if "skipped" in own:
         return [part["part"], own["skipped"], "-", "-", "-"]
@@ -209,23 +229,23 @@ def _fatigue_cells(part: Table) -> list[str]:
         part["part"],
         f"K = {curve['k']:g}, m = {curve['m']:g} ({curve['source']})",
         cell(own["largest_damage_per_hour"], ".2g"),
-        own["why"] if "why" in own else f"{own['damage_per_year']:.2g}",
+        own.get("why") or f"{own['damage_per_year']:.2g}",
         cell(own["life_years"], ".3g"),
     ]
 
 
 def _worst_cases(found: Table, labels: Labels) -> str:
     """The cases with the highest utilisation."""
-    # number of load cases in the page's table; the CSV has all
-    most_cases = 12
     by_case: dict[int, tuple[float, str]] = {}
     for part in found["parts"]:
         for row in part["cases"]:
             by_case[row["case"]] = max(by_case.get(row["case"], (0.0, "-")), (row["utilisation"], part["part"]))
     ordered = sorted(by_case.items(), key=lambda item: -item[1][0])
-    rows = [[str(n), labels[n], part, f"{used:.2f}"] for n, (used, part) in ordered[:most_cases]]
-    more = f"\n\n{len(ordered) - most_cases} more in cases.csv." if len(ordered) > most_cases else ""
-    return table(["case", "", "part used most", "utilisation"], rows) + more
+    rows = [[str(n), labels[n], part, f"{used:.2f}"] for n, (used, part) in ordered[:MOST_CASES]]
+    text = table(["case", "", "part used most", "utilisation"], rows)
+    if len(ordered) > MOST_CASES:
+        text += f"\n\n{len(ordered) - MOST_CASES} more in cases.csv."
+    return text
 
 
 def _rows(found: Table) -> Iterator[Table]:
@@ -256,14 +276,15 @@ def draw_utilisation(found: Table, path: Path) -> Path:
     intact = [case["case"] for case in found["cases"] if case["state"] == "intact"]
     for y, bar in enumerate(bars.values()):
         worst = bar["worst"]["utilisation"]
-        axes.barh(y, worst, height=0.55, color=HOLDS if worst <= 1.0 else WEAK, zorder=1)
+        colour = HOLDS if worst <= 1.0 else WEAK
+        axes.barh(y, worst, height=0.55, color=colour, zorder=1)
         step_error = (bar.get("step") or {}).get("relative", 0.0) * worst
         error = np.hypot(bar["worst"]["utilisation_error"] or 0.0, step_error)
         axes.errorbar(worst, y, xerr=error, color=style.DARK, capsize=3, lw=1, zorder=4)
         for i, (label, is_intact) in enumerate((("intact", True), ("a line breaks", False))):
             used = [row["utilisation"] for row in bar["cases"] if (row["case"] in intact) == is_intact]
             if used:
-                name = label if y == 0 else None
+                name = label if y == 0 else None  # once in the legend
                 axes.plot(used, np.full(len(used), y), "o", ms=3.5, color=style.CYCLE[i], zorder=3, label=name)
     axes.axvline(1.0, color=style.ALERT, lw=1, ls="--")
     axes.set_yticks(range(len(bars)), list(bars))

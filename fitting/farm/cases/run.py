@@ -51,10 +51,11 @@ def run_cases(
     Raises:
         CasesStopped: writing failed or a worker died; finished runs are kept.
     """
-    cases = list(site.cases if cases is None else cases)
+    if cases is None:
+        cases = site.cases
     store = CaseStore(folder, site)
     todo = [case for case in cases if not store.has(case)]
-    kept = len(cases) - len(todo)
+    resumed = len(cases) - len(todo)
     started = time.perf_counter()
     identity = json.dumps(site.portable())
     jobs = [(identity, case.storm.number, case.seed) for case in todo]
@@ -65,15 +66,16 @@ def run_cases(
     else:
         source = _here(site, todo)
 
-    def words(ran: int, seconds: float) -> str:
-        return f"{kept + ran} of {len(cases)} runs, {seconds / ran * (len(todo) - ran):.0f} s left"
+    def count_and_rest(ran: int, seconds: float) -> str:
+        return f"{resumed + ran} of {len(cases)} runs, {seconds / ran * (len(todo) - ran):.0f} s left"
 
     results = ((todo[i], found) for i, found in source)
-    store.fill(results, kept, len(cases), progress or silent, words)
-    return Done(len(cases), kept, time.perf_counter() - started)
+    store.fill(results, resumed, len(cases), progress or silent, count_and_rest)
+    return Done(len(cases), resumed, time.perf_counter() - started)
 
 
 def _here(site: Site, todo: list[Case]) -> Iterator[tuple[int, Found]]:
+    """Results one after another, in this process."""
     if todo:
         yield from enumerate(map(Runner(site), todo))
 

@@ -48,6 +48,7 @@ def step_errors(
 
 
 def _error(sites: list[Site], folder: str | Path, row: Table, seeds: Sequence[int]) -> Table:
+    """Error of the load of a part in its worst case `row`, from the runs of sites with ever finer steps."""
     means = {}
     for site in sites:
         runs = CaseStore(folder, site)

@@ -2,9 +2,9 @@
 
     s_1 = run(intact, s_0),    s_2 = run(parted, s_1)
 
-Derivatives are those of both runs, so the impact of the break is in them. The peak load of a whole run
-may occur long after the break, when the farm has drifted to another position. The window then starts from the
-equilibrium without that link (`settled`), which is solved again and follows the variables by its own stiffness.
+Derivatives are those of both runs, so the impact of the break is in them. The peak load of a whole run may occur long
+after the break, when the farm has drifted to another position. The window then starts from the equilibrium without that
+link (`Window.starts_broken`), which is solved again and follows the variables by its own stiffness.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """A design problem: objective and constraints of a design, with their derivatives, over all cases and seeds.
 
 A constraint on a storm applies to the characteristic load: the mean over the seeds of the peaks, or the most probable
-maximum (`over_seeds`). Each peak is a window's soft peak times its ratio to the whole run's hard peak, which is frozen
-until windows are chosen again. Cases with a broken line have loads of parts and anchors as constraints.
+maximum (`maxima_weights`). Each peak is a window's soft peak times the ratio of the whole run's hard peak to it, which
+is frozen until windows are chosen again. Cases with a broken line have loads of parts and anchors as constraints.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from fitting.farm.optimise.broken_link import link_of, masked_still
 from fitting.farm.optimise.full_storm import Storms, full_storm
 from fitting.farm.optimise.goals import DepthLimit, Goals, check_depths
 from fitting.farm.optimise.maxima_weights import check_seeds, weights
-from fitting.farm.optimise.models import ASSUMPTIONS, Still, designs_beside, idle, sea_of, still
+from fitting.farm.optimise.models import ASSUMPTIONS, Still, idle, sea_of, shifted_designs, still
 from fitting.farm.optimise.storm import WINDOW_RAMP, Peaks, Settings, WindowRun, check_windows, peaks, slopes
 from fitting.farm.optimise.values import Rest, RunStart, Values, Window, rest
 from fitting.farm.optimise.variables import Variable, with_design
@@ -56,6 +56,7 @@ class WindowRuns:
 
     @property
     def solved(self) -> bool:
+        """Whether every step of every window was."""
         return all(window.solved for window in self.windows)
 
 
@@ -111,22 +112,24 @@ class Design:
             self._of_current[key] = make()
         return self._of_current[key]
 
-    def run_start(self, x: np.ndarray, storm: Storm, polished: bool = False) -> RunStart:
+    def run_start(self, x: np.ndarray, storm: Storm, starts_broken: bool = False) -> RunStart:
         """Start of a window: calm model and equilibrium of a design in the current and level of a load case.
 
         Args:
-            polished: whether a line that breaks is missing from the start on; otherwise all lines are intact there.
+            starts_broken: whether a line that breaks is missing from the start on; otherwise all lines are intact
+                there.
         """
-        key = (*storm.still, storm.state, polished)
-        return self._of_design(x, key, lambda: self._make_start(x, storm, polished, key))
+        key = (*storm.still, storm.state, starts_broken)
+        return self._of_design(x, key, lambda: self._make_start(x, storm, starts_broken, key))
 
-    def _make_start(self, x: np.ndarray, storm: Storm, polished: bool, key: object) -> RunStart:
+    def _make_start(self, x: np.ndarray, storm: Storm, starts_broken: bool, key: object) -> RunStart:
+        """The start of a window, whose equilibrium is stored under a key."""
         if storm.broken is None:
             found = still(self.calm, self.variables, x, storm)
             return RunStart(found, self._rest(found, key))
         whole = self.run_start(x, replace(storm, broken=None))
         parted = masked_still(whole.still, link_of(whole.still.model, storm.broken))
-        if polished:
+        if starts_broken:
             return RunStart(parted, self._rest(parted, key), parted)
         return RunStart(masked_still(whole.still, None), whole.rest, parted)
 
@@ -150,13 +153,14 @@ class Design:
 
         def differentiate() -> tuple[np.ndarray, np.ndarray]:
             slopes = []
-            for distance, higher, lower in designs_beside(self.variables, x):
+            for distance, higher, lower in shifted_designs(self.variables, x):
                 slopes.append((self._evaluate_scene(higher) - self._evaluate_scene(lower)) / distance)
             return self._evaluate_scene(x), np.stack(slopes, axis=1)
 
         return self._of_design(x, "scene", differentiate)
 
     def _evaluate_scene(self, x: np.ndarray) -> np.ndarray:
+        """Material, then the strength of each part over that at the start (1 + parts,)."""
         scene = with_design(self.site.scene, self.variables, x)
         strength = np.array([strength_of(part, scene) for part in self.site.parts]) / self._strength
         return np.array([self.goals.objective.material(scene), *strength])
@@ -174,7 +178,7 @@ class Design:
         storm = window.case.storm
         scene = with_design(self.calm.scene, self.variables, x)
         sea = sea_of(self.calm, scene, window.case, WINDOW_RAMP, window.begin)
-        start = self.run_start(x, storm, window.polished)
+        start = self.run_start(x, storm, window.starts_broken)
         return peaks(start, sea, self.quantities[storm.kind], self.window_run, window.height)
 
     def slopes(self, found: Sequence[Peaks], say: Progress, assumptions: bool = False) -> list[np.ndarray]:
@@ -211,7 +215,7 @@ class Design:
                 raise SceneError(f"design: a window of {name} has steps that do not converge")
             windows[i] = replace(windows[i], factor=full[i].hard / soft.soft, height=soft.hard)
         hard = [storm.hard for storm in full]
-        return tuple(windows), self._together(x, hard, self._no_slopes(hard), True)
+        return tuple(windows), self._combine(x, hard, self._no_slopes(hard), True)
 
     def _window_around_peak(self, case: Case, storm: Storms) -> Window:
         """The window around the peak of a whole run that is nearest to its limit; its scale factor comes later."""
@@ -225,7 +229,7 @@ class Design:
         broke = self.site.break_time - self.settings.window / 3
         if when <= broke + self.settings.window:
             return replace(window, begin=max(broke, 0.0))
-        return replace(window, polished=True)
+        return replace(window, starts_broken=True)
 
     def _run_parallel(self, one: Callable[[int], Any], what: str, say: Progress) -> list[Any]:
         """`one` of the number of every case; a program that is not yet compiled runs alone the first time."""
@@ -233,16 +237,19 @@ class Design:
         found = {}
         for kind in self.site.kinds:
             own = [i for i, case in enumerate(self.cases) if case.storm.kind == kind]
-            done = len(found)
-            tell = lambda k, done=done: say((done + k) / count, f"{what}: {done + k} of {count}")  # noqa: E731
+
+            def say_done(k: int, done: int = len(found)) -> None:
+                say((done + k) / count, f"{what}: {done + k} of {count}")
+
             alone = int((what, kind) not in self._compiled)
-            found |= dict(zip(own, run_parallel(one, own, tell, alone=alone), strict=True))
+            found |= dict(zip(own, run_parallel(one, own, say_done, alone=alone), strict=True))
             self._compiled.add((what, kind))
         return [found[i] for i in range(count)]
 
     def _run_windows(self, x: np.ndarray, windows: Sequence[Window], say: Progress) -> list[Peaks]:
+        """Peaks of the windows of a design, one of each case."""
         for window in windows:  # equilibria are made before threads ask for them
-            self.run_start(x, window.case.storm, window.polished)
+            self.run_start(x, window.case.storm, window.starts_broken)
         return self._run_parallel(lambda i: self.window(x, windows[i]), "windows", say)
 
     def run_windows(self, x: np.ndarray, windows: Sequence[Window], say: Progress) -> WindowRuns:
@@ -251,33 +258,26 @@ class Design:
 
     def values(self, runs: WindowRuns) -> Values:
         """Objective and constraints of a design by its windows, without derivatives of storms."""
-        return self._together(runs.x, runs.peaks, self._no_slopes(runs.peaks), runs.solved)
+        return self._combine(runs.x, runs.peaks, self._no_slopes(runs.peaks), runs.solved)
 
     def derivatives(self, runs: WindowRuns, say: Progress, assumptions: bool = False) -> Values:
         """The same with derivatives by the variables, and by the assumptions if wanted."""
         found = self.slopes(runs.windows, say, assumptions)
         slope = [own * factor[:, None] for own, factor in zip(found, runs.factors, strict=True)]
         solved = runs.solved and all(np.isfinite(own).all() for own in slope)
-        return self._together(runs.x, runs.peaks, slope, solved)
+        return self._combine(runs.x, runs.peaks, slope, solved)
 
     def _no_slopes(self, hard: Sequence[np.ndarray]) -> list[np.ndarray]:
         """Zero derivatives of quantities (q,) of each case, (q, p + a)."""
         return [np.zeros((len(peaks), len(self.variables) + len(ASSUMPTIONS))) for peaks in hard]
 
-    def _together(self, x: np.ndarray, hard: Sequence[np.ndarray], slope: Sequence[np.ndarray], solved: bool) -> Values:
+    def _combine(self, x: np.ndarray, hard: Sequence[np.ndarray], slope: Sequence[np.ndarray], solved: bool) -> Values:
         """Objective and constraints from the quantities (q,) of every case and their slopes (q, p + a)."""
         rows: list[DepthLimit] = []
         by_seed: dict[str, np.ndarray] = {}
         (material, *strength), of_scene = self.scene_constraints(x)
         of_scene = np.pad(of_scene, ((0, 0), (0, len(ASSUMPTIONS))))
-        # parts come first among the quantities
-        n = len(strength)
-        now = np.array(strength)[:, None]
-        slope = [
-            np.vstack([s[:n] / now - h[:n, None] / now**2 * of_scene[1:], s[n:]])
-            for h, s in zip(hard, slope, strict=True)
-        ]
-        hard = [np.concatenate([h[:n] / now[:, 0], h[n:]]) for h in hard]
+        hard, slope = _over_strength(hard, slope, np.array(strength), of_scene[1:])
         seeds = len(self.site.seeds)
         for i, storm in enumerate(self.site.storms):
             own = slice(i * seeds, (i + 1) * seeds)  # seeds vary fastest
@@ -290,22 +290,46 @@ class Design:
                 by_seed[name] = seeds * shares[:, q]
         storms = {storm.still: storm for storm in self.site.storms}
         for storm in storms.values():
-            label = "" if len(storms) == 1 else f": {storm.current_name or ''} level {storm.level:+g} m"
+            label = ""
+            if len(storms) > 1:
+                label = f": {storm.current_name or ''} level {storm.level:+g} m"
             rows += [(name + label, near, by) for name, near, by in self.depths(x, storm)]
-        names, value, slopes = zip(*rows, strict=True) if rows else ((), (), ())
+        names = tuple(name for name, _, _ in rows)
+        value = np.array([near for _, near, _ in rows])
+        slopes = np.array([by for _, _, by in rows])
         objective = float(material)
-        way = of_scene[0]
+        objective_slope = of_scene[0]
         if self.goals.objective.of != "material":
-            objective, way = self._largest(hard, slope)
-        return Values(objective, way, tuple(names), np.array(value), np.array(slopes), solved, by_seed)
+            objective, objective_slope = self._largest(hard, slope)
+        return Values(objective, objective_slope, names, value, slopes, solved, by_seed)
 
     def _largest(self, hard: Sequence[np.ndarray], slope: Sequence[np.ndarray]) -> tuple[float, np.ndarray]:
         """The objective if it depends on storms: the maximum of all cases."""
         of = self.goals.objective
+        # a motion is the last quantity
         q = -1 if of.of == "motion" else [part.name for part in self.site.parts].index(of.part)
         intact = [i for i, case in enumerate(self.cases) if case.storm.broken is None]
         worst = max(intact, key=lambda i: hard[i][q])
         return float(hard[worst][q]), slope[worst][q]
+
+
+def _over_strength(
+    hard: Sequence[np.ndarray], slope: Sequence[np.ndarray], strength: np.ndarray, slopes: np.ndarray
+) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Quantities (q,) of every case and their slopes (q, p + a), with the loads of parts over their present strength.
+
+    Args:
+        strength: of the parts over that at the start (parts,); slopes: its derivatives (parts, p + a). Parts come first
+            among the quantities.
+    """
+    n = len(strength)
+    now = strength[:, None]
+    peaks = []
+    changes = []
+    for h, s in zip(hard, slope, strict=True):
+        peaks.append(np.concatenate([h[:n] / strength, h[n:]]))
+        changes.append(np.vstack([s[:n] / now - h[:n, None] / now**2 * slopes, s[n:]]))
+    return peaks, changes
 
 
 def strength_of(part: Part, scene: Scene) -> float:

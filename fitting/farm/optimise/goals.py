@@ -166,6 +166,7 @@ class Goals:
 
 
 def _nodes(model: Model, lines: Sequence[str]) -> tuple[int, ...]:
+    """Numbers of the free nodes of lines, each once."""
     return tuple(dict.fromkeys(np.concatenate([*line_nodes(model, lines).values()]).tolist()))
 
 
@@ -198,24 +199,34 @@ def read_goals(site: Site) -> Goals:
         check_keys(table, KINDS[kind], path)
         if kind == "depth":
             depths.append(_depth(table, path, names, free))
-            continue
-        key = "minimum" if kind == "clearance" else "maximum"
-        unit = "N or m" if kind == "quantity" else "m"
-        limit = read_number(table.get(key), f"{path}.{key}", {"low": 0.0, "open_low": True, "unit": unit})
-        if kind == "quantity":
-            of = read_text(table.get("of"), f"{path}.of")
-            named_quantity(of, bare_model(overgrown(site.scene)), f"{path}.of", limit)
-            limits.append(StormLimit(kind, f"{path}.of", of, limit))
-            continue
-        lines = match_names(read_patterns(table.get("lines"), f"{path}.lines"), names, f"{path}.lines")
-        if kind == "clearance" and len(lines) < 2:
-            raise SceneError(f"{path}.lines: matches only {lines[0]!r}. Use patterns of two lines or more")
-        limits.append(StormLimit(kind, path, lines, limit))
+        else:
+            limits.append(_storm_limit(table, path, kind, site))
     limits.sort(key=lambda limit: list(KINDS).index(limit.kind))
     return Goals(objective, tuple(depths), tuple(limits))
 
 
+def _storm_limit(table: Values, path: str, kind: str, site: Site) -> StormLimit:
+    """A `[[constraint]]` on storms.
+
+    Raises:
+        SceneError: no limit, lines that do not exist, one line for a clearance, or a quantity without a limit.
+    """
+    key = "minimum" if kind == "clearance" else "maximum"
+    unit = "N or m" if kind == "quantity" else "m"
+    limit = read_number(table.get(key), f"{path}.{key}", {"low": 0.0, "open_low": True, "unit": unit})
+    if kind == "quantity":
+        path = f"{path}.of"
+        of = read_text(table.get("of"), path)
+        named_quantity(of, bare_model(overgrown(site.scene)), path, limit)
+        return StormLimit(kind, path, of, limit)
+    lines = match_names(read_patterns(table.get("lines"), f"{path}.lines"), site.lines, f"{path}.lines")
+    if kind == "clearance" and len(lines) < 2:
+        raise SceneError(f"{path}.lines: matches only {lines[0]!r}. Use patterns of two lines or more")
+    return StormLimit(kind, path, lines, limit)
+
+
 def _objective(table: Values, site: Site) -> Objective:
+    """`[objective]` of a site."""
     check_keys(table, ("of", "price", "float_price", "part", "lines"), "objective")
     of = read_text(table.get("of", "material"), "objective.of", OBJECTIVES)
     price = read_table(table.get("price", {}), "objective.price")
@@ -231,6 +242,7 @@ def _objective(table: Values, site: Site) -> Objective:
 
 
 def _depth(table: Values, path: str, lines: Sequence[str], free: Sequence[str]) -> Depth:
+    """A `[[constraint]]` on depth, of these lines and free points of the scene."""
     bounds = {}
     for key in ("shallowest", "deepest"):
         if key in table:

@@ -71,11 +71,13 @@ def still(site: Site, variables: Sequence[Variable], values: np.ndarray, storm: 
     leaves = named_leaves(model)
     shapes = {name: jnp.shape(leaf) for name, leaf in leaves.items()}
     rows: dict[str, dict[int, np.ndarray]] = {}
-    for k, (distance, *designs) in enumerate(designs_beside(variables, values)):
-        high, low = (named_leaves(still_model(site, variables, moved, storm)) for moved in designs)
-        if any({name: jnp.shape(leaf) for name, leaf in end.items()} != shapes for end in (high, low)):
-            name = variables[k].name
-            raise SceneError(f"variable.{k}.name: {name!r} changes the number of parts. Use another one")
+    for k, (distance, higher, lower) in enumerate(shifted_designs(variables, values)):
+        high = named_leaves(still_model(site, variables, higher, storm))
+        low = named_leaves(still_model(site, variables, lower, storm))
+        for end in (high, low):
+            if {name: jnp.shape(leaf) for name, leaf in end.items()} != shapes:
+                name = variables[k].name
+                raise SceneError(f"variable.{k}.name: {name!r} changes the number of parts. Use another one")
         for name in shapes:
             slope = (np.asarray(high[name], float) - np.asarray(low[name], float)) / distance
             if np.any(slope):
@@ -91,7 +93,9 @@ def still(site: Site, variables: Sequence[Variable], values: np.ndarray, storm: 
     return Still(model, slopes)
 
 
-def designs_beside(variables: Sequence[Variable], values: np.ndarray) -> Iterator[tuple[float, np.ndarray, np.ndarray]]:
+def shifted_designs(
+    variables: Sequence[Variable], values: np.ndarray
+) -> Iterator[tuple[float, np.ndarray, np.ndarray]]:
     """For each variable two designs (p,), in which it alone is higher and lower, and their distance."""
     for axis, variable in zip(np.eye(len(variables)), variables, strict=True):
         step = DIFFERENCE_STEP * variable.span

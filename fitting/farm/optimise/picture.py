@@ -13,14 +13,17 @@ from fitting.farm.optimise.run import Optimum
 from fitting.farm.optimise.values import near_rest
 from fitting.farm.site import Site
 
+#: Maximum number of constraints that are drawn.
+MOST_BARS = 14
+
 
 @plot_style()
 def design_picture(site: Site, found: Optimum, file: Path) -> Path:
-    """Write the picture."""
+    """Write the picture, with at most `MOST_BARS` constraints, the most used ones."""
     figure = new_figure(10.0, 7.4)
     above, below = figure.subplots(2, 1, height_ratios=(1.2, 1.0))
     storm = site.cases[0].storm
-    rows = sorted(found.constraints.items(), key=lambda item: -max(item[1]))[:14][::-1]
+    rows = sorted(found.constraints.items(), key=lambda item: -max(item[1]))[:MOST_BARS][::-1]
     row = np.arange(len(rows))
     used = np.reshape([both for _, both in rows], (-1, 2)).T
     designs = (("before", found.before, FAINT, 0.2), ("after", found.after, FIRST, -0.2))
@@ -30,7 +33,8 @@ def design_picture(site: Site, found: Optimum, file: Path) -> Path:
         nodes = np.asarray(model.nodes(s.r, model.ends(s.t)))
         counts = [member.links + 1 for member in model.geometry.members]
         for k, line in enumerate(np.split(nodes, np.cumsum(counts)[:-1])):
-            above.plot(line[:, 0], line[:, 2], color=colour, linewidth=1.0, label=label if k == 0 else None)
+            name = label if k == 0 else None  # once in the legend
+            above.plot(line[:, 0], line[:, 2], color=colour, linewidth=1.0, label=name)
         below.barh(row + shift, used[i], 0.38, color=colour, label=label)
     above.axhline(storm.level, color=SECOND, linewidth=0.8)
     above.axhline(-site.sea.depth, color=DARK, linewidth=0.8)

@@ -17,6 +17,9 @@ import numpy as np
 
 from fitting.farm.optimise.values import Values, active_constraints
 
+#: Fraction of a variable's range from a bound within which the bound counts as active.
+AT_BOUND = 1e-3
+
 
 class Prices(NamedTuple):
     """Decrease of the objective for a limit that is higher by 1, by constraint (m,), and the unbalanced fraction of the
@@ -33,8 +36,6 @@ def prices(values: Values, x: np.ndarray, low: np.ndarray, high: np.ndarray, fix
         low, high: bounds (p,); fixed: variables on a size of their catalogue (p,), which stay there.
         limit: upper limit of the constraints.
     """
-    # fraction of a variable's range from a bound within which the bound counts as active
-    at_bound = 1e-3
     from scipy.optimize import nnls  # noqa: PLC0415
 
     p = len(x)
@@ -42,7 +43,7 @@ def prices(values: Values, x: np.ndarray, low: np.ndarray, high: np.ndarray, fix
     cost = (values.slope[:p] * span)[~fixed]
     active = active_constraints(values, limit)
     axes = np.eye(p)
-    walls = np.hstack([-axes[:, x - low <= at_bound * span], axes[:, high - x <= at_bound * span]])
+    walls = np.hstack([-axes[:, x - low <= AT_BOUND * span], axes[:, high - x <= AT_BOUND * span]])
     of = np.zeros(len(values.value))
     size = float(np.linalg.norm(cost))
     if size == 0.0:

@@ -86,7 +86,10 @@ class AnchorLoad(Quantity):
 
     def signal(self, model: Model, steps: Steps) -> Array:
         start = jnp.zeros((), steps.r.dtype)
-        load = lambda r, tension: load_on_fixed_point(model, self.links, self.signs, r, tension, start)  # noqa: E731
+
+        def load(r: Array, tension: Array) -> Array:
+            return load_on_fixed_point(model, self.links, self.signs, r, tension, start)
+
         force = jax.vmap(load)(steps.r, jnp.maximum(steps.tension, 0.0))
         horizontal = horizontal_norm(force)[:, None]
         upward = force[:, 2:]
@@ -136,8 +139,8 @@ class Named(Quantity):
 
     def signal(self, model: Model, steps: Steps) -> Array:
         now = jnp.zeros((), steps.r.dtype)
-        at = lambda r, tension: self.of.instant(model, r, r, r, tension, now)  # noqa: E731
-        return self.scale * jax.vmap(at)(steps.r, steps.tension)
+        found = jax.vmap(lambda r, tension: self.of.instant(model, r, r, r, tension, now))(steps.r, steps.tension)
+        return self.scale * found
 
 
 #: Signals of `Named`: positive ones that positions and tensions determine.

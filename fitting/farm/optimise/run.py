@@ -120,7 +120,7 @@ def optimise(site: Site, state: str | Path | None = None, say: Progress = silent
             atomic_write(file, json.dumps(jsonable(table)))
 
     if search.before is None:
-        _possible(design)
+        _check_depths(design)
         along = check_along(design, say)
         save()
     start = search.before
@@ -129,7 +129,7 @@ def optimise(site: Site, state: str | Path | None = None, say: Progress = silent
     return _optimum(design, search, start, along, say)
 
 
-def _possible(design: Design) -> None:
+def _check_depths(design: Design) -> None:
     """Reject depths at rest that no design within the bounds meets to first order, before any storm is run."""
     low, high = bounds(design.variables)
     for storm in {storm.still: storm for storm in design.site.storms}.values():
@@ -160,12 +160,20 @@ def _mark(design: Design) -> str:
 
 
 def _resume_search(file: Path | None, mark: str, design: Design) -> tuple[Search, GradientCheck]:
+    """The search of a state's file, with its check of derivatives; a new one if there is none.
+
+    Raises:
+        SceneError: a file that is not a state, or belongs to other inputs.
+    """
     if file is None or not file.exists():
         return Search(design.start, design.settings.reach), GradientCheck(np.nan, np.nan, np.nan, NOT_TRUSTED)
     try:
         table: Table = json.loads(file.read_text(encoding="utf-8"))
         site = table.pop("site")
-        along: Table = {key: np.nan if x is None else x for key, x in table.pop("along").items()}
+        along: Table = table.pop("along")
+        for key, x in along.items():
+            if x is None:
+                along[key] = np.nan
         for key in ("x", "best", "fixed"):
             if table[key] is not None:
                 table[key] = np.array(table[key])

@@ -24,8 +24,9 @@ from fitting.farm.optimise.variables import bounds
 
 #: Penalty of a violation, in objectives at the start.
 PRICE = 10.0
-#: Minimum reach of a step.
+#: Minimum reach of a step; that at the start of a round, as a fraction of the first one.
 SMALLEST_REACH = 2e-3
+LEAST_REACH = 0.25
 #: Permitted excess of constraints of the best design over 1: rounding.
 PERMITTED_EXCESS = 1e-9
 #: Reason why a design is not taken.
@@ -107,10 +108,6 @@ def violation(values: Values, limit: float) -> float:
     return float(np.sum(np.maximum(values.value - limit, 0.0)))
 
 
-#: Minimum reach at the start of a round, as a fraction of the first one.
-LEAST_REACH = 0.25
-
-
 def run_round(
     search: Search, design: Design, windows: tuple[Window, ...], save: Callable[[], None], say: Progress
 ) -> Values:
@@ -155,6 +152,7 @@ class _Attempt:
 
     @property
     def good(self) -> bool:
+        """Whether enough of the predicted gain is true, so that the step is taken."""
         return self.won >= 0.05 * self.gain
 
 
@@ -176,6 +174,7 @@ class _Round:
         return 1.0 - self.design.settings.margin
 
     def merit(self, values: Values) -> float:
+        """The objective in those at the start, with penalties for violations."""
         return values.objective / self.search.scale + PRICE * violation(values, self.limit)
 
     def attempt(self, model: Values) -> _Attempt | None:
@@ -187,9 +186,9 @@ class _Round:
         reach = search.reach * span
         if search.fixed is not None:
             reach = np.where(search.fixed, 0.0, reach)
-        step = programme(
-            model, np.maximum(low - search.x, -reach), np.minimum(high - search.x, reach), search.scale, self.limit
-        )
+        least = np.maximum(low - search.x, -reach)
+        most = np.minimum(high - search.x, reach)
+        step = programme(model, least, most, search.scale, self.limit)
         merit = self.merit(self.here)
         gain = merit - (step.objective / search.scale + PRICE * step.violation)
         if gain < 1e-4 * settings.enough + 1e-9:
@@ -228,7 +227,9 @@ def _try_design(
         found = design.run_windows(x, windows, say)
     except SceneError as error:
         return None, str(error)
-    return (found, "") if found.solved else (None, FAILED)
+    if not found.solved:
+        return None, FAILED
+    return found, ""
 
 
 def measure(
@@ -240,7 +241,9 @@ def measure(
         predicted: values of this design with the previous windows and factors, for the residual.
     """
     windows, found = design.measure(search.x, say)
-    search.residual = None if predicted is None else float(np.max(np.abs(predicted.value - found.value), initial=0.0))
+    search.residual = None
+    if predicted is not None:
+        search.residual = float(np.max(np.abs(predicted.value - found.value), initial=0.0))
     whole = {"whole": True, "residual": search.residual, "values": search.x.tolist()}
     search.history.append({"round": search.round, "objective": found.objective, "worst": found.worst, **whole})
     if found.worst <= 1.0 + PERMITTED_EXCESS and found.objective < search.best_objective:
@@ -286,6 +289,7 @@ def run_search(search: Search, design: Design, save: Callable[[], None], say: Pr
         search.round += 1
         windows, found = measure(search, design, say, here)
         save()
+        # the first design that meets all constraints gains
         gained = last - search.best_objective if np.isfinite(last) else np.inf
         # windows that were off by more than the margin are other ones now, in which steps may be longer again
         movable = search.reach > SMALLEST_REACH or (search.residual or 0.0) > settings.margin
@@ -305,7 +309,8 @@ def run_search(search: Search, design: Design, save: Callable[[], None], say: Pr
             search.best = None
             search.best_objective = np.inf
             there, _ = _try_design(design, x, windows, say)
-            windows, found = measure(search, design, say, None if there is None else design.values(there))
+            predicted = None if there is None else design.values(there)
+            windows, found = measure(search, design, say, predicted)
             last = search.best_objective
             still_better = True
             save()

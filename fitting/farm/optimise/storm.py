@@ -95,7 +95,9 @@ def peaks(
         heights: approximate peaks (q,), which define the width of soft ones; default: the hard peaks. They are fixed:
             two calls that are compared must use the same.
     """
-    stills = [start.still] if start.after is None else [start.still, start.after]
+    stills = [start.still]
+    if start.after is not None:
+        stills.append(start.after)
     models = [in_waves(one.model, sea) for one in stills]
     rest = start.rest
     # windows do not record work: every phase has the same kind of state, and so one program
@@ -107,7 +109,9 @@ def peaks(
         return Peaks(none, none, None)
     lengths, steps = own
     hard = np.asarray(_hard(quantities, models[-1], steps))
-    scale = jnp.asarray(hard if heights is None else heights, models[0].dtype)
+    if heights is None:
+        heights = hard
+    scale = jnp.asarray(heights, models[0].dtype)
     soft = np.asarray(_soft(quantities, models[-1], scale, steps))
     slopes = numbered_slopes(models[-1], stills[-1])
 
@@ -119,7 +123,9 @@ def peaks(
             tension=state.tension + jnp.tensordot(shift, rest.dtension, axes=1),
         )
         there = _run_phases(stepper, shifted, s, run, lengths)
-        return none if there is None else np.asarray(_soft(quantities, shifted[-1], scale, there[1]))
+        if there is None:
+            return none
+        return np.asarray(_soft(quantities, shifted[-1], scale, there[1]))
 
     return Peaks(hard, soft, shifted_peaks)
 
@@ -136,7 +142,9 @@ def slopes(windows: Sequence[Peaks], sizes: np.ndarray, say: Callable[[int, int]
 
     def run_shifted(item: tuple[Peaks, np.ndarray, float]) -> np.ndarray:
         window, shift, sign = item
-        return np.full(len(window.soft), np.nan) if window.shifted is None else window.shifted(sign * shift)
+        if window.shifted is None:
+            return np.full(len(window.soft), np.nan)
+        return window.shifted(sign * shift)
 
     ends = iter(run_parallel(run_shifted, shifts, lambda done: say(done, len(shifts))))
     found = []
@@ -225,6 +233,7 @@ def _hard(quantities: tuple[Quantity, ...], model: Model, steps: Steps) -> Array
 
 @cached_jit(static=("quantities",))
 def _soft(quantities: tuple[Quantity, ...], model: Model, heights: Array, steps: Steps) -> Array:
+    """Soft peaks (q,), whose widths are those of peaks of these heights (q,)."""
     return jnp.stack([q.soft(model, steps, heights[i]) for i, q in enumerate(quantities)])
 
 

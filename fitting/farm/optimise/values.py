@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -20,6 +21,9 @@ from dropper_jax.statics.static_pose import equilibrium
 from dropper_jax.statics.system import find_rest
 from fitting.farm.optimise.models import Still, numbered_slopes
 from fitting.farm.site import Case
+
+#: Distance from its limit up to which a constraint is active.
+NEAR_LIMIT = 0.03
 
 
 @dataclass(frozen=True)
@@ -65,8 +69,9 @@ def rest(still: Still, near: State | None = None) -> Rest:
     s = near_rest(still.model, near)
     loads = jnp.zeros_like(s.r)
     slopes = numbered_slopes(still.model, still)
+    by_variables = partial(_by_variables, tuple(slopes), still.model, list(slopes.values()), s)
     fixed = np.zeros((len(next(iter(slopes.values()))), *s.r.shape))
-    rows = np.asarray(_by_variables(tuple(slopes), still.model, list(slopes.values()), s, fixed)[0])
+    rows = np.asarray(by_variables(fixed)[0])
     try:
         matrix = splu(stiffness(still.model, s, loads).tocsc())
     except RuntimeError:
@@ -74,8 +79,7 @@ def rest(still: Still, near: State | None = None) -> Rest:
             "design: it has unsupported parts, so its equilibrium is not unique. Use another design"
         ) from None
     dr = -matrix.solve(rows.reshape(len(rows), -1).T).T.reshape(rows.shape)
-    dtension = _by_variables(tuple(slopes), still.model, list(slopes.values()), s, dr)[1]
-    return Rest(s, dr, np.asarray(dtension))
+    return Rest(s, dr, np.asarray(by_variables(dr)[1]))
 
 
 @cached_jit(static=("moving",))
@@ -100,14 +104,14 @@ class Window:
     Attributes:
         begin: [s].
         factor: ratio of the whole run's hard peaks to its soft ones (q,); height: that sizes the soft peaks (q,).
-        polished: whether a line that breaks is missing from the start on.
+        starts_broken: whether a line that breaks is missing from the start on.
     """
 
     case: Case
     begin: float
     factor: np.ndarray
     height: np.ndarray | None = None
-    polished: bool = False
+    starts_broken: bool = False
 
 
 class RunStart(NamedTuple):
@@ -139,12 +143,13 @@ class Values:
 
     @property
     def worst(self) -> float:
+        """The largest constraint."""
         return float(np.max(self.value, initial=-np.inf))
 
 
 def active_constraints(values: Values, limit: float) -> np.ndarray:
-    """Numbers of the constraints that count as active: within 0.03 of their limit, or beyond."""
-    return np.flatnonzero(values.value >= limit - 0.03)
+    """Numbers of the constraints that count as active: within `NEAR_LIMIT` of their limit, or beyond."""
+    return np.flatnonzero(values.value >= limit - NEAR_LIMIT)
 
 
 class Dominated(NamedTuple):

@@ -40,7 +40,9 @@ class Variable(DeclaredSection):
     def of(cls, table: Plain, path: str, scene: Scene) -> Variable:
         """A variable of a scene, checked."""
         found = cls.read(table, path)
-        where = found.name if "." in found.name or scene.template is None else f"parameters.{found.name}"
+        where = found.name
+        if "." not in where and scene.template is not None:
+            where = f"parameters.{where}"
         try:
             value = scene.value(where)
         except SceneError as error:
@@ -71,6 +73,7 @@ class Variable(DeclaredSection):
 
     @property
     def span(self) -> float:
+        """Width of its range."""
         return self.high - self.low
 
     def sizes(self, value: float) -> tuple[float, ...]:

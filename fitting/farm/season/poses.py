@@ -21,6 +21,8 @@ from fitting.farm.site.sections import SeasonValues
 
 #: Fields of a point that come from its floats, and that are removed without any.
 BODY = ("mass", "volume", "drag_area", "added_mass")
+#: Fields that make a current change in time: a state of the tide has one speed.
+CHANGING = ("time", "factor", "amplitude", "period", "phase")
 
 
 class Water(NamedTuple):
@@ -58,10 +60,6 @@ def scene_of(site: Site, month: str, water: Water, points: dict[str, Table]) -> 
     return overgrown(Scene.from_dict(table, site.scene.name))
 
 
-#: Fields that make a current change in time: a state of the tide has one speed.
-CHANGING = ("time", "factor", "amplitude", "period", "phase")
-
-
 def bare_points(site: Site, names: Sequence[str]) -> dict[str, Table]:
     """The points as specified, without the fields that floats give them."""
     found = {}
@@ -78,8 +76,8 @@ def needs(site: Site, month: str, water: Water, names: Sequence[str]) -> tuple[n
     Raises:
         SceneError: no equilibrium found.
     """
-    held = {name: {**point, "kind": "fixed"} for name, point in bare_points(site, names).items()}
-    scene = scene_of(site, month, water, held)
+    fixed = {name: {**point, "kind": "fixed"} for name, point in bare_points(site, names).items()}
+    scene = scene_of(site, month, water, fixed)
     pose = equilibrium(build_model(scene))
     if pose.status != "ok":
         raise SceneError(f"season: {month}, level {water.level:+g} m: no equilibrium: {pose.message}")
@@ -109,12 +107,16 @@ def floating(site: Site, season: SeasonValues, month: str, water: Water, floats:
     pose = equilibrium(build_model(scene))
     z = pose.positions[:, 2]
     lines = whole_lines(scene)
+    nodes: list[int] = []
     if site.backbone is not None:
-        backbone = set(site.matching(site.backbone.lines))
-        height = np.concatenate([z[line.nodes] for line in lines if line.name in backbone])
+        backbone = site.matching(site.backbone.lines)
+        for line in lines:
+            if line.name in backbone:
+                nodes += line.nodes.tolist()
     else:
-        height = np.array([z[line.nodes[stop]] for line in lines for stop, at in line.stops.items() if at in floats])
-    below = water.level - height
+        for line in lines:
+            nodes += [line.nodes[stop] for stop, point in line.stops.items() if point in floats]
+    below = water.level - z[nodes]
     return Floating(water.level, water.speed, pose.status, float(below.min()), float(below.max()))
 
 

@@ -56,6 +56,8 @@ def page(found: Table) -> str:
 
 
 def _cells(row: Table) -> list[str]:
+    """A month of the page's table."""
+    change = f"{row['change']:+d}" if row["change"] else "-"
     margins = (row["sinking_m"], row["lifting_m"])
     return [
         row["month"],
@@ -63,7 +65,7 @@ def _cells(row: Table) -> list[str]:
         f"{row['need_n']:.0f}",
         f"{row['least']} to {row['most']}",
         str(row["floats"]),
-        f"{row['change']:+d}" if row["change"] else "-",
+        change,
         cell(row["reserve"], ".2f"),
         f"{row['shallowest_m']:.2f} to {row['deepest_m']:.2f}",
         *("no limit" if margin is None else f"{margin:+.2f}" for margin in margins),
@@ -77,7 +79,7 @@ def draw(found: Table, path: Path) -> Path:
     at = range(len(months))
     figure = style.new_figure(7.5, 4.6)
     upper, lower = figure.subplots(2, 1, sharex=True)
-    floats, least, most = ([row[key] for row in months] for key in ("floats", "least", "most"))
+    floats, least, most = np.transpose([[row["floats"], row["least"], row["most"]] for row in months])
     top = np.clip(most, least, np.maximum(least, int(1.5 * max(*floats, *least)) + 1))
     upper.fill_between(at, least, top, step="mid", color="#E3E5E8", label="allowed")
     upper.step(at, floats, where="mid", color=style.FIRST, lw=2, label="floats")
@@ -95,5 +97,6 @@ def draw(found: Table, path: Path) -> Path:
     # half a name of a month on either side
     lower.set(ylabel="backbone, depth [m]", xlim=(-0.4, len(months) - 0.6))
     lower.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4, borderaxespad=0.2)
-    lower.set_xticks(list(at), [row["month"] for row in months], rotation=30 if len(months) > 6 else 0)
+    rotation = 30 if len(months) > 6 else 0
+    lower.set_xticks(list(at), [row["month"] for row in months], rotation=rotation)
     return style.save(figure, path)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
@@ -18,10 +19,10 @@ from fitting.farm.site.sections import SeasonValues
 
 #: Visits, moved floats, and the floats of each month so far.
 Plan = tuple[int, int, list[int]]
-
-
-#: Times that the bounds on the number of floats are tightened.
-TIGHTENED = 4
+#: Maximum number of times that the bounds on the number of floats are tightened.
+MOST_TIGHTENED = 4
+#: Maximum number of floats of a month where nothing limits it.
+UNLIMITED = 10**6
 
 
 @dataclass(frozen=True)
@@ -39,7 +40,7 @@ class Month:
 
 
 @dataclass(frozen=True)
-class Lying:
+class FarmOnFloats:
     """The farm on a number of floats: the equilibria in every water, and the distance [m] from its limits."""
 
     floats: int
@@ -64,10 +65,12 @@ def schedule(low: Sequence[int], high: Sequence[int], start: int | None = None) 
         start: floats before the first month; their first change is a visit too. None: they are newly installed.
     """
     spans = [(lo, max(lo, hi)) for lo, hi in zip(low, high, strict=True)]
-    numbers = sorted({n for span in spans for n in span} | ({start} if start is not None else set()))
+    numbers = set(itertools.chain.from_iterable(spans))
+    if start is not None:
+        numbers.add(start)
     best: dict[int | None, Plan] = {start: (0, 0, [])}
     for lo, hi in spans:
-        best = {n: _best_plan(best, n) for n in numbers if lo <= n <= hi}
+        best = {n: _best_plan(best, n) for n in sorted(numbers) if lo <= n <= hi}
     return min(best.values(), key=lambda found: (*found[:2], found[2][-1:]))[2]
 
 
@@ -119,25 +122,26 @@ def season(site: Site, progress: Progress | None = None) -> Table:
     rows = [farm.month(month, part_of(say, i * step, (i + 1) * step)) for i, month in enumerate(site.growth)]
     low = [row.least for row in rows]
     high = [row.most for row in rows]
-    for _ in range(TIGHTENED):
-        lying = []
-        again = False
+    for _ in range(MOST_TIGHTENED):
+        on_floats = []
+        is_tightened = False
         for i, (row, floats) in enumerate(zip(rows, schedule(low, high, season.start), strict=True)):
             say(0.5 + 0.5 * i / len(rows), f"{row.month}: equilibria, floats: {floats}")
-            found = farm.lying(row, floats)
-            lying.append(found)
+            found = farm.on_floats(row, floats)
+            on_floats.append(found)
             if found.sinking_m is not None and found.sinking_m < 0.0 and low[i] <= high[i]:
                 low[i] = max(low[i], floats + 1)
-                again = True
+                is_tightened = True
             elif found.lifting_m is not None and found.lifting_m < 0.0 and low[i] < high[i]:
                 high[i] = min(high[i], floats - 1)
-                again = True
-        if not again:
+                is_tightened = True
+        if not is_tightened:
             break
-    return farm.table(rows, lying)
+    return farm.table(rows, on_floats)
 
 
 def _lift(site: Site, season: SeasonValues) -> float:
+    """Lift of a float under water [N]."""
     sea = site.sea
     lift = sea.gravity * season.volume * (sea.density - season.density)
     if lift <= 0.0:
@@ -154,7 +158,7 @@ class _Farm:
 
     Attributes:
         points: names of those that carry floats; lift: of a float [N]; waters: states of the tide.
-        known: equilibria in every water, by month and number of floats.
+        equilibria: in every water, by month and number of floats.
     """
 
     site: Site
@@ -162,20 +166,20 @@ class _Farm:
     points: list[str]
     lift: float
     waters: tuple[Water, ...]
-    floating_loads: dict[tuple[str, int], list[Floating]] = field(default_factory=dict)
+    equilibria: dict[tuple[str, int], list[Floating]] = field(default_factory=dict)
 
     def month(self, month: str, say: Progress) -> Month:
         """Weights of a month, forces on the points and bounds on the number of floats."""
         season = self.season
-        pulls = []
-        # at the scene's level, for which its points are placed: floats at the surface follow the tide, others stay
-        held = list(dict.fromkeys(water._replace(level=0.0) for water in self.waters))
-        for i, water in enumerate(held):
-            say(i / len(held), f"{month}: lift required of the floats")
+        forces = []
+        # at the scene's level, for which the positions of its points are given: floats at the surface follow the tide
+        still_waters = list(dict.fromkeys(water._replace(level=0.0) for water in self.waters))
+        for i, water in enumerate(still_waters):
+            say(i / len(still_waters), f"{month}: lift required of the floats")
             force, weights = needs(self.site, month, water, self.points)
-            pulls.append(force)
-        total = np.sum(pulls, axis=1)
-        most = 10**6
+            forces.append(force)
+        total = np.sum(forces, axis=1)
+        most = UNLIMITED
         if season.least_share > 0.0:
             most = math.floor(max(total.min(), 0.0) / (season.least_share * self.lift) + 1e-9)
         return Month(
@@ -184,26 +188,29 @@ class _Farm:
             mussels_wet_n=sum(weights[name] for name in self.site.growth[month]),
             need_n=float(total.max()),
             least_need_n=float(total.min()),
-            need_by_point_n=np.max(pulls, axis=0),
+            need_by_point_n=np.max(forces, axis=0),
             least=math.ceil(season.reserve * max(total.max(), 0.0) / self.lift - 1e-9),
             most=most,
         )
 
-    def lying(self, row: Month, count: int) -> Lying:
+    def on_floats(self, row: Month, count: int) -> FarmOnFloats:
         """Geometry of the farm on this number of floats: rows by state of the tide, and distance from its limits."""
         floats = dict(zip(self.points, spread(count, row.need_by_point_n), strict=True))
         key = (row.month, count)
-        if key not in self.floating_loads:
-            self.floating_loads[key] = [
-                floating(self.site, self.season, row.month, water, floats) for water in self.waters
-            ]
-        poses = self.floating_loads[key]
+        if key not in self.equilibria:
+            poses = [floating(self.site, self.season, row.month, water, floats) for water in self.waters]
+            self.equilibria[key] = poses
+        poses = self.equilibria[key]
         deepest = max(pose.deepest_m for pose in poses)
         shallowest = min(pose.shallowest_m for pose in poses)
+        sinking = None
+        lifting = None
+        holds = row.least <= count <= row.most and all(pose.status == "ok" for pose in poses)
         limits = self.site.backbone
-        sinking, lifting = (None, None) if limits is None else limits.margins(shallowest, deepest)
-        inside = limits is None or limits.holds(shallowest, deepest)
-        return Lying(
+        if limits is not None:
+            sinking, lifting = limits.margins(shallowest, deepest)
+            holds = holds and limits.holds(shallowest, deepest)
+        return FarmOnFloats(
             floats=count,
             by_point=floats,
             poses=poses,
@@ -211,17 +218,22 @@ class _Farm:
             shallowest_m=shallowest,
             sinking_m=sinking,
             lifting_m=lifting,
-            holds=inside and all(pose.status == "ok" for pose in poses) and row.least <= count <= row.most,
+            holds=holds,
         )
 
-    def table(self, months: list[Month], lying: list[Lying]) -> Table:
+    def table(self, months: list[Month], on_floats: list[FarmOnFloats]) -> Table:
         """The season as plain values."""
-        floats = [found.floats for found in lying]
-        start = floats[0] if self.season.start is None else self.season.start
+        before = self.season.start
+        if before is None:
+            before = on_floats[0].floats
         rows: list[Table] = []
-        for month, found, change in zip(months, lying, np.diff(floats, prepend=start).tolist(), strict=True):
+        flags = double_crops(self.site)
+        for month, found in zip(months, on_floats, strict=True):
             reserve = found.floats * self.lift / month.need_n if month.need_n > 0.0 else None
-            rows.append({**asdict(month), **asdict(found), "change": change, "reserve": reserve})
+            row = {**asdict(month), **asdict(found), "change": found.floats - before, "reserve": reserve}
+            rows.append(row)
+            flags += _flags(row)
+            before = found.floats
         return {
             "schema": 1,
             "status": "ok",
@@ -235,18 +247,20 @@ class _Farm:
             "visits": sum(row["change"] != 0 for row in rows),
             "handled": sum(abs(row["change"]) for row in rows),
             "holds": all(row["holds"] for row in rows),
-            "flags": [*double_crops(self.site), *(flag for row in rows for flag in _flags(row))],
+            "flags": flags,
         }
 
 
 def double_crops(site: Site) -> list[str]:
     """A line about lines with mussels of `[[growth]]` whose type is a crop of the library already; none without any."""
     crops = tuple(f"{PREFIX}{name}-" for name, kind in FAMILIES.items() if kind.spread)
-    types = {}
+    cropped = set()
     for line in site.scene.as_written()["line"]:
-        types[line["name"]] = [str(part.get("type", "")) for part in (line, *line.get("sections", ()))]
-    grown = dict.fromkeys(name for lines in site.growth.values() for name in lines)
-    both = [name for name in grown if any(kind.startswith(crops) for kind in types.get(name, ()))]
+        for part in (line, *line.get("sections", ())):
+            if str(part.get("type", "")).startswith(crops):
+                cropped.add(line["name"])
+    grown = dict.fromkeys(itertools.chain.from_iterable(site.growth.values()))
+    both = [name for name in grown if name in cropped]
     if not both:
         return []
     return [
@@ -256,6 +270,7 @@ def double_crops(site: Site) -> list[str]:
 
 
 def _flags(row: Table) -> list[str]:
+    """Lines about the limits that a month does not meet."""
     month = row["month"]
     flags = []
     if row["least"] > row["most"]:

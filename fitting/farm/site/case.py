@@ -14,6 +14,16 @@ from dropper_jax.load.scene import Scene
 from dropper_jax.scene import LineSpec, whole_lines
 from fitting.farm.site.sections import AnchorTable, Curve, Factors, SeaState
 
+#: Kinds of states.
+INTACT = "intact"
+BROKEN = "broken"
+#: Time [s] of breaks that belong to other cases: their entries stay in the one compiled program.
+NEVER = 1e9
+#: Fields of a current that cases keep: its profile over depth, but not its change in time.
+PROFILE = ("kind", "exponent", "reference", "veer")
+#: Maximum number of names in an error message.
+MOST_NAMES = 6
+
 
 @dataclass(frozen=True)
 class Part:
@@ -73,28 +83,25 @@ def read_patterns(given: Plain, path: str) -> list[str]:
 
 def short(names: Sequence[str]) -> str:
     """The first names of a long list."""
-    # maximum number of names in an error message
-    most_names = 6
-    more = f", ... ({len(names)} in total)" if len(names) > most_names else ""
-    return (", ".join(names[:most_names]) or "none") + more
+    text = ", ".join(names[:MOST_NAMES]) or "none"
+    if len(names) > MOST_NAMES:
+        text += f", ... ({len(names)} in total)"
+    return text
 
 
-def refuse_overlap(groups: Sequence[tuple[str, Sequence[str]]], what: str) -> None:
-    """Reject a name that belongs to two groups; groups are (path, names)."""
+def find_owners(groups: Sequence[tuple[str, Sequence[str]]], what: str) -> dict[str, str]:
+    """The path of the group of each name; groups are (path, names).
+
+    Raises:
+        SceneError: a name that belongs to two groups.
+    """
     owner: dict[str, str] = {}
     for path, names in groups:
         for name in names:
             if name in owner:
                 raise SceneError(f"{path}: {what} {name!r} already belongs to {owner[name]}; allowed: one of the two")
             owner[name] = path
-
-
-INTACT = "intact"
-BROKEN = "broken"
-#: Time [s] of breaks that belong to other cases: their entries stay in the one compiled program.
-NEVER = 1e9
-#: Fields of a current that cases keep: its profile over depth, but not its change in time.
-PROFILE = ("kind", "exponent", "reference", "veer")
+    return owner
 
 
 @dataclass(frozen=True)
@@ -115,7 +122,8 @@ class Storm:
         number: from 0.
         direction: of the waves [rad]; `level`: of the tide [m].
         current: table of `[sea.current]`, None for that of the scene.
-        current_name, month, state: names; month None for the bare scene, state `intact` or the broken line.
+        current_name, month: names; month None for the bare scene.
+        broken: the line that breaks; None for the intact farm.
         crop: which values of `[crop]`; None for those of the scene.
         periods: return periods of waves and current, as texts; None where they are not given.
     """
@@ -133,7 +141,10 @@ class Storm:
 
     @property
     def state(self) -> str:
-        return INTACT if self.broken is None else self.broken.name
+        """`intact`, or the name of the broken line."""
+        if self.broken is None:
+            return INTACT
+        return self.broken.name
 
     @property
     def kind(self) -> str:
@@ -176,9 +187,11 @@ def breaks(scene: Scene, states: tuple[str, ...], path: str) -> tuple[Break | No
     """
     lines = [line.name for line in whole_lines(scene)]
     found: list[Break | None] = []
+    names = []
     for i, state in enumerate(states):
         if state == INTACT:
             found.append(None)
+            names.append(INTACT)
             continue
         pattern, colon, link = state.partition(":")
         if colon and not link.isdecimal():
@@ -186,11 +199,21 @@ def breaks(scene: Scene, states: tuple[str, ...], path: str) -> tuple[Break | No
         for name in match_names([pattern], lines, f"{path}.{i}"):
             entry = len(scene.failures) + len(found) - found.count(None)
             found.append(Break(name, *_locate_link(scene, name, link, f"{path}.{i}"), entry))
-    names = [INTACT if item is None else item.name for item in found]
+            names.append(name)
     for name in names:
         if names.count(name) > 1:
             raise refuse(path, name, "is given twice", "every state once")
     return tuple(found)
+
+
+def kinds_of(states: Sequence[Break | None]) -> tuple[str, ...]:
+    """Kinds of states that occur: `intact`, `broken`."""
+    kinds = []
+    if None in states:
+        kinds.append(INTACT)
+    if any(states):
+        kinds.append(BROKEN)
+    return tuple(kinds)
 
 
 def _locate_link(scene: Scene, name: str, link: str, path: str) -> tuple[str, int]:

@@ -32,8 +32,10 @@ class CaseLists(Section):
         standard = _case_standard(own, path)
         currents = own.pop("currents", [])
         heading = own.pop("current_direction", "waves")
-        allowed = "'waves', or a number in deg"
-        if heading != "waves":
+        if heading == "waves":
+            heading = None
+        else:
+            allowed = "'waves', or a number in deg"
             heading = read_number(heading, f"{path}.current_direction", {"unit": "deg"}, allowed)
         found = super().values_of(own, path)
         for key in ("directions", "levels", "states"):
@@ -43,7 +45,7 @@ class CaseLists(Section):
             found[key] = [float(x) for x in found[key]]
             if len(set(found[key])) < len(found[key]):
                 raise refuse(f"{path}.{key}", found[key], "has a duplicate value", "every value once")
-        found["current_direction"] = None if heading == "waves" else heading
+        found["current_direction"] = heading
         allowed = "a list of speeds [m/s], or of tables as [sea.current]"
         currents = read_list(currents, f"{path}.currents", None, allowed)
         tables = [_current(item, f"{path}.currents.{i}") for i, item in enumerate(currents)]
@@ -71,8 +73,11 @@ def _case_standard(table: Table, path: str) -> Table | None:
         found |= known[read_text(name, f"{path}.standard", known)]
     if given is not None:
         given = read_list(given, f"{path}.pairs", None, "pairs of return periods of waves and current [years]")
-        rows = [read_list(row, f"{path}.pairs.{i}", 2, "[waves, current]") for i, row in enumerate(given)]
-        found["pairs"] = [[read_years(x, f"{path}.pairs.{i}") for x in row] for i, row in enumerate(rows)]
+        found["pairs"] = []
+        for i, row in enumerate(given):
+            where = f"{path}.pairs.{i}"
+            waves, current = read_list(row, where, 2, "[waves, current]")
+            found["pairs"].append([read_years(waves, where), read_years(current, where)])
         found["source"] = "; ".join(filter(None, (found["source"], "pairs: given for this site")))
     if not found.get("pairs"):
         raise SceneError(

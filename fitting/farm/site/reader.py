@@ -33,7 +33,17 @@ from dropper_jax.run.statistics import PERIOD
 from dropper_jax.scene import whole_lines
 from dropper_jax.sea.make import make_sea
 from dropper_jax.sea.spec import SeaSpec
-from fitting.farm.site.case import Anchor, Part, breaks, match_names, read_patterns, refuse_overlap, short
+from fitting.farm.site.case import (
+    BROKEN,
+    Anchor,
+    Part,
+    breaks,
+    find_owners,
+    kinds_of,
+    match_names,
+    read_patterns,
+    short,
+)
 from fitting.farm.site.case_lists import CaseLists
 from fitting.farm.site.sections import (
     AnchorTable,
@@ -53,9 +63,13 @@ SITE_KEYS = (
     *("name", "description", "scene", "unchecked", "parameters", "set", "run", "sea_state", "cases"),
     *("growth", "crop", "factors", "part", "anchor", "exclusion", "backbone", "season", "quantities"),
 )
+PASSED = ("variable", "objective", "constraint", "optimise")
+#: Sections that a site may lack, with their classes.
+OPTIONAL = {"exclusion": Exclusion, "backbone": Backbone, "season": SeasonValues}
 #: Values of a number of `[crop]`, in order.
 CROP_LEVELS = ("low", "expected", "high")
-PASSED = ("variable", "objective", "constraint", "optimise")
+#: Tables of a scene that are set as a whole.
+WHOLE = ("sea.waves", "sea.current", "sea.level")
 
 
 def read_site(source: str | Path | Values) -> Site:
@@ -83,8 +97,8 @@ def read_site(source: str | Path | Values) -> Site:
     states = read_items(SeaState.read, table.get("sea_state", []), "sea_state", needed=True)
     _unique("sea_state", [state.name for state in states])
     broken = breaks(scene, lists.states, "cases.states")
-    kinds = {"intact" if state is None else "broken" for state in broken}
-    _check_times(run, lists, "broken" in kinds)
+    kinds = kinds_of(broken)
+    _check_times(run, lists, BROKEN in kinds)
     factors = Factors.read(table.get("factors", {}), "factors")
     growth = _growth(table, lines)
     crop = _crop(table)
@@ -92,15 +106,9 @@ def read_site(source: str | Path | Values) -> Site:
         for i, name in enumerate(names):
             read_text(name, f"{path}.{i}", known)
         _unique(path, names)
-    kinds_of_section = {"exclusion": Exclusion, "backbone": Backbone, "season": SeasonValues}
-    sections: Table = {name: cls.read(table[name], name) for name, cls in kinds_of_section.items() if name in table}
-    for name in sorted(sections.keys() & {"exclusion", "backbone"}):
-        match_names(sections[name].lines, lines, f"{name}.lines")
-    if "season" in sections:
-        free = [point.name for point in scene.points if point.is_free]
-        match_names(sections["season"].points, free, "season.points", "free point")
+    default_name = file.stem if file else scene.name
     site = Site(
-        name=read_text(table.get("name", scene.name if file is None else file.stem), "name"),
+        name=read_text(table.get("name", default_name), "name"),
         description=read_text(table.get("description", ""), "description"),
         scene=scene,
         run=run,
@@ -116,12 +124,24 @@ def read_site(source: str | Path | Values) -> Site:
         raw={key: plain(table[key]) for key in PASSED if key in table},
         table={key: plain(value) for key, value in table.items()},
         file=file,
-        **sections,
+        **_optional_sections(table, scene, lines),
     )
     _check_currents(site)
     check_breaking(site)
     site.prepared()
     return site
+
+
+def _optional_sections(table: Values, scene: Scene, lines: tuple[str, ...]) -> Table:
+    """The sections of `OPTIONAL` that the site has, by name, with patterns that match its lines and points."""
+    sections: Table = {name: cls.read(table[name], name) for name, cls in OPTIONAL.items() if name in table}
+    for name, section in sections.items():
+        if name == "season":
+            free = [point.name for point in scene.points if point.is_free]
+            match_names(section.points, free, "season.points", "free point")
+        else:
+            match_names(section.lines, lines, f"{name}.lines")
+    return sections
 
 
 def _quantities(table: Values, scene: Scene) -> tuple[str, ...]:
@@ -155,7 +175,9 @@ def site_text(source: str | Path) -> bytes:
     try:
         return file.read_bytes()
     except OSError as error:
-        hint = "see `dropper cases small-longline --print`" if file.suffix else nearest(str(source), packaged)
+        hint = nearest(str(source), packaged)
+        if file.suffix:
+            hint = "see `dropper cases small-longline --print`"
         raise SceneError(f"site: cannot read {str(file)!r}: {error.strerror or error}; {hint}") from None
 
 
@@ -173,10 +195,13 @@ def _scene(table: Values, folder: Path) -> Scene:
         scene = Scene.from_dict(*find_scene(source))
     values = {f"parameters.{key}": value for key, value in _table(table, "parameters").items()}
     values |= _flat(_table(table, "set"))
-    return scene.with_values(values) if values else scene
+    if not values:
+        return scene
+    return scene.with_values(values)
 
 
 def _table(table: Values, key: str) -> Values:
+    """The table at a key, empty if it is missing."""
     return read_table(table.get(key, {}), key)
 
 
@@ -185,18 +210,22 @@ def _flat(table: Values, path: str = "") -> Table:
     found: Table = {}
     for key, value in table.items():
         inner = f"{path}.{key}" if path else key
-        whole = inner in ("sea.waves", "sea.current", "sea.level")
-        found |= _flat(value, inner) if isinstance(value, Mapping) and not whole else {inner: value}
+        if isinstance(value, Mapping) and inner not in WHOLE:
+            found |= _flat(value, inner)
+        else:
+            found[inner] = value
     return found
 
 
 def _unique(path: str, names: Sequence[str]) -> None:
+    """Reject a name that is used twice."""
     for name in names:
         if list(names).count(name) > 1:
             raise refuse(path, name, "is used twice", "a unique name")
 
 
 def _check_times(run: RunValues, lists: CaseLists, broken: bool) -> None:
+    """Reject a run without counted time, or a break outside the counted time."""
     if run.skip >= run.duration:
         raise refuse("run.skip", run.skip, "covers the whole run", f"0 to less than {run.duration:g} s")
     if broken and lists.break_time is not None and not run.skip <= lists.break_time < run.duration:
@@ -232,8 +261,9 @@ def _parts(
     scene: Scene,
     lines: tuple[str, ...],
     factors: Factors,
-    kinds: set[str],
+    kinds: Sequence[str],
 ) -> tuple[Part, ...]:
+    """The parts, with factors for all `kinds` of states; every line is in one of them or in `unchecked`."""
     specs = {line.name: line.spec for line in whole_lines(scene)}
     found = []
     unchecked = read_patterns(table.get("unchecked", []), "unchecked")
@@ -246,15 +276,15 @@ def _parts(
         capacity = np.array([_capacity(part, specs[name].breaking_load, name, path) for name in names])
         found.append(Part(part.name, names, capacity, own, part.curve, part.capacity is None))
     _unique("part.name", [part.name for part in found])
-    refuse_overlap(groups, "line")
-    taken = [name for _, names in groups for name in names]
-    left = [name for name in lines if name not in taken]
+    owners = find_owners(groups, "line")
+    left = [name for name in lines if name not in owners]
     if left:
         raise SceneError(f"part: no part has the lines {short(left)}. Use a [[part]] with them, or `unchecked`")
     return tuple(found)
 
 
 def _capacity(part: PartTable, capacity: np.ndarray | None, line: str, path: str) -> float:
+    """Breaking load [N] of a line: that of its part, otherwise the minimum of its links in the scene."""
     if part.capacity is not None:
         return part.capacity
     if capacity is None:
@@ -265,7 +295,7 @@ def _capacity(part: PartTable, capacity: np.ndarray | None, line: str, path: str
     return float(np.min(capacity))
 
 
-def _complete_factors(given: Factors | None, table: Factors, kinds: set[str], path: str) -> Factors:
+def _complete_factors(given: Factors | None, table: Factors, kinds: Sequence[str], path: str) -> Factors:
     """The factors of a part, with those of `[factors]` for kinds of states that it does not give."""
     given = given or table
     common = {kind: x for kind, x in table.by_kind.items() if kind not in given.by_kind}
@@ -277,17 +307,17 @@ def _complete_factors(given: Factors | None, table: Factors, kinds: set[str], pa
     return found
 
 
-def _anchors(table: Values, scene: Scene, factors: Factors, kinds: set[str]) -> tuple[Anchor, ...]:
-    held = [point.name for point in scene.points if not point.is_free]
+def _anchors(table: Values, scene: Scene, factors: Factors, kinds: Sequence[str]) -> tuple[Anchor, ...]:
+    """The anchors, with factors for all `kinds` of states; a fixed point belongs to one of them at most."""
     found = []
     groups = []
     for i, anchor in enumerate(read_items(AnchorTable.read, table.get("anchor", []), "anchor")):
         path = f"anchor.{i}"
-        points = match_names(anchor.points, held, f"{path}.points", "fixed point")
+        points = match_names(anchor.points, scene.fixed_points, f"{path}.points", "fixed point")
         groups.append((path, points))
         own = _complete_factors(anchor.factor, factors, kinds, f"{path}.factor")
         found.append(Anchor(anchor.name or ", ".join(anchor.points), points, anchor, own.by_kind))
-    refuse_overlap(groups, "point")
+    find_owners(groups, "point")
     _unique("anchor.name", [anchor.name for anchor in found])
     return tuple(found)
 
@@ -323,12 +353,12 @@ def check_breaking(site: Site) -> None:
             continue
         sea = make_sea(SeaSpec(depth=spec.depth, density=spec.density, gravity=spec.gravity, waves=state.sea))
         tz = mean_period(sea)
-        limits = {
-            f"0.6 of the depth of {spec.depth + lowest:g} m at the level of {lowest:+g} m": SHALLOW_HEIGHT
-            * (spec.depth + lowest),
-            f"the steepest seas of mean period {tz:.3g} s (DNV-RP-C205)": steepest_sea(tz, spec.gravity),
-        }
-        why, limit = min(limits.items(), key=lambda item: item[1])
+        limit = SHALLOW_HEIGHT * (spec.depth + lowest)
+        why = f"0.6 of the depth of {spec.depth + lowest:g} m at the level of {lowest:+g} m"
+        steepest = steepest_sea(tz, spec.gravity)
+        if steepest < limit:
+            limit = steepest
+            why = f"the steepest seas of mean period {tz:.3g} s (DNV-RP-C205)"
         if hs > limit:
             raise SceneError(
                 f"sea_state.{i}.hs: {state.name!r} of {hs:g} m breaks; allowed: at most {limit:.3g} m, {why}"

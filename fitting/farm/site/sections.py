@@ -149,8 +149,11 @@ class Factors(Section):
             return super().values_of(own, path)
         known = standards("factors")
         standard = known[read_text(own.pop("standard"), f"{path}.standard", known)]
-        given = [f"; {kind}: given for this site" for kind in ("intact", "broken") if kind in own]
-        return super().values_of({**standard, "source": standard["source"] + "".join(given), **own}, path)
+        source = standard["source"]
+        for kind in ("intact", "broken"):
+            if kind in own:
+                source += f"; {kind}: given for this site"
+        return super().values_of({**standard, "source": source, **own}, path)
 
     @property
     def by_kind(self) -> dict[str, float]:

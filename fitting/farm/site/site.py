@@ -15,11 +15,11 @@ from dropper_jax.base.read import Table
 from dropper_jax.load.scene import Scene
 from dropper_jax.scene import whole_lines
 from dropper_jax.sea.spec import SeaSpec
-from fitting.farm.site.case import BROKEN, INTACT, NEVER, PROFILE, Anchor, Break, Case, Part, Storm, match_names
+from fitting.farm.site.case import NEVER, PROFILE, Anchor, Break, Case, Part, Storm, kinds_of, match_names
 from fitting.farm.site.case_lists import CaseLists
 from fitting.farm.site.sections import Backbone, Exclusion, Factors, RunValues, SeasonValues, SeaState
 
-#: Keys of a scene's `[run]` that say how its steps are chosen and saved.
+#: Keys of a scene's `[run]` that determine its steps and when they are saved.
 STEP_KEYS = ("dt", "accuracy", "save_every", "save_interval")
 #: Longest time [s] between the samples of loads; extremes are those of all steps.
 LONGEST_INTERVAL = 0.1
@@ -96,7 +96,7 @@ class Site:
         """
         lists = self.lists
         combined = []
-        for sea, way, current, level, month, crop, state in itertools.product(
+        for sea, direction, current, level, month, crop, state in itertools.product(
             self.sea_states,
             np.radians(lists.directions).tolist(),
             lists.currents or (None,),
@@ -106,9 +106,9 @@ class Site:
             self.states,
         ):
             own = current or {}
-            table = None if current is None else self._current_table(current, way)
+            table = None if current is None else self._current_table(current, direction)
             periods = (sea.return_period, own.get("return_period"))
-            combined.append(Storm(0, sea, way, table, own.get("name"), level, month, state, crop, periods))
+            combined.append(Storm(0, sea, direction, table, own.get("name"), level, month, state, crop, periods))
         if lists.standard is not None:
             pairs = lists.standard["pairs"]
             for waves, current in pairs:
@@ -140,6 +140,7 @@ class Site:
 
     @property
     def seeds(self) -> tuple[int, ...]:
+        """Seeds of each sea state."""
         return tuple(range(self.run.first_seed, self.run.first_seed + self.run.seeds))
 
     @cached_property
@@ -150,8 +151,9 @@ class Site:
     @property
     def break_time(self) -> float:
         """Time of breaks [s]."""
-        middle = 0.5 * (self.run.skip + self.run.duration)
-        return middle if self.lists.break_time is None else self.lists.break_time
+        if self.lists.break_time is not None:
+            return self.lists.break_time
+        return 0.5 * (self.run.skip + self.run.duration)  # the middle of the counted time
 
     def run_of(self, storm: Storm) -> RunValues:
         """Values of the run of a load case: if a line breaks, the time before the break is not counted."""
@@ -162,8 +164,7 @@ class Site:
     @property
     def kinds(self) -> tuple[str, ...]:
         """Kinds of states that occur: `intact`, `broken`."""
-        broken = (BROKEN,) if any(self.states) else ()
-        return (INTACT, *broken) if None in self.states else broken
+        return kinds_of(self.states)
 
     @property
     def curve_lines(self) -> list[str]:
@@ -201,7 +202,7 @@ class Site:
         Raises:
             SceneError: as for any scene.
         """
-        scene = self.scene if scene is None else scene
+        scene = scene or self.scene
         table = scene.as_written()
         run = {key: value for key, value in table["run"].items() if key not in STEP_KEYS}
         if "accuracy" in self.steps:
@@ -234,7 +235,7 @@ class Site:
             found["sea.current"] = storm.current
         crop = self.crop.get(storm.crop, {})
         found |= {path: value for path, value in crop.items() if path != "growth"}
-        mussels = {} if storm.month is None else self.growth[storm.month]
+        mussels = self.growth.get(storm.month, {})
         for name in self.grown_lines:
             table = dict(mussels.get(name, BARE))
             table["thickness"] = [crop.get("growth", 1.0) * t for t in table["thickness"]]
@@ -246,5 +247,6 @@ class Site:
         found = {}
         for state in self.states:
             if state is not None:
-                found[f"failure.{state.entry}.time"] = self.break_time if state == storm.broken else NEVER
+                time = self.break_time if state == storm.broken else NEVER
+                found[f"failure.{state.entry}.time"] = time
         return found

@@ -3,12 +3,12 @@
 import numpy as np
 from scipy.stats import t as student
 
-from fitting.channels.result import between
+from fitting.channels.result import combine_runs
 
 
 def test_runs_of_equal_and_small_errors_give_students_interval():
     values = np.array([1.0, 1.3, 0.9, 1.15, 1.05])
-    found = between("b", values, 1e-12 * np.eye(5))
+    found = combine_runs("b", values, 1e-12 * np.eye(5))
     error = values.std(ddof=1) / np.sqrt(5)
     reach = student(4).ppf(0.95) * error
     assert np.isclose(found.mean, values.mean())
@@ -20,9 +20,9 @@ def test_runs_of_equal_and_small_errors_give_students_interval():
 def test_variance_between_runs_is_what_own_errors_do_not_explain():
     """With equal errors s restricted likelihood has tau^2 = var - s^2, or 0."""
     values = np.array([1.0, 1.3, 0.9, 1.15, 1.05])
-    found = between("b", values, 0.1**2 * np.eye(5))
+    found = combine_runs("b", values, 0.1**2 * np.eye(5))
     assert np.isclose(found.spread**2, values.var(ddof=1) - 0.1**2, rtol=1e-3)
-    none = between("b", values, 0.5**2 * np.eye(5))
+    none = combine_runs("b", values, 0.5**2 * np.eye(5))
     assert none.spread == 0
     assert np.isclose(none.std_error, 0.5 / np.sqrt(5))
 
@@ -31,7 +31,7 @@ def test_intervals_cover_the_mean_of_unequal_runs():
     rng, cover = np.random.default_rng(0), 0
     own = np.array([0.03, 0.04, 0.05, 0.06, 0.04])
     for _ in range(200):
-        found = between("b", 3 + 0.1 * rng.normal(size=5) + own * rng.normal(size=5), np.diag(own**2))
+        found = combine_runs("b", 3 + 0.1 * rng.normal(size=5) + own * rng.normal(size=5), np.diag(own**2))
         cover += found.low <= 3 <= found.high
     # 90 % of 200 draws, three standard deviations each way
     assert 167 <= cover <= 193

@@ -52,7 +52,7 @@ from fitting.parameters.parameter import Bounds, Parameter, Priors, StartValues,
 from fitting.parameters.recordings import distance_from, share_motion
 from fitting.parameters.rig_priors import JointPrior, rig_priors
 from fitting.parameters.targets import RECORDING, LostPlace
-from fitting.traces.conventions import check_sampling, check_unit, resting_angles, settle_convention
+from fitting.traces.conventions import check_scale, resting_angles, settle_convention
 from fitting.traces.noise import noise
 from fitting.traces.planar import check_planar, pendulum_period
 from fitting.traces.trace import Convention, Trace, as_trace, convention
@@ -438,8 +438,7 @@ def read_traces(
     notes = []
     read = [as_trace(item, model.line.links, settings.columns, settings.same_motion) for item in traces]
     for trace in read:
-        check_sampling(trace, model)
-        check_unit(trace, model, asked.over(trace.convention))
+        check_scale(trace, model, asked)
         notes += refuse_wrong_file(trace, model, asked, free)
     found = []
     for trace in read:

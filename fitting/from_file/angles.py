@@ -7,10 +7,8 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from fitting.from_file.motion import Motion
 from fitting.from_file.swing import half_range, main_period, unit_of_angle
-from fitting.traces.trace import unwrap
+from fitting.traces.trace import RADIANS, unwrap
 
-#: Radians per unit.
-RADIANS = {"rad": 1.0, "deg": np.pi / 180, "mrad": 1e-3}
 #: Range of whole numbers above which they are not degrees.
 LARGEST_DEGREES = 400.0
 #: Fraction of the rows of a log that must differ by exactly one step.

@@ -23,7 +23,7 @@ from dropper_jax.run.build import SceneLike, build
 from dropper_jax.run.storage import extra
 from fitting.sweep.plan import STATUS, Plan, changes_size
 from fitting.sweep.run import SweepResult, run_at, sweep
-from fitting.traces.conventions import settle_convention
+from fitting.traces.conventions import check_scale, settle_convention
 from fitting.traces.planar import check_planar, wrap
 from fitting.traces.trace import Convention, Trace, as_trace, check_trace
 
@@ -213,7 +213,9 @@ def sweep_against_trace(
     for path, values in vary.items():
         if path.count(".") > 0 and changes_size(scene, path, np.asarray(values)):
             raise SceneError(f"vary: {path!r} changes the number of links, which is that of the trace. Use other paths")
-    trace, warnings = settle_convention(as_trace(trace, model.line.links, columns), model, convention)
+    trace = as_trace(trace, model.line.links, columns)
+    check_scale(trace, model, convention)
+    trace, warnings = settle_convention(trace, model, convention)
     trace = trace.between(0.0, np.inf if until is None else until)
     check_trace(trace)
     if integrator is None and Rattle4().refuse(model) is None:

@@ -93,7 +93,8 @@ def noise_by_differences(values: np.ndarray, t: np.ndarray | None = None) -> np.
     """
     if len(values) <= max(ORDERS):
         return np.full(values.shape[1], np.nan)
-    t = np.arange(len(values)) if t is None else t
+    if t is None:
+        t = np.arange(len(values))
     white = np.random.default_rng(0).standard_normal((len(values), 16))
     return _calm_difference(values, t) / float(np.nanmean(_calm_difference(white, t)))
 
@@ -131,6 +132,7 @@ def _median(block: np.ndarray) -> np.ndarray:
 def _rounding(column: np.ndarray) -> float:
     """Minimum difference [rad] that the sensor resolves: of the sorted values; nearly zero for unrounded ones."""
     steps = np.diff(np.unique(column[np.isfinite(column)]))
-    if (steps > 1e-9).any():
-        return float(np.min(steps[steps > 1e-9], initial=np.inf))
+    steps = steps[steps > 1e-9]
+    if len(steps):
+        return float(np.min(steps))
     return 0.0

@@ -40,13 +40,17 @@ def read_angles(file: str, t: np.ndarray, raw: np.ndarray, unit: str | None, cou
         notes.append(f"angle in counts, {turn:g} per turn")
         size = 2 * np.pi / turn
     elif unit is None and turn is not None:
-        unit = "deg" if turn > 300 else "rad"
+        unit = "rad"
+        if turn > 300:
+            unit = "deg"
         notes.append(f"angle in {unit}, as its wraps of {turn:.4g} show")
         size = RADIANS[unit]
     else:
         size = RADIANS.get(unit or "", 0.0)
         turn = 2 * np.pi / size if size else None
-    theta = unwrap(raw, turn) if turn else raw
+    theta = raw
+    if turn:
+        theta = unwrap(raw, turn)
     if theta.shape[1] == 1 and is_log_of_steps(theta[:, 0], step):
         # a row is written where the reading changes: the angle is then between the two readings
         theta = 0.5 * (theta[1:] + theta[:-1])

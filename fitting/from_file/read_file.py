@@ -130,10 +130,10 @@ def read_measured(path: str | Path, given: Given = NOTHING, links: int | None = 
     lengths, note = lengths_in_metres(cells.file, columns.length_unit, motion, times, period, given, links)
     notes += note
     fastest = period
-    if count > 1 and lengths is None:
-        fastest = 0.5 * period
-    elif count > 1:
+    if lengths is not None and count > 1:
         fastest = pendulum_period(lengths)
+    elif count > 1:
+        fastest = 0.5 * period
     trace, note = thinned(trace, fastest)
     notes += note
     open_end = motion.lengths is not None and bool(np.isnan(motion.lengths[-1])) and count > 1

@@ -70,11 +70,13 @@ def traces(result: FitResult, run: int) -> Figure:
     held = [fit_over_trace(h, run) for h in result.held_out if (h.windows.run == run).any()]
     for j, ax in enumerate(axes):
         ax.plot(t_fit, fitted[:, j], lw=1.6, color=style.FIRST, label="fit")
-        for i, (t1, _, predicted) in enumerate(held):
-            label = None if i else "held out, predicted"
+        label = "held out, predicted"
+        for t1, _, predicted in held:
             ax.plot(*with_gaps(t1, predicted[:, j]), lw=1.6, color=style.SECOND, label=label)
-        for i, (t1, seen, _) in enumerate([(t, measured, simulated), *held]):
-            ax.plot(t1, seen[:, j], ".", ms=1.0, color=style.DARK, label=None if i else "measured")
+            label = None  # once in the legend
+        ax.plot(t, measured[:, j], ".", ms=1.0, color=style.DARK, label="measured")
+        for t1, seen, _ in held:
+            ax.plot(t1, seen[:, j], ".", ms=1.0, color=style.DARK)
     style.legend_above(axes[0], 3, markerscale=4)
     style.time_axis(axes[-1], np.sort(np.concatenate([t, *(h[0] for h in held)])))
     return figure
@@ -194,10 +196,9 @@ def channel_picture(result: ChannelFit, run: int, path: str | Path) -> Path:
         beside.locator_params(axis="x", nbins=3)
         beside.axhline(0.0, color=style.DARK, lw=0.8)
     style.legend_above(axes[0, 0], 2)
+    more = ""
     if left_out > 0:
         more = f" ({left_out} further columns are not drawn)"
-    else:
-        more = ""
     axes[0, 0].set_title(f"{problem.data.runs[run].name}{more}", loc="left")
     axes[0, 1].set_title("residual / noise", loc="left")
     for low in axes[-1]:

@@ -40,16 +40,15 @@ def write_report(result: FitResult, folder: str | Path) -> list[Path]:
     """Write `report.md`, its pictures and `fitted.toml`, the scene with the fitted values; returns the files."""
     folder = folder_without(folder, "report.md")
     fitted = fitted_scene(result.scene, result.model, result.parameters, result.values)
-    runs = {run: found for run, _ in fitted_runs(result) if (found := predict(result, run)) is not None}
-    return [
-        atomic_write(folder / "fitted.toml", as_toml(fitted.as_written())),
-        *draw_fit(result, folder),
-        *(
-            one_run_picture(found, result.traces[run].name, folder / f"one_run_{run + 1}.png")
-            for run, found in runs.items()
-        ),
-        atomic_write(folder / "report.md", report(result, runs)),
-    ]
+    files = [atomic_write(folder / "fitted.toml", as_toml(fitted.as_written())), *draw_fit(result, folder)]
+    runs = {}
+    for run, trace in fitted_runs(result):
+        found = predict(result, run)
+        if found is not None:
+            runs[run] = found
+            files.append(one_run_picture(found, trace.name, folder / f"one_run_{run + 1}.png"))
+    files.append(atomic_write(folder / "report.md", report(result, runs)))
+    return files
 
 
 @style.plot_style()
@@ -114,7 +113,9 @@ def report(result: FitResult, full_runs: Mapping[int, Prediction]) -> str:
 
 def _first_parts(result: SceneFit, status: str) -> list[str]:
     """Title, status and parameters of any fit."""
-    message = f": {result.message}" if result.message else ""
+    message = ""
+    if result.message:
+        message = f": {result.message}"
     parts = [
         f"# Fit of {literal(result.scene.name)}",
         f"{status} **{result.status}**{message}.",
@@ -128,10 +129,12 @@ def _first_parts(result: SceneFit, status: str) -> list[str]:
 
 
 def _quality(facts: Sequence[tuple[str, str]]) -> list[str]:
+    """Facts about a fit."""
     return ["## Quality", bullets(f"{name}: {value}" for name, value in facts)]
 
 
 def _warnings(result: SceneFit) -> list[str]:
+    """The warnings of any fit."""
     return ["## Warnings", bullets(map(literal, result.warnings)) or "None."]
 
 

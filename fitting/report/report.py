@@ -30,6 +30,7 @@ from fitting.report.tables import (
     parameter_rows,
     summary,
 )
+from fitting.traces.noise import column_medians
 from fitting.traces.trace import Trace
 
 #: The thesis' parts of a trace [s].
@@ -199,7 +200,7 @@ def part_rows(result: FitResult) -> Rows:
             if not inside.any():
                 continue
             square = (measured[inside] - simulated[inside]) ** 2
-            each = np.sqrt(np.nanmean(square, axis=0))
+            each = np.sqrt(np.ma.masked_invalid(square).mean(axis=0).filled(np.nan))  # NaN of a link without samples
             cells = [f"{x:.3g}" for x in (*each, np.sqrt(np.nanmean(square)))]
             rows.append((trace.name, f"{name} {low:g}-{min(high, t[-1]):.3g} s", *cells))
     return rows
@@ -212,7 +213,7 @@ def one_run_picture(found: Prediction, name: str, path: Path) -> Path:
     figure, axes = link_panels(found.measured.shape[1], title, margin=1.5)
     good = found.t <= found.trusted
     # whole turns are removed once, where the run is reliable
-    turns = np.nan_to_num(np.nanmedian((found.measured - found.simulated)[good], axis=0)) / (2 * np.pi)
+    turns = np.nan_to_num(column_medians((found.measured - found.simulated)[good])) / (2 * np.pi)
     simulated = found.simulated + 2 * np.pi * np.round(turns)
     beyond = {"lw": 0.8, "color": style.FIRST, "alpha": 0.55, "label": "beyond the prediction horizon"}
     for j, ax in enumerate(axes):

@@ -197,7 +197,7 @@ def unit_of_angle(t: np.ndarray, raw: np.ndarray, period: float) -> tuple[str | 
     return None, 0.0
 
 
-class Windows(NamedTuple):
+class SwingWindows(NamedTuple):
     """Windows of one period (w,), each a quarter of a period after the one before, and the free swing in each alone.
 
     Attributes:
@@ -220,7 +220,7 @@ class Windows(NamedTuple):
     size: np.ndarray
 
 
-def fit_windows(times: np.ndarray, motion: np.ndarray) -> Windows:
+def fit_windows(times: np.ndarray, motion: np.ndarray) -> SwingWindows:
     """The windows of a motion (k, 3) at times (k,) [s]."""
     first = np.arange(0, len(motion) - PER_PERIOD, PER_PERIOD // 4)
     rows = []
@@ -230,7 +230,7 @@ def fit_windows(times: np.ndarray, motion: np.ndarray) -> Windows:
         size = np.sqrt(np.mean(part[:, 2] ** 2))
         rows.append((np.hypot(p, q), np.arctan2(q, p), c, np.sqrt(left / PER_PERIOD), size))
     last = np.minimum(first + PER_PERIOD, len(times) - 1)
-    return Windows(first, times[first], times[last], *np.transpose(rows))
+    return SwingWindows(first, times[first], times[last], *np.transpose(rows))
 
 
 def find_swing(file: str, t: np.ndarray, phi: np.ndarray, period: float, sigma: float) -> Swing:
@@ -249,26 +249,12 @@ def find_swing(file: str, t: np.ndarray, phi: np.ndarray, period: float, sigma: 
         raise SceneError(f"{file}: has fewer than {FEWEST:g} swings of {period:.3g} s. Give a longer file")
     noise = gain * sigma
     windows = fit_windows(times, motion)
-    smooth = windows.residual < np.maximum(RESIDUAL * windows.size, 3.0 * noise)
-    loud = smooth & (windows.size > 5.0 * noise)
-    first, last = 0, -1
-    if loud.sum() >= 4:
-        stiffness = np.median(windows.stiffness[loud])
-        zero = float(np.angle(np.mean(np.exp(1j * windows.zero[loud]))))
-        level = energy_of_windows(motion, windows, stiffness, zero)
-        error = 3.0 * noise / np.maximum(windows.size, 1e-300)
-        alike = np.abs(windows.stiffness / stiffness - 1.0) < SAME + error
-        rising = rises(level, 2.0 * noise**2 / stiffness)
-        first, last = longest_run(smooth & alike & (windows.size > noise) & ~rising)
-    if last < first:
-        raise SceneError(
-            f"{file}: no stretch swings freely: it is driven throughout, or its noise hides the swing. Give a file "
-            "with a free swing"
-        )
+    free, level, zero = free_windows(file, motion, windows, noise)
+    first, last = longest_run(free)
+    inside = slice(first, last + 1)
     begin = windows.begin[first]
     end = windows.end[last]
     check_span(file, windows, begin, end, period, noise)
-    inside = slice(first, last + 1)
     check_decay(file, level[inside], end - begin)
     notes = left_out(times, windows, first, end, noise)
     # the window next to a driven stretch may contain a part of it
@@ -283,20 +269,37 @@ def find_swing(file: str, t: np.ndarray, phi: np.ndarray, period: float, sigma: 
     return Swing(float(begin), float(end), stiffness, zero, max(damping, 1e-5), float(rate), notes)
 
 
-def energy_of_windows(motion: np.ndarray, windows: Windows, stiffness: float, zero: float) -> np.ndarray:
-    """Mean energy w^2/2 + k (1 - cos(phi - z)) (w,) [1/s^2] of a motion in its windows."""
+def free_windows(
+    file: str, motion: np.ndarray, windows: SwingWindows, noise: float
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Windows (w,) bool that swing freely with the same k, the mean energy (w,) [1/s^2] in each, and the zero [rad].
+
+    Raises:
+        SceneError: no window swings freely.
+    """
+    size = windows.size
+    smooth = windows.residual < np.maximum(RESIDUAL * size, 3.0 * noise)
+    loud = smooth & (size > 5.0 * noise)
+    nothing = SceneError(
+        f"{file}: no stretch swings freely: it is driven throughout, or its noise hides the swing. Give a file "
+        "with a free swing"
+    )
+    if loud.sum() < 4:
+        raise nothing
+    stiffness = np.median(windows.stiffness[loud])
+    zero = float(np.angle(np.mean(np.exp(1j * windows.zero[loud]))))
     energy = 0.5 * motion[:, 1] ** 2 + stiffness * (1.0 - np.cos(motion[:, 0] - zero))
-    return np.array([energy[low : low + PER_PERIOD].mean() for low in windows.first])
+    level = np.array([energy[low : low + PER_PERIOD].mean() for low in windows.first])
+    error = 3.0 * noise / np.maximum(size, 1e-300)
+    free = smooth & (np.abs(windows.stiffness / stiffness - 1.0) < SAME + error) & (size > noise)
+    # the energy rises over a period, to the window before its end
+    free[1 : len(level) - 3] &= level[4:] <= (1 + RISES) * level[:-4] + 2.0 * noise**2 / stiffness
+    if not free.any():
+        raise nothing
+    return free, level, zero
 
 
-def rises(level: np.ndarray, noise: float) -> np.ndarray:
-    """Whether the energy (w,) rises by more than its noise over a period, from the window before each one."""
-    found = np.zeros(len(level), bool)
-    found[1 : len(level) - 3] = level[4:] > (1 + RISES) * level[:-4] + noise
-    return found
-
-
-def check_span(file: str, windows: Windows, begin: float, end: float, period: float, noise: float) -> None:
+def check_span(file: str, windows: SwingWindows, begin: float, end: float, period: float, noise: float) -> None:
     """Reject a free swing from `begin` to `end` [s] that is short, or a small part of the motion."""
     moving = windows.size > 2.0 * noise
     moving_span = windows.end[moving].max() - windows.begin[moving].min()
@@ -321,7 +324,7 @@ def check_decay(file: str, level: np.ndarray, duration: float) -> None:
 
 
 def longest_run(good: np.ndarray) -> tuple[int, int]:
-    """First and last number of the longest run of good windows, (0, -1) without one; two bad ones do not end it."""
+    """First and last number of the longest run of good windows; two bad ones inside do not end it."""
     best = (0, -1)
     start = None
     bad = 0
@@ -339,7 +342,7 @@ def longest_run(good: np.ndarray) -> tuple[int, int]:
     return best
 
 
-def left_out(times: np.ndarray, windows: Windows, first: int, end: float, noise: float) -> tuple[str, ...]:
+def left_out(times: np.ndarray, windows: SwingWindows, first: int, end: float, noise: float) -> tuple[str, ...]:
     """What lies before and after the free swing from window `first` to `end` [s], in words."""
     found = []
     size = windows.size

@@ -108,6 +108,8 @@ def spectra(result: FitResult, run: int) -> Figure:
     grid = np.linspace(t[0], t[-1], len(t))
     for j, ax in enumerate(axes):
         known = np.isfinite(measured[:, j])
+        if not known.any():  # a recording that shows nothing of this link
+            continue
         for x, colour, label in ((measured[:, j], style.FAINT, "measured"), (simulated[:, j], style.FIRST, "fit")):
             frequency, amplitude = amplitude_spectrum(grid, np.interp(grid, t[known], x[known]))
             ax.semilogy(frequency[1:], np.maximum(amplitude[1:], 1e-7), lw=0.9, color=colour, label=label)
@@ -124,12 +126,14 @@ def phase_space(result: FitResult, run: int) -> Figure:
     columns = min(links, 4)
     figure = style.new_figure(max(2.6 * columns + 0.6, 5.4), 2.5 * -(-links // columns) + 0.8)
     axes = style.panels(figure, links, columns)
-    for x, colour, label in ((measured, style.SECOND, "measured"), (simulated, style.FIRST, "fit")):
-        times, angles = with_gaps(t, x)
-        rates = np.gradient(angles, times, axis=0)
-        for j, ax in enumerate(axes):
-            ax.plot(angles[:, j], rates[:, j], lw=0.6, color=colour, label=label)
-            ax.set_title(f"link {j + 1}")
+    for j, ax in enumerate(axes):
+        ax.set_title(f"link {j + 1}")
+        known = np.isfinite(measured[:, j])  # rows of one recording: those of others may have the same times
+        if known.sum() < 2:
+            continue
+        for x, colour, label in ((measured, style.SECOND, "measured"), (simulated, style.FIRST, "fit")):
+            times, angles = with_gaps(t[known], x[known, j])
+            ax.plot(angles, np.gradient(angles, times), lw=0.6, color=colour, label=label)
     figure.legend(*axes[0].get_legend_handles_labels(), loc="upper right", ncols=2)
     style.title(figure, f"{result.traces[run].name}: phase space")
     figure.supxlabel("angle [rad]", fontsize=9)

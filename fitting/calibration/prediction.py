@@ -90,7 +90,7 @@ def predict(result: FitResult, run: int = 0) -> Prediction | None:
     if not 0 < steps * windows.substeps <= MOST_STEPS:
         return None
     values = np.asarray(result.values, float)
-    n = windows.theta.shape[2]
+    n = trace.links
     theta, omega = np.split(solution.evaluation.start[first], 2)
     samples = max(float((windows.weight[first] > 0).sum()) / n, 1.0)
     aside = result.noise / np.sqrt(samples) * np.sign(np.sin(1.0 + np.arange(n)))

@@ -35,14 +35,19 @@ def fit_over_trace(result: FitResult | HeldOut, run: int) -> tuple[np.ndarray, n
 GAP = 5
 
 
-def gaps(t: np.ndarray) -> np.ndarray:
-    """Numbers of the times (m,) that follow a gap."""
-    return np.flatnonzero(np.diff(t) > GAP * np.median(np.diff(t))) + 1
+def gaps(t: np.ndarray, interval: float) -> np.ndarray:
+    """Numbers of the times (m,) that follow a gap.
+
+    Args:
+        interval: between samples [s]; times of several recordings may lie closer together, or be the same.
+    """
+    return np.flatnonzero(np.diff(t) > GAP * interval) + 1
 
 
-def with_gaps(t: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def with_gaps(t: np.ndarray, x: np.ndarray, interval: float) -> tuple[np.ndarray, np.ndarray]:
     """Times and values with NaN in every gap, so that no line is drawn through unfitted stretches."""
-    return np.insert(t, gaps(t), np.nan), np.insert(x, gaps(t), np.nan, axis=0)
+    after = gaps(t, interval)
+    return np.insert(t, after, np.nan), np.insert(x, after, np.nan, axis=0)
 
 
 def link_panels(links: int, title: str, height: float = 1.3, margin: float = 1.2) -> tuple[Figure, np.ndarray]:
@@ -66,13 +71,14 @@ def traces(result: FitResult, run: int) -> Figure:
         measured.shape[1], f"{result.traces[run].name}: traces and fit [rad from the horizontal]"
     )
     # each stretch starts from its own angles, with the parameters of the fit
-    t_fit, fitted = with_gaps(t, simulated)
+    interval = result.traces[run].interval
+    t_fit, fitted = with_gaps(t, simulated, interval)
     held = [fit_over_trace(h, run) for h in result.held_out if (h.windows.run == run).any()]
     for j, ax in enumerate(axes):
         ax.plot(t_fit, fitted[:, j], lw=1.6, color=style.FIRST, label="fit")
         label = "held out, predicted"
         for t1, _, predicted in held:
-            ax.plot(*with_gaps(t1, predicted[:, j]), lw=1.6, color=style.SECOND, label=label)
+            ax.plot(*with_gaps(t1, predicted[:, j], interval), lw=1.6, color=style.SECOND, label=label)
             label = None  # once in the legend
         ax.plot(t, measured[:, j], ".", ms=1.0, color=style.DARK, label="measured")
         for t1, seen, _ in held:
@@ -100,7 +106,8 @@ def spectra(result: FitResult, run: int) -> Figure:
     """Amplitude spectra of measured and fitted angles, per link [rad], of the longest stretch without a gap."""
     t, measured, simulated = fit_over_trace(result, run)
     figure, axes = link_panels(measured.shape[1], f"{result.traces[run].name}: amplitude spectra [rad]")
-    low, high = max(pairwise([0, *gaps(t), len(t)]), key=lambda ends: ends[1] - ends[0])
+    edges = [0, *gaps(t, result.traces[run].interval), len(t)]
+    low, high = max(pairwise(edges), key=lambda ends: ends[1] - ends[0])
     longest = slice(low, high)
     t = t[longest]
     measured = measured[longest]
@@ -132,7 +139,7 @@ def phase_space(result: FitResult, run: int) -> Figure:
         if known.sum() < 2:
             continue
         for x, colour, label in ((measured, style.SECOND, "measured"), (simulated, style.FIRST, "fit")):
-            times, angles = with_gaps(t[known], x[known, j])
+            times, angles = with_gaps(t[known], x[known, j], result.traces[run].interval)
             ax.plot(angles, np.gradient(angles, times), lw=0.6, color=colour, label=label)
     figure.legend(*axes[0].get_legend_handles_labels(), loc="upper right", ncols=2)
     style.title(figure, f"{result.traces[run].name}: phase space")

@@ -282,7 +282,9 @@ def _result_table(path: Path) -> str:
         heads = []
         for name in columns:
             unit = found[name].attrs.get("units")
-            heads.append(f"{name} [{unit}]" if unit else name)
+            if unit:
+                name = f"{name} [{unit}]"
+            heads.append(name)
     return table([heads, *(cells(row, ".4g") for row in frame[columns].to_numpy())])
 
 
@@ -320,7 +322,9 @@ def _score_table(trace: Table) -> str:
         scores = []
         for part in spans:
             for score in case[part].values():
-                scores.append(math.nan if score is None else 1e3 * score)
+                if score is None:
+                    score = math.nan
+                scores.append(1e3 * score)
         rows.append((*cells(case["values"].values(), ".4g"), *cells(scores, ".3g")))
     named = ", ".join(f"{part} {low:.4g} to {high:.4g} s" for part, (low, high) in spans.items())
     notes = [f"RMS angle error and distance of amplitude spectra [mrad], {named}"]

@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from jax.typing import ArrayLike
 
 
 class Varied(NamedTuple):
@@ -28,7 +29,8 @@ def floats_of(tree: Any) -> list[Array]:
     return [x for x in jax.tree.leaves(tree) if _is_float(x)]
 
 
-def _is_float(leaf: Any) -> bool:
+def _is_float(leaf: ArrayLike) -> bool:
+    """Whether a leaf has derivatives."""
     return jnp.issubdtype(jnp.result_type(leaf), jnp.inexact)
 
 

@@ -25,7 +25,7 @@ from scipy.special import chdtrc
 from dropper_jax.base.errors import SceneError
 from dropper_jax.model import Model
 from fitting.calibration.candidate import Candidate
-from fitting.calibration.law_fits import OF_JOINTS, PARTS
+from fitting.calibration.law_fits import PARTS
 from fitting.calibration.laws import holm
 from fitting.calibration.preparation import Prepared
 from fitting.calibration.result import FitResult
@@ -66,28 +66,36 @@ SLACK = 2
 
 def candidates(model: Model, release: Release | None) -> list[tuple[str, list[str], list[Parameter]]]:
     """Names of the candidates, the paths that free them, and the numbers at these paths, which the scene has."""
-    several = ()
-    if model.line.links > 1:
-        several = range(model.line.links)
+    links = model.line.links
     named = [
         ("lengths of links", ["line.0.length"]),
         ("position of the second end", _second_end(model)),
         ("roll of the camera", [CAMERA]),
-        *((f"marker of link {j}", [f"{MARKER}.{j}"]) for j in several),
-        *((f"marker of node {i}", [f"{NODE}.{i}"]) for i in range(len(several) + 1 if several else 0)),
+    ]
+    if links > 1:
+        named += [(f"marker of link {j}", [f"{MARKER}.{j}"]) for j in range(links)]
+        named += [(f"marker of node {i}", [f"{NODE}.{i}"]) for i in range(links + 1)]
+    named += [
         ("rate of the clock", [CLOCK]),
         ("scale of the rig", [SCALE]),
         ("gravity", ["effects.weight.gravity"]),
         ("centres of mass", ["line.0.centre_of_mass"]),
         ("moments of inertia", ["line.0.inertia"]),
-        ("masses", ["line.0.mass"] if several and not model.line.compound else []),
-        *((f"start of run {i}", [f"{TIME}.{i}"]) for i in range(0 if release is None else release.runs)),
     ]
-    every = [(name, paths, _existing(model, paths, release)) for name, paths in named]
-    return [row for row in every if row[2]]
+    if links > 1 and not model.line.compound:
+        named.append(("masses", ["line.0.mass"]))
+    if release is not None:
+        named += [(f"start of run {i}", [f"{TIME}.{i}"]) for i in range(release.runs)]
+    found = []
+    for name, paths in named:
+        parameters = _existing(model, paths, release)
+        if parameters:
+            found.append((name, paths, parameters))
+    return found
 
 
 def _second_end(model: Model) -> list[str]:
+    """Paths of the position of a fixed second end; empty for a free one."""
     point = int(model.geometry.held_points[-1])
     if model.end_held:
         return [f"point.{point}.position.0", f"point.{point}.position.2"]
@@ -99,16 +107,22 @@ def wide(prepared: Prepared, further: Sequence[Parameter] = ()) -> Simulator:
     frames."""
     own = prepared.simulator
     model = own.model
-    names = prepared.names
-    asked = [*(p for _, _, found in candidates(model, own.release) for p in found), *further]
-    more = list({p.name: p for p in asked if p.name not in names}.values())
+    more = {}
+    for _, _, found in candidates(model, own.release):
+        more |= {p.name: p for p in found}
+    more |= {p.name: p for p in further}
+    for name in prepared.names:
+        more.pop(name, None)
     # number of lost stretches of frames that programs reserve space for
     lost = [Parameter(f"{LOST}.-.{i}", LostPlace(-1, i), 0.0, unit="s") for i in range(2)]
-    if own.knows([*prepared.parameters, *more]):
+    if own.knows([*prepared.parameters, *more.values()]):
         return own
     every = [p for p in prepared.parameters if not p.is_lost]
-    more += [p for p in tested_parameters(model, every) if p.name not in {q.name for q in more}]
-    simulator = Simulator(model, [*every, *more, *lost], own.stepper, own.release, tangents=own.freedoms + BESIDE)
+    for p in tested_parameters(model, every):
+        more.setdefault(p.name, p)
+    simulator = Simulator(
+        model, [*every, *more.values(), *lost], own.stepper, own.release, tangents=own.freedoms + BESIDE
+    )
     simulator.capacity = SLACK * prepared.windows.steps, SLACK * prepared.windows.theta.shape[1]
     return simulator
 
@@ -253,28 +267,32 @@ def groups(model: Model, free: Sequence[Parameter], shared: Sequence[Parameter])
         shared: friction that was free as one number for all joints; separate joints replace it.
     """
     line = model.line
-    # for one link the inertia represents both
-    if line.compound:
-        body = ["line.0.inertia", "line.0.centre_of_mass"]
-    elif line.links > 1:
+    body = []
+    markers = []  # for one link the camera represents its marker
+    if line.links > 1:
         body = ["line.0.mass"]
-    else:
-        body = []
+        markers = [MARKER]
+    if line.compound:  # for one link the inertia represents its mass
+        body = ["line.0.inertia", "line.0.centre_of_mass"]
     # lengths before the end that they replace: the end has too few numbers to replace them
     named = [
         ("rate of the clock", [CLOCK]),
         ("lengths of links", ["line.0.length"]),
         ("position of the second end", _second_end(model)),
-        ("markers", [MARKER] if line.links > 1 else []),
+        ("markers", markers),
         ("roll of the camera", [CAMERA]),
         ("inertia", body),
-        *((f"{part} drag", [PARTS[part]]) for part in ("linear", "quadratic")),
-        *((f"{part} friction of each joint".replace("joint viscous", "viscous"), [PARTS[part]]) for part in OF_JOINTS),
+        ("linear drag", [PARTS["linear"]]),
+        ("quadratic drag", [PARTS["quadratic"]]),
+        ("viscous friction of each joint", [PARTS["joint viscous"]]),
+        ("dry friction of each joint", [PARTS["dry"]]),
     ]
     known = {p.name for p in free} - {p.name for p in shared}
     found = []
     for name, paths in named:
-        own = [q for path in paths for q in _existing(model, [path]) if q.name not in known]
+        own = []
+        for path in paths:
+            own += [q for q in _existing(model, [path]) if q.name not in known]
         instead = tuple(p for p in shared if p.name in paths)
         if own and (len(own) > 1 or not instead):
             found.append(Group(name, tuple(_with_width(model, q) for q in own), instead))

@@ -14,8 +14,6 @@ from fitting.parameters.parameter import Parameter
 WORTH = 6.0
 #: Separator of the names of indistinguishable candidates in reports.
 OR = " or "
-
-
 #: Probability, over all candidates, below which a candidate is reported.
 UNLIKELY = 0.01
 
@@ -65,8 +63,10 @@ class Candidate:
         return {**{key: getattr(self, key) for key in keys}, "named": self.worth_naming, "told": self.identifiable}
 
     def __str__(self) -> str:
+        if not self.changes and not self.gain:
+            return self.name
         if not self.changes:
-            return self.name + (f": gains {self.gain:.0f} in log likelihood" if self.gain else "")
+            return f"{self.name}: gains {self.gain:.0f} in log likelihood"
         largest = max(self.changes, key=lambda name: abs(self.changes[name] / self.errors[name]))
         change = f"{largest} by {self.changes[largest]:+.3g} +- {self.errors[largest]:.2g}"
         gain = f"--free ...,{','.join(self.free)} would gain {self.gain:.0f} in log likelihood ({change})"
@@ -78,9 +78,10 @@ def omitted_parameter_bias(names: Sequence[Candidate], parameters: Sequence[Para
 
     A candidate that was freed later in its own right is no longer in doubt.
     """
-    freed = {name for candidate in names for name in candidate.name.split(OR)[:1]}
-    moves = [move for candidate in names for name, move in candidate.doubt.items() if name not in freed]
+    freed = {candidate.name.split(OR)[0] for candidate in names}
     found = []
-    for move in moves:
-        found.append(np.array([move.get(p.name, 0.0) for p in parameters]))
+    for candidate in names:
+        for name, move in candidate.doubt.items():
+            if name not in freed:
+                found.append(np.array([move.get(p.name, 0.0) for p in parameters]))
     return tuple(found)

@@ -9,12 +9,11 @@ which they differ (`decision`). Samples that the caller holds out are used by ne
 BIC = `N_eff log(chi2/N) + k log N_eff` (Schwarz 1978) is reported alongside. N_eff = N (1 - rho)/(1 + rho) accounts for
 correlated samples; rho is that of the law that fits best, because its residuals are nearest to the noise.
 
-Comparison with joined windows of laws that separate windows leave undecided.
-
-Separate windows lose the information on how much energy a motion loses from one to the next; joined ones (`shooting`)
-keep it. The weight of the gaps and the time step are those of the law with the most parts. At this one weight all
-costs, gaps included, are likelihoods of the same model, so laws can be compared by them as with separate windows. A law
-starts from the best of those that it contains, so it never costs more.
+Laws that separate windows leave undecided are compared with joined windows. Separate windows lose the information on
+how much energy a motion loses from one to the next; joined ones (`shooting`) keep it. The weight of the gaps and the
+time step are those of the law with the most parts. At this one weight all costs, gaps included, are likelihoods of the
+same model, so laws can be compared by them as with separate windows. A law starts from the best of those that it
+contains, so it never costs more.
 """
 
 from __future__ import annotations
@@ -22,15 +21,15 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from itertools import combinations
+from itertools import combinations, compress
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dropper_jax.base.errors import Progress, SceneError, nearest, silent
 from dropper_jax.base.read import ScenePath
-from fitting.calibration.cross_validation import Scores, blocks, fair, last_third, other_runs, score
-from fitting.calibration.decision import LACKS, chance, decide, decide_joined, deviation, unit_work, unseen
+from fitting.calibration.cross_validation import Fold, Scores, blocks, fair, last_third, other_runs, score
+from fitting.calibration.decision import LACKS, chance, decide, decide_joined, deviation
 from fitting.calibration.law_fits import (
     LADDER,
     PARTS,
@@ -40,8 +39,10 @@ from fitting.calibration.law_fits import (
     family_of,
     fit_law,
     least_loss,
+    part_of,
 )
 from fitting.calibration.preparation import Prepared
+from fitting.calibration.undetected import undetected_parts, unit_work
 from fitting.estimate.factors import solve_spd
 from fitting.estimate.least_squares import Objective, continue_fit, descend, fit_windows
 from fitting.estimate.noise import lag_one
@@ -112,7 +113,7 @@ def compare_laws(
     per_unit = {dry: unit_work(fits.prepared, one.simulator, one.owner) for dry, one in fits.families.items()}
 
     def open_parts(one: Solution, dry: bool) -> tuple[str, ...]:
-        return unseen(one, fits.families[dry].owner, per_unit[dry])
+        return undetected_parts(one, fits.families[dry].owner, per_unit[dry])
 
     rows = []
     for row in fits.rows(scores):
@@ -145,8 +146,12 @@ class LawFits:
         self.laws = laws
         self.iterations = iterations
         self.say = say
-        others = [name for name in prepared.names if not name.startswith(tuple(PARTS.values()))]
-        self.families = {dry: family_of(prepared, others, dry) for dry in {("dry" in LADDER[law]) for law in laws}}
+        others = [name for name in prepared.names if part_of(name) is None]
+        self.families: dict[bool, Family] = {}
+        for law in laws:
+            dry = "dry" in LADDER[law]
+            if dry not in self.families:
+                self.families[dry] = family_of(prepared, others, dry)
         self.firsts: dict[str, Solution] = {}
         self.found: dict[str, Solution] = {}
         self.costs: dict[str, float] = {}
@@ -195,7 +200,8 @@ class LawFits:
                 continue
             self.say(0.95, f"law {i + 1} of {len(self.laws)}: {law}")
             inner = [one for name, one in self.found.items() if contains(law, name)]
-            inner += [self.firsts[law]] if law in self.firsts else []
+            if law in self.firsts:
+                inner.append(self.firsts[law])
             self.found[law] = self.fit(law, inner)
         widest = self.family(self.laws[-1])
         near = [law for law in self.found if least_loss(first, widest, law) < HOPELESS]
@@ -251,7 +257,9 @@ class LawFits:
         for law in order:
             self.say(0.95, f"law {law}, joined")
             inner = sorted((one for name, one in found.items() if contains(law, name)), key=lambda one: one.cost)
-            tries = [widest] if law == most else []
+            tries = []
+            if law == most:
+                tries.append(widest)
             for best in inner[:1]:  # its additional parts start at zero
                 problem = replace(best.problem, frozen=~family.free_mask(law))
                 level = Objective(problem, widest.gap_weight, intermediate=True)
@@ -268,32 +276,39 @@ class LawFits:
         """The laws' rows before any decision."""
         rows: list[Law] = []
         windows = self.prepared.windows
-        kinds = (last_third(windows.begin, windows.run), other_runs(windows.run))
-        folds = [fair(each, windows.released) for each in kinds]
+        ahead = fair(last_third(windows.begin, windows.run), windows.released)
+        elsewhere = fair(other_runs(windows.run), windows.released)
         errors = errors_to_best(scores)
         for (law, one), scored, error in zip(self.found.items(), scores, errors, strict=True):
             family = self.family(law)
             used = family.free_mask(law)
-            ahead, beside = (score(one, each).rms if each else np.nan for each in folds)
+            owned = np.array([part is not None for part in family.owner])
             # a law contains itself with further parts at zero, so its cost is at most theirs for any error of its
             # scheme's step
             least = min([self.costs[law], *(row.cost for row in rows if contains(law, row.name))])
             row = Law(
                 name=law,
-                coefficients=sum(on and part is not None for on, part in zip(used.tolist(), family.owner, strict=True)),
+                coefficients=int((used & owned).sum()),
                 rms=one.rms,
                 held_out=scored.rms,
                 held_out_error=float(error),
                 status=one.status,
-                values={name: value for (name, value), on in zip(one.by_name.items(), used, strict=True) if on},
+                values=dict(compress(one.by_name.items(), used)),
                 free=int(used.sum()),
                 cost=least,
                 unreached=remaining_decrease(one) / one.problem.memory,
-                extrapolated=ahead,
-                other_run=beside,
+                extrapolated=_predicted_rms(one, ahead),
+                other_run=_predicted_rms(one, elsewhere),
             )
             rows.append(row)
         return with_bic(rows, [one.evaluation.residual for one in self.found.values()], windows)
+
+
+def _predicted_rms(solution: Solution, folds: list[Fold]) -> float:
+    """RMS angle error [rad] of the windows that folds score; NaN without folds."""
+    if not folds:
+        return np.nan
+    return score(solution, folds).rms
 
 
 def errors_to_best(scores: Sequence[Scores]) -> np.ndarray:
@@ -308,12 +323,9 @@ def errors_to_best(scores: Sequence[Scores]) -> np.ndarray:
 
 def _same_parts(laws: Sequence[str], prepared: Prepared, first: Solution) -> dict[str, str]:
     """Parts of one coefficient that act like another, which replaces them; a part that the fit already has stays."""
-    names = first.problem.names
-    owner = []
-    for name in names:
-        owner.append(next((part for part, path in PARTS.items() if name.startswith(path)), None))
+    owner = [part_of(name) for name in first.problem.names]
     wanted = {part for law in laws for part in LADDER[law] if owner.count(part) == 1}
-    asked = {part for part in wanted if any(p.name.startswith(PARTS[part]) for p in prepared.parameters)}
+    asked = {part_of(name) for name in prepared.names}
     columns = first.evaluation.jacobian[..., first.problem.freedoms :].reshape(-1, len(owner))
     unit = columns / np.maximum(np.sqrt(np.sum(columns**2, axis=0)), 1e-300)
     found: dict[str, str] = {}

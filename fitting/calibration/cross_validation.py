@@ -57,7 +57,7 @@ class Scores:
 def blocks(run: np.ndarray) -> list[Fold]:
     """The windows that each fold scores and fits, (K,) bool each, from the windows' runs (K,)."""
     count = len(run)
-    folds = min(BLOCKS, max(count // SMALLEST, 2 if count > 1 else 1))
+    folds = min(BLOCKS, max(count // SMALLEST, min(count, 2), 1))
     gap = GAP if count >= 2 * SMALLEST else 0
     index = np.arange(count)
     near = (np.abs(index[:, None] - index) <= gap) & (run[:, None] == run)

@@ -10,113 +10,20 @@ on their bound of zero. Twice the difference of the log likelihoods of q coeffic
 (Self and Liang 1987; the weights are those of independent coefficients). If neither law contains the other, the two are
 compared by their predictions of windows that were not fitted. A law that is significantly worse is refuted as well. The
 remaining laws are possible; the decision is unique if one law remains.
-
-Parts of a damping law that the traces could not have shown.
-
-Let w_i be the energy that a unit of coefficient i would dissipate in the measured motion (its power over the whole
-trace, without any simulation). A part of a law with coefficients c dissipates w . c. A fraction `SHARE` of the total
-loss is excluded if
-
-    w . c + z sqrt(w' C w) < SHARE W,       C: covariance of c given all other parameters of the law
-
-at the optimum without bounds. A part that is neither significant nor excluded remains undecided: its damping of this
-motion was too weak to be detected.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from itertools import product
 from math import comb
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jax import Array
-from scipy.special import chdtrc, ndtri
+from scipy.special import chdtrc
 
-from dropper_jax.effects.joint_friction import JointFriction
-from dropper_jax.model import Model
-from dropper_jax.model.slots import Force
 from fitting.calibration.cross_validation import Scores
 from fitting.calibration.law_fits import LADDER, Law, contains
-from fitting.calibration.preparation import Prepared
-from fitting.estimate.factors import solve_spd
-from fitting.estimate.residuals import Solution
-from fitting.estimate.simulator import Simulator
-from fitting.parameters.names import DAMPING
-from fitting.parameters.parameter import apply
-from fitting.traces import planar
-from fitting.traces.noise import smooth_stretch
-
-
-def dissipation(model: Model, theta: Array, omega: Array) -> Array:
-    """Power [W] dissipated by the damping in a pose with rates."""
-    s = planar.to_state(model, theta, omega)
-    k = model.instant(s.r, s.v, s.t, model.ends(s.t))
-    taken = jnp.zeros(())
-    for effect in model.having(Force):
-        if effect.name in DAMPING:
-            taken = taken - jnp.sum(effect.force(k) * k.v)
-        if isinstance(effect, JointFriction) and effect.dry is not None:
-            rate = jnp.sum(jnp.abs(effect.relative_rates(k)), axis=1)
-            taken = taken + jnp.sum(jnp.broadcast_to(effect.dry, (model.line.links + 1,))[: len(rate)] * rate)
-    return taken
-
-
-#: Fraction of the lost energy that must be detectable for a part, and normal quantile of its upper limit.
-SHARE = 0.1
-LIMIT = float(ndtri(0.95))
-
-
-#: Half width of the smoother of the measured motion, as a fraction of the shortest link's period.
-SMOOTHER = 0.06
-
-
-def unit_work(prepared: Prepared, simulator: Simulator, owner: Sequence[str | None]) -> np.ndarray:
-    """Energy dissipated in the measured motions by a unit of every coefficient (k,) [J per unit]; otherwise 0."""
-    found = np.zeros(len(owner))
-    whole = np.array([p.value for p in simulator.parameters])
-    others = np.array([part is None for part in owner])
-
-    @jax.jit
-    def power(values: Array, theta: Array, omega: Array) -> Array:
-        model = apply(simulator.model, simulator.parameters, values)
-        return jax.vmap(lambda a, w: dissipation(model, *planar.close_chain(model, a, w)))(theta, omega)
-
-    for run, trace in enumerate(prepared.traces):
-        mine = prepared.windows.run == run
-        if not mine.any():
-            continue
-        span = float(prepared.windows.begin[mine].min()), float(prepared.windows.ends[mine].max())
-        motion = smooth_stretch(trace, span, SMOOTHER * prepared.period)
-        if motion is None:
-            continue
-        t, theta, omega = motion
-        for i in np.flatnonzero(~others):
-            values = np.where(others, whole, np.arange(len(owner)) == i)
-            found[i] += float(np.mean(power(jnp.asarray(values), theta, omega))) * float(t[-1] - t[0])
-    return found
-
-
-def unseen(law: Solution, owner: Sequence[str | None], per_unit: np.ndarray) -> tuple[str, ...]:
-    """Parts of a law for which the traces do not exclude that they dissipate `SHARE` of the energy."""
-    free = np.flatnonzero(~law.problem.held_mask)
-    if not len(free) or not per_unit.any():
-        return ()
-    prior = law.problem.prior(law.values).curvature
-    memory = law.problem.memory
-    information = ((law.information - prior) / memory + prior)[np.ix_(free, free)]
-    covariance = solve_spd(information, np.eye(len(free)))
-    centre = law.values[free] - covariance @ law.gradient[free] / memory
-    lost = float(per_unit @ law.values)
-    work = {}
-    for i in free:
-        work[owner[i]] = np.where([owner[j] == owner[i] for j in free], per_unit[free], 0.0)
-    highest = {part: float(w @ centre) + LIMIT * np.sqrt(w @ covariance @ w) for part, w in work.items()}
-    return tuple(part for part, most in highest.items() if part is not None and most >= SHARE * lost)
-
 
 #: Probability below which a missing coefficient counts as shown (0.01 over some ten laws), and above which an
 #: additional one counts as needless.
@@ -132,8 +39,10 @@ DRAWS = 1000
 
 def chance(gain: float, coefficients: int) -> float:
     """Probability of a gain of at least `gain` in log likelihood by coefficients that are zero and non-negative."""
-    beyond = [float(gain <= 0.0), *(chdtrc(i, max(2 * gain, 0.0)) for i in range(1, coefficients + 1))]
-    return float(sum(comb(coefficients, i) * p for i, p in enumerate(beyond)) / 2**coefficients)
+    total = float(gain <= 0.0)
+    for i in range(1, coefficients + 1):
+        total += comb(coefficients, i) * float(chdtrc(i, max(2 * gain, 0.0)))
+    return total / 2**coefficients
 
 
 def decide(rows: list[Law], scores: list[Scores]) -> list[Law]:
@@ -141,19 +50,24 @@ def decide(rows: list[Law], scores: list[Scores]) -> list[Law]:
     logs = np.array([s.log_score for s in scores])
     best = int(np.argmax(logs.sum(1)))
     apart = logs - logs[best]
-    share = shares(logs, np.random.default_rng(0))
-    columns = np.array([apart.sum(1), deviation(apart) * np.sqrt(logs.shape[1]), share]).T.tolist()
-    rows = [replace(row, score=a, score_error=b, share=c) for row, (a, b, c) in zip(rows, columns, strict=True)]
+    totals = apart.sum(1).tolist()
+    errors = (deviation(apart) * np.sqrt(logs.shape[1])).tolist()
+    weights = shares(logs, np.random.default_rng(0)).tolist()
     # the cost of a fit that did not converge is an upper limit: a law that passes with it passes
-    none_finite = not any(np.isfinite(row.cost) for row in rows)
-    reasons = ["" if none_finite or np.isfinite(row.cost) else row.status for row in rows]
+    reasons = [""] * len(rows)
+    if any(np.isfinite(row.cost) for row in rows):
+        for i, row in enumerate(rows):
+            if not np.isfinite(row.cost):
+                reasons[i] = row.status
     alive = [i for i, reason in enumerate(reasons) if not reason]
     reasons = _by_prediction(rows, _by_likelihood(rows, reasons), logs, alive)
-    reasons = [
-        f"{row.status}; {reason}" if reason and row.status not in ("ok", reason) else reason
-        for row, reason in zip(rows, reasons, strict=True)
-    ]
-    return _chosen([replace(row, refuted=reason) for row, reason in zip(rows, reasons, strict=True)])
+    found = []
+    for i, row in enumerate(rows):
+        reason = reasons[i]
+        if reason and row.status not in ("ok", reason):
+            reason = f"{row.status}; {reason}"
+        found.append(replace(row, score=totals[i], score_error=errors[i], share=weights[i], refuted=reason))
+    return _chosen(found)
 
 
 def decide_joined(rows: list[Law], costs: Mapping[str, float], unseen: Mapping[str, tuple[str, ...]]) -> list[Law]:
@@ -163,16 +77,19 @@ def decide_joined(rows: list[Law], costs: Mapping[str, float], unseen: Mapping[s
         costs: of laws with joined windows, minus their log likelihoods, by name.
         unseen: their parts that may dissipate 10 % of the energy as far as joined windows show.
     """
-    rows = [replace(row, joined=costs[row.name], unseen=unseen[row.name]) if row.name in costs else row for row in rows]
-    some = [replace(row, cost=row.joined) for row in rows if row.name in costs]
+    found = {row.name: row for row in rows}
+    for name, cost in costs.items():
+        found[name] = replace(found[name], joined=cost, unseen=unseen[name])
+    some = [replace(row, cost=row.joined) for row in found.values() if row.name in costs]
     reasons = _by_likelihood(some, [""] * len(some))
     for (i, a), b in product(enumerate(some), some):
         apart = a.cost - b.cost
         # difference of log likelihood with joined windows at which a law is refuted by another of no more coefficients
         if not reasons[i] and a.coefficients >= b.coefficients and not contains(a.name, b.name) and apart > 4.0:
             reasons[i] = f"is less likely than {b.name}, by {apart:.1f} in log likelihood"
-    refuted = {row.name: reason for row, reason in zip(some, reasons, strict=True)}
-    return _chosen([replace(row, refuted=refuted.get(row.name, row.refuted)) for row in rows])
+    for row, reason in zip(some, reasons, strict=True):
+        found[row.name] = replace(found[row.name], refuted=reason)
+    return _chosen(list(found.values()))
 
 
 def _chosen(rows: list[Law]) -> list[Law]:
@@ -190,7 +107,8 @@ def _by_likelihood(rows: list[Law], reasons: list[str]) -> list[str]:
         if not reasons[i] and contains(rows[j].name, rows[i].name):
             gain = rows[i].cost - rows[i].unreached - rows[j].cost
             p = chance(gain, rows[j].coefficients - rows[i].coefficients)
-            reasons[i] = f"lacks what {rows[j].name} has (p = {p:.1g})" if p < LACKS else ""
+            if p < LACKS:
+                reasons[i] = f"lacks what {rows[j].name} has (p = {p:.1g})"
     # from the simplest law on: a law is needless only if a simpler law that it contains remains
     for j, i in product(sorted(alive, key=lambda j: rows[j].coefficients), alive):
         if not reasons[j] and not reasons[i] and contains(rows[j].name, rows[i].name):
@@ -228,7 +146,7 @@ def deviation(rows: np.ndarray) -> np.ndarray:
     """Standard deviations of rows (laws, windows); NaN if no window is scored (a run of one window)."""
     count = rows.shape[1]
     if count:
-        return np.std(rows, axis=1, ddof=1 if count > 1 else 0)
+        return np.std(rows, axis=1, ddof=min(1, count - 1))
     return np.full(len(rows), np.nan)
 
 

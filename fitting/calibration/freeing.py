@@ -49,7 +49,10 @@ def with_freed(prepared: Prepared, paths: Sequence[str], simulator: Simulator, v
     old = prepared.names
     more = resolve(prepared.simulator.model, paths, release=prepared.simulator.release)
     more = [p for p in at_frames(more, prepared.traces) if p.name not in old]
-    begin = np.concatenate([prepared.values, [p.value if value is None else value for p in more]])
+    own = [p.value for p in more]
+    if value is not None:
+        own = [value] * len(more)
+    begin = np.append(prepared.values, own)
     return prepared.with_parameters([*prepared.parameters, *more], begin, simulator)
 
 
@@ -256,7 +259,9 @@ class Freeing:
         # a jump that only shows in these windows
         slopes = self.solution.evaluation.jacobian[~off][..., self.solution.problem.freedoms :]
         unseen = ~np.any(slopes, axis=(0, 1, 2))
-        solution = self.fit(prepared, "windows", self.loss, frozen=unseen if unseen.any() else None)
+        if not unseen.any():
+            unseen = None
+        solution = self.fit(prepared, "windows", self.loss, frozen=unseen)
         if solution.status == "ok":
             return solution
         return self.solution
@@ -277,7 +282,7 @@ class Freeing:
             clean = replace(clean, starts=starts_from_previous_windows(clean, ~others))
             if windows.follows[k] and abs(windows.begin[k] - time) < 0.5 * trace.interval:
                 # merged: a jump between separate windows costs nothing
-                pieces = [windows.piece(i) for i in range(windows.count)]
+                pieces = windows.pieces()
                 merged = pieces[k - 1]._replace(steps=pieces[k - 1].steps + pieces[k].steps)
                 clean = replace(clean, starts=pick(clean.starts, others))
                 self.prepared = self.prepared.with_pieces([*pieces[: k - 1], merged, *pieces[k + 1 :]])

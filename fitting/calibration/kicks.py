@@ -130,19 +130,24 @@ def find_kicks(solution: Solution, fit: Callable[[np.ndarray, Solution], Solutio
         whole = left <= limit
         if not whole.any():
             early = np.minimum(times, _first_missed(clean, first - 1, starts, limit))
-            kicks = []
-            for k, time in zip(first, early, strict=True):
-                others = np.flatnonzero(good[k:] | (windows.run[k:] != windows.run[k]))
-                last = k + min(others, default=windows.count - k)
-                begin = float(min(time, windows.begin[k]))
-                kicks.append(Kick(int(windows.run[k]), float(time), begin, np.arange(k, last)))
-            return kicks, replace(clean, starts=starts)
+            return _kicks_at(windows, first, early, good), replace(clean, starts=starts)
         # on a wrong branch, not kicked
         mine = first[whole]
         starts = with_rows(starts, mine, pick(continued.starts, whole))
         good[mine] = True
         size[mine] = left[whole]
     return [], solution
+
+
+def _kicks_at(windows: Windows, first: np.ndarray, times: np.ndarray, good: np.ndarray) -> list[Kick]:
+    """A kick in each of the windows `first`, at these times [s], and the bad windows of the run up to a good one."""
+    found = []
+    for k, time in zip(first, times, strict=True):
+        others = np.flatnonzero(good[k:] | (windows.run[k:] != windows.run[k]))
+        last = k + min(others, default=windows.count - k)
+        begin = float(min(time, windows.begin[k]))
+        found.append(Kick(int(windows.run[k]), float(time), begin, np.arange(k, last)))
+    return found
 
 
 def _first_missed(solution: Solution, which: np.ndarray, starts: Starts, limit: float) -> np.ndarray:

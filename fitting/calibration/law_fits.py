@@ -75,9 +75,9 @@ class Law:
 
     def to_json(self) -> Json:
         """Plain values."""
-        return jsonable(
-            {key: value for key, value in vars(self).items() if key != "free"} | {"possible": self.possible}
-        )
+        found = {**vars(self), "possible": self.possible}
+        del found["free"]
+        return jsonable(found)
 
 
 #: Every damping coefficient that a law may use.
@@ -89,10 +89,13 @@ PARTS = {
 }
 #: Coefficients of friction in the joints, each a list if joints have separate values.
 OF_JOINTS = ("joint viscous", "dry")
-
-
 #: Every law: name and parts, the simplest first, each after all laws that it contains.
 LADDER = {" + ".join(parts) or "none": parts for size in range(len(PARTS) + 1) for parts in combinations(PARTS, size)}
+
+
+def part_of(name: str) -> str | None:
+    """The part of a damping law that a parameter of this name belongs to."""
+    return next((part for part, path in PARTS.items() if name.startswith(path)), None)
 
 
 def contains(law: str, other: str) -> bool:
@@ -124,22 +127,19 @@ class Family:
 
 def family_of(prepared: Prepared, others: list[str], dry: bool) -> Family:
     """A family with every coefficient of the laws with or without dry friction."""
-    parts = [part for part in PARTS if dry or part != "dry"]
-    names = [PARTS[part] for part in parts]
-    free = prepared.names
-    each = [
-        part
-        for part in OF_JOINTS
-        if np.ndim(given_effect(prepared.scene, PARTS[part]))
-        or any(name.startswith(PARTS[part] + ".") for name in free)
-    ]
+    names = _paths_of_law(dry)
+    each = []
+    for part in OF_JOINTS:
+        listed = np.ndim(given_effect(prepared.scene, PARTS[part])) > 0
+        if listed or any(name.startswith(PARTS[part] + ".") for name in prepared.names):
+            each.append(part)
     model, _ = build(scene_with_law(prepared.scene, dry, dict.fromkeys(OF_JOINTS, 0.0), each))
     release = prepared.simulator.release
     same = {p.name: p for p in prepared.parameters if p.name in others}
     known = names_in_scene(same.values())
     parameters = [same.get(p.name, p) for p in resolve(model, [*known, *names], release=release)]
     parameters += [p for name, p in same.items() if name not in known]
-    owner = tuple(next((part for part in parts if p.name.startswith(PARTS[part])), None) for p in parameters)
+    owner = tuple(part_of(p.name) for p in parameters)
     # dense works for any model; other solvers may reject the joints of some law
     solver = "dense" if prepared.scene.run.solver == "dense" else "auto"
     simulator = Simulator(model, parameters, choose_stepper(model, solver=solver), release)
@@ -166,12 +166,20 @@ def scene_with_law(scene: Scene, dry: bool, friction: Mapping[str, float | None]
     for part in OF_JOINTS:
         field = ScenePath(PARTS[part]).key
         value = friction.get(part)
-        value = (found.get(field) or 0.0) if value is None else value
-        found[field] = [value] * joints if part in each and not isinstance(value, list) else value
+        if value is None:
+            value = found.get(field) or 0.0
+        if part in each and not isinstance(value, list):
+            value = [value] * joints
+        found[field] = value
     found.setdefault("axis", [0.0, 1.0, 0.0])
     if not dry:
         found.pop("dry", None)
-    return with_effects(Scene.from_dict(table), [path for part, path in PARTS.items() if dry or part != "dry"])
+    return with_effects(Scene.from_dict(table), _paths_of_law(dry))
+
+
+def _paths_of_law(dry: bool) -> list[str]:
+    """Paths of all parts of a damping law, with or without dry friction."""
+    return [path for part, path in PARTS.items() if dry or part != "dry"]
 
 
 def without_unused_parts(scene: Scene, given: Scene, free: Sequence[str]) -> Scene:
@@ -192,8 +200,12 @@ def fit_law(prepared: Prepared, family: Family, law: str, inner: list[Solution],
     used = family.free_mask(law)
     parameters = family.simulator.parameters
     known = {p.name: p.value for p in prepared.parameters}
-    sizes = [p.value if part is None else p.scale for p, part in zip(parameters, family.owner, strict=True)]
-    initial = [known.get(p.name, size) for p, size in zip(parameters, sizes, strict=True)]
+    initial = []
+    for p, part in zip(parameters, family.owner, strict=True):
+        size = p.value
+        if part is not None:
+            size = p.scale
+        initial.append(known.get(p.name, size))
     windows = replace(prepared.windows, substeps=family.rough)
     problem = replace(
         prepared.problem(), simulator=family.simulator, windows=windows, parameters=parameters, frozen=~used

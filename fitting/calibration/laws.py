@@ -252,9 +252,9 @@ def _with_changes(solution: Solution, evaluation: Evaluation, changes: Sequence[
 
 def _rates(solution: Solution) -> np.ndarray:
     """RMS rate of the links (K,) over every window [rad/s], from both its ends."""
-    n = solution.evaluation.start.shape[1] // 2
-    square = [np.mean(end[:, n:] ** 2, axis=1) for end in (solution.evaluation.start, solution.evaluation.end)]
-    return np.sqrt(0.5 * (square[0] + square[1]))
+    ends = np.stack([solution.evaluation.start, solution.evaluation.end], axis=1)
+    rates = ends[..., ends.shape[-1] // 2 :]
+    return np.sqrt(np.mean(rates**2, axis=(1, 2)))
 
 
 class Level(NamedTuple):
@@ -473,10 +473,9 @@ def freeing_option(test: LawTest, names: Sequence[str]) -> str:
 
 def law_warnings(laws: LawTests) -> list[str]:
     """One line on a significant candidate that changes no value by much, and on candidates in a coefficient."""
-    found = [
-        f"{name} {laws.remark(name)}: this motion does not distinguish them"
-        for name in dict.fromkeys([*laws.included, *laws.reducing])
-    ]
+    found = []
+    for name in dict.fromkeys([*laws.included, *laws.reducing]):
+        found.append(f"{name} {laws.remark(name)}: this motion does not distinguish them")
     if laws.significant and laws.wrong is None:
         small = laws.significant[0]
         found.append(
@@ -495,7 +494,9 @@ def with_law(prepared: Prepared, paths: Sequence[str], solution: Solution) -> Pr
     resolved = {p.name: p for p in resolve(model, [*names_in_scene(prepared.parameters), *paths], release=release)}
     parameters = []
     for name, p in old.items():
-        parameters.append(replace(p, where=resolved[name].where) if name in resolved else p)
+        if name in resolved:
+            p = replace(p, where=resolved[name].where)
+        parameters.append(p)
     parameters += [p for name, p in resolved.items() if name not in old]
     stepper = choose_stepper(model, solver=scene.run.solver)
     simulator = Simulator(model, parameters, stepper, release, more=tested_parameters(model, parameters))

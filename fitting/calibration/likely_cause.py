@@ -136,17 +136,19 @@ def _wrong_number(prepared: Prepared, pieces: Sequence[Span], given: float) -> C
         tried = with_freed(prepared, paths, simulator)
         found = fit_short_windows(tried, pieces, paths)
         left = float(np.median(found.chi2))
-        # another candidate that explains as much is less common than those before it
-        if left < (0.5 if cause else 1.0) * best and _plausible(tried.parameters, found.values):
-            best = left
+        if left < best and _plausible(tried.parameters, found.values):
+            # another candidate that explains as much is less common than those before it
+            best = 0.5 * left
             cause = Cause(f"wrong {name}", free_too(prepared, paths))
     return cause
 
 
 def _plausible(parameters: Sequence[Parameter], values: np.ndarray) -> bool:
     """Whether no number outside the effects is changed by more than half of it."""
-    rig = [(p.value, v) for p, v in zip(parameters, values, strict=True) if not p.name.startswith("effects.")]
-    return all(abs(v - start) <= 0.5 * abs(start) for start, v in rig if start)
+    for p, value in zip(parameters, values, strict=True):
+        if p.value and not p.name.startswith("effects.") and abs(value - p.value) > 0.5 * abs(p.value):
+            return False
+    return True
 
 
 def free_too(prepared: Prepared, paths: Sequence[str]) -> str:
@@ -163,7 +165,8 @@ def _driven_beginning(prepared: Prepared, length: float) -> Cause | None:
     mine = np.unique(windows.run)
     if len(mine) > 1 or length >= (high - low) / PIECES:
         return None
-    chi2 = fit_short_windows(prepared, [Span(int(mine[0]), float(t), float(t) + length) for t in starts]).chi2
+    pieces = [Span(int(mine[0]), begin, begin + length) for begin in starts.tolist()]
+    chi2 = fit_short_windows(prepared, pieces).chi2
     missed = np.flatnonzero(chi2 > EXPLAINED)
     if len(chi2) != PIECES or not len(missed) or missed[-1] > PIECES // 2 or len(missed) < 0.5 * (missed[-1] + 1):
         return None

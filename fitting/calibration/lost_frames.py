@@ -129,9 +129,7 @@ def _extend_windows(prepared: Prepared, right: np.ndarray) -> Windows:
 
 def best_jump(angle: np.ndarray, measured: np.ndarray, weight: np.ndarray, first: int) -> tuple[float, int, int]:
     """Gain, first frame and lost frames of the best jump from slot `first` on; angles (S, n)."""
-    rho = lambda r: np.minimum(0.5 * r**2, BOUND).sum(axis=1)  # noqa: E731
-    after = lambda x: np.cumsum(x[::-1])[::-1]  # noqa: E731
-    plain = rho(wrap(angle - measured) * weight)
+    plain = _rho(wrap(angle - measured) * weight)
     count = len(angle)
     best = (0.0, 0, 0)
     known = (weight > 0).sum(axis=1)
@@ -140,11 +138,21 @@ def best_jump(angle: np.ndarray, measured: np.ndarray, weight: np.ndarray, first
         high = min(count, count - lag)
         if high - max(low, first) < AFTER:
             continue
-        later = rho(wrap(angle[low + lag : high + lag] - measured[low:high]) * weight[low:high])
-        left = after(later) / np.maximum(after(known[low:high]), 1)
-        gain = after(plain[low:high] - later) / np.maximum(2 * left, 1.0)
+        later = _rho(wrap(angle[low + lag : high + lag] - measured[low:high]) * weight[low:high])
+        left = _sum_from(later) / np.maximum(_sum_from(known[low:high]), 1)
+        gain = _sum_from(plain[low:high] - later) / np.maximum(2 * left, 1.0)
         begin = max(first - low, 0)
         at = begin + int(np.argmax(gain[begin : high - low - AFTER + 1]))
         if gain[at] > best[0]:
             best = float(gain[at]), low + at, lag
     return best
+
+
+def _rho(residual: np.ndarray) -> np.ndarray:
+    """Loss (S,) of residuals (S, n), bounded for each sample."""
+    return np.minimum(0.5 * residual**2, BOUND).sum(axis=1)
+
+
+def _sum_from(x: np.ndarray) -> np.ndarray:
+    """Sums (S,) of the values from each one to the last."""
+    return np.cumsum(x[::-1])[::-1]

@@ -26,7 +26,7 @@ from fitting.estimate.loss import LEAST_SQUARES, Loss, initial_loss
 from fitting.estimate.noise import Noise
 from fitting.estimate.residuals import Problem, Solution
 from fitting.estimate.uncertainty import start_covariances
-from fitting.estimate.windows import Piece, Starts, Windows, fewest_frames, first_starts, pick, with_rows
+from fitting.estimate.windows import Piece, Span, Starts, Windows, fewest_frames, first_starts, pick, with_rows
 
 #: Ratio of a window's mean square residual to that of most windows above which it is lost.
 FAR = 4.0
@@ -141,13 +141,12 @@ def restart(prepared: Prepared, solution: Solution, lost: np.ndarray) -> Solutio
     windows = solution.windows.pick(lost)
     model = solution.problem.simulator.model_at(solution.values)
     ahead = pick(starts_from_previous_windows(solution, lost), lost)
+    solution = _with_starts(solution, lost, ahead)
     # noise assumed for the starts of lost windows relative to the true one: polynomials of short reach, of the reach
     # that the noise allows, and of long reach
-    sigmas = []
     for share in (0.2, 1.0, 5.0):
-        sigmas.append([share * s for s in prepared.sigma])
-    for starts in [ahead, *(first_starts(model, prepared.traces, windows, sigma) for sigma in sigmas)]:
-        solution = _with_starts(solution, lost, starts)
+        sigma = [share * s for s in prepared.sigma]
+        solution = _with_starts(solution, lost, first_starts(model, prepared.traces, windows, sigma))
     return solution
 
 
@@ -169,32 +168,36 @@ def _split(prepared: Prepared, solution: Solution, lost: np.ndarray) -> tuple[Pr
     """The solution with lost windows cut in two if enough frames remain; the halves start from the samples."""
     windows = solution.windows
     pieces: list[Piece] = []
-    for k in range(windows.count):
-        pieces += _halves(prepared, windows, k) if lost[k] and not windows.released[k] else [windows.piece(k)]
+    for k, piece in enumerate(windows.pieces()):
+        if lost[k] and not windows.released[k]:
+            pieces += _halves(prepared, piece, windows.dt)
+        else:
+            pieces.append(piece)
     if len(pieces) == windows.count:
         return prepared, solution
     prepared = prepared.with_pieces(pieces)
     # windows without enough samples are dropped; the others are matched by their run, start and steps
-    whole = {windows.piece(k)[:3]: k for k in range(windows.count)}
-    origin = np.array([whole.get(prepared.windows.piece(k)[:3], -1) for k in range(prepared.windows.count)])
+    whole = {piece[:3]: k for k, piece in enumerate(windows.pieces())}
+    origin = np.array([whole.get(piece[:3], -1) for piece in prepared.windows.pieces()])
     same = origin >= 0
     starts = with_rows(prepared.starts, same, pick(solution.starts, origin[same]))
     problem = replace(solution.problem, windows=replace(prepared.first_windows, substeps=windows.substeps))
     evaluation = problem.evaluate(solution.values, starts)
     found = replace(solution, problem=problem, starts=starts, evaluation=evaluation, status="not_converged")
     found.weights = problem.weights(evaluation)
-    return prepared, restart(prepared, found, ~same) if (~same).any() else found
+    if not same.all():
+        found = restart(prepared, found, ~same)
+    return prepared, found
 
 
-def _halves(prepared: Prepared, windows: Windows, k: int) -> list[Piece]:
-    """Window k in two pieces, cut at a whole frame; uncut if one of them would have too few frames."""
-    piece = windows.piece(k)
-    frame = max(1, round(prepared.traces[piece.run].interval / windows.dt))
+def _halves(prepared: Prepared, piece: Piece, dt: float) -> list[Piece]:
+    """A window in two pieces, cut at a whole frame; uncut if one of them would have too few frames."""
+    frame = max(1, round(prepared.traces[piece.run].interval / dt))
     frames = piece.steps // frame
     if frames < 2 * fewest_frames(prepared.traces[piece.run].links, prepared.simulator.freedoms):
         return [piece]
     first = (frames // 2) * frame
-    second = Piece(piece.run, piece.begin + first * windows.dt, piece.steps - first, True)
+    second = Piece(piece.run, piece.begin + first * dt, piece.steps - first, True)
     return [piece._replace(steps=first), second]
 
 
@@ -222,7 +225,7 @@ def break_far_gaps(prepared: Prepared, solution: Solution) -> Prepared:
 def _leave_out(prepared: Prepared, solution: Solution, lost: np.ndarray) -> tuple[Prepared, Solution]:
     """The preparation without the lost windows, whose times and samples are recorded."""
     windows = solution.windows
-    removed = zip(*(a[lost].tolist() for a in (windows.run, windows.begin, windows.ends)), strict=True)
+    removed = map(Span, windows.run[lost].tolist(), windows.begin[lost].tolist(), windows.ends[lost].tolist())
     prepared = replace(prepared, windows=prepared.windows.exclude(lost), left_out=(*prepared.left_out, *removed))
     problem = replace(solution.problem, windows=windows.exclude(lost))
     found = replace(

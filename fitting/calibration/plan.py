@@ -88,17 +88,11 @@ def plan(
     Raises:
         SceneError: for any invalid input, in one line.
     """
-    weights = [1.0] if gap_weight is None else [gap_weight]
-    given = [
-        ("duration", durations, " s"),
-        ("noise", noises, " rad"),
-        ("gap_weight", weights, ""),
-        ("rate", [rate], " Hz"),
-    ]
-    for key, numbers, unit in given:
-        bad = [x for x in numbers if not 0 < x < np.inf]
-        if bad or not len(numbers):
-            raise SceneError(f"{key}: {bad[0] if bad else 'none'} is not positive; allowed: > 0{unit}")
+    _check_positive("duration", durations, " s")
+    _check_positive("noise", noises, " rad")
+    if gap_weight is not None:
+        _check_positive("gap_weight", [gap_weight], "")
+    _check_positive("rate", [rate], " Hz")
     found = []
     for i, source in enumerate(scenes):
         scene = load_scene(source)
@@ -130,6 +124,15 @@ def plan(
     return sorted(found, key=lambda row: row.score)
 
 
+def _check_positive(key: str, numbers: Sequence[float], unit: str) -> None:
+    """Reject an empty list, and numbers that are not positive and finite."""
+    if not len(numbers):
+        raise SceneError(f"{key}: none is not positive; allowed: > 0{unit}")
+    for number in numbers:
+        if not 0 < number < np.inf:
+            raise SceneError(f"{key}: {number} is not positive; allowed: > 0{unit}")
+
+
 def _errors(solution: Solution, duration: float, gap_weight: float | None) -> tuple[np.ndarray, float]:
     """Standard errors (k,) from the windows that end within the duration, and their gap weight."""
     windows = solution.windows
@@ -159,9 +162,11 @@ def _expected_weight(solution: Solution) -> float:
         step = at_weight(solution, weight)
         return step.log_determinant + np.array([0.0, np.linalg.slogdet(step.information)[1]])
 
-    nearby = np.array([[logs(weight * share) for share in (1 / (1 + NEAR), 1.0, 1 + NEAR)] for weight in SCHEDULE])
-    slope = (nearby[:, 2, 1] - nearby[:, 0, 1]) / (2 * np.log(1 + NEAR))
-    evidence = -gaps * np.log(SCHEDULE) - 0.5 * nearby[:, 1, 0] + 0.25 * slope
+    evidence = []
+    for weight in SCHEDULE:
+        change = logs(weight * (1 + NEAR))[1] - logs(weight / (1 + NEAR))[1]
+        slope = change / (2 * np.log(1 + NEAR))
+        evidence.append(-gaps * np.log(weight) - 0.5 * logs(weight)[0] + 0.25 * slope)
     return next(w for w, each in zip(SCHEDULE, evidence, strict=True) if each >= max(evidence) - SAME_EVIDENCE)
 
 

@@ -59,6 +59,7 @@ class Prediction:
         )
 
     def _until(self, t: float) -> str:
+        """Duration of the run up to a time [s], in words."""
         if np.isfinite(t):
             return f"{t - self.begin:.3g} s"
         return f"all {self.t[-1] - self.begin:.3g} s"
@@ -89,7 +90,7 @@ def predict(result: FitResult, run: int = 0) -> Prediction | None:
     if not 0 < steps * windows.substeps <= MOST_STEPS:
         return None
     values = np.asarray(result.values, float)
-    n = windows.theta.shape[2]
+    n = trace.links
     theta, omega = np.split(solution.evaluation.start[first], 2)
     samples = max(float((windows.weight[first] > 0).sum()) / n, 1.0)
     aside = result.noise / np.sqrt(samples) * np.sign(np.sin(1.0 + np.arange(n)))
@@ -122,8 +123,8 @@ def _simulator_of(result: FitResult, steps: int) -> Callable[..., tuple[Array, A
         whole = jnp.arange(steps), jnp.zeros(steps)
         start = Start(theta, omega, state, jnp.asarray(windows.dt * rate, theta.dtype), whole)
         none = jnp.zeros((0, len(values)))
-        begun = vary(lambda _: start, values, none)
-        moved, _ = march(simulator.stepper, lambda _: model, values, none, begun, steps, windows.substeps, steps, steps)
+        first = vary(lambda _: start, values, none)
+        moved, _ = march(simulator.stepper, lambda _: model, values, none, first, steps, windows.substeps, steps, steps)
         angles, rates = jax.vmap(partial(planar.from_nodes, model))(*moved.tree)
         angles = jnp.concatenate([theta[None], angles])
         rates = jnp.concatenate([omega[None], rates])

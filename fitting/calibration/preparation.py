@@ -27,6 +27,7 @@ from fitting.calibration.spans import (
 from fitting.calibration.wrong_files import refuse_rising_energy, refuse_wrong_file
 from fitting.estimate.loss import LEAST_SQUARES, Loss
 from fitting.estimate.noise import Noise
+from fitting.estimate.normal_equations import Evaluation
 from fitting.estimate.release import Release, release_of
 from fitting.estimate.residuals import Descent, Problem, Solution
 from fitting.estimate.rest import Rest, rests
@@ -49,10 +50,10 @@ from fitting.parameters.missing_forces import tested_parameters
 from fitting.parameters.names import by_full_path, default_free, default_rig, full_names
 from fitting.parameters.of_scene import free_of_traces
 from fitting.parameters.parameter import Bounds, Parameter, Priors, StartValues, adjust_parameters, with_effects
-from fitting.parameters.recordings import distance_from, share_motion
+from fitting.parameters.recordings import SharedMotion, distance_from, share_motion, stated_errors
 from fitting.parameters.rig_priors import JointPrior, rig_priors
 from fitting.parameters.targets import RECORDING, LostPlace
-from fitting.traces.conventions import check_sampling, check_unit, resting_angles, settle_convention
+from fitting.traces.conventions import check_scale, resting_angles, settle_convention
 from fitting.traces.noise import noise
 from fitting.traces.planar import check_planar, pendulum_period
 from fitting.traces.trace import Convention, Trace, as_trace, convention
@@ -260,6 +261,7 @@ class Prepared(Samples):
         return self._as_fitted(cut(self.traces, length, self.windows.dt, self.sigma, pieces))
 
     def _as_fitted(self, windows: Windows) -> Windows:
+        """Windows with the substeps and the noise of the fitted ones."""
         windows = replace(windows, substeps=self.windows.substeps)
         if self.noise is None:
             return windows
@@ -298,7 +300,9 @@ class Prepared(Samples):
             rounding = fit.resolution("angle") / np.sqrt(12)
         claimed = []
         for s, trace in zip(self.sigma, self.traces, strict=True):
-            claimed.append(s if trace.se is None else np.sqrt(np.nanmean(trace.se**2, axis=0)))
+            if trace.se is not None:
+                s = np.sqrt(np.nanmean(trace.se**2, axis=0))
+            claimed.append(s)
         return np.maximum(rounding / np.array(claimed), 1e-9)
 
     @property
@@ -355,18 +359,13 @@ def prepare(
     changed = by_full_path(scene, start, bounds, priors, (RECORDING,))
     parameters = free_of_traces(scene, model, [*names, *rig], release)
     if settings.same_motion:
-        if release is not None:
-            raise SceneError(
-                "same-motion: cannot be combined with a static start or release.*. Fit the first recording"
-            )
-        if settings.rest:
-            raise SceneError("same-motion: cannot be combined with rest. Fit the first recording, or leave rest out")
-        motion = share_motion(read, start)
+        motion = _same_motion(read, start, settings, release)
         notes += motion.notes
         read = [motion.trace]
         parameters = (*parameters, *some_of(motion.parameters, of_recordings))
-        delays = {p.name: p.value for p in motion.parameters if p.name.endswith(".delay")}
-        changed.start.update({name: value for name, value in delays.items() if name in changed.start})
+        for p in motion.parameters:  # a given delay is where the search for it starts
+            if p.name.endswith(".delay") and p.name in changed.start:
+                changed.start[p.name] = p.value
     elif of_recordings:
         raise SceneError(f"free: {of_recordings[0]!r}: only for recordings of one motion. Use --same-motion")
     parameters = adjust_parameters(parameters, *changed)
@@ -382,13 +381,9 @@ def prepare(
     progress(0.02, f"windows of at most {plan.length:.3g} s: compiling")
     values = np.array([p.value for p in parameters])
     windows, starts, growth = windows_along_motion(samples, simulator, release, plan, values)
-    slopes = simulator(values, starts, windows).jacobian[..., simulator.freedoms :]
-    for p, effective in zip(simulator.parameters, np.any(slopes, axis=(0, 1, 2)), strict=True):
-        if not effective:
-            raise SceneError(f"free: {p.name!r} does not affect the traced angles. Use a parameter that does")
+    _check_effective(simulator, simulator(values, starts, windows))
     if release is not None:
-        residuals = lambda *at: simulator(*at).residual  # noqa: E731
-        values = release.guess(residuals, simulator.parameters, windows, starts, values)
+        values = release.guess(lambda *at: simulator(*at).residual, simulator.parameters, windows, starts, values)
         parameters = tuple(replace(p, value=float(v)) for p, v in zip(simulator.parameters, values, strict=True))
     warnings = (*notes, *samples.warnings)
     return Prepared(
@@ -403,6 +398,29 @@ def prepare(
         compiled_before=compiled_before,
         known=known,
     )
+
+
+def _same_motion(
+    traces: list[Trace], start: StartValues | None, settings: FitSettings, release: Release | None
+) -> SharedMotion:
+    """The recordings of one motion.
+
+    Raises:
+        SceneError: settings that only separate runs have.
+    """
+    if release is not None:
+        raise SceneError("same-motion: cannot be combined with a static start or release.*. Fit the first recording")
+    if settings.rest:
+        raise SceneError("same-motion: cannot be combined with rest. Fit the first recording, or leave rest out")
+    return share_motion(traces, start)
+
+
+def _check_effective(simulator: Simulator, evaluation: Evaluation) -> None:
+    """Reject free parameters that move no traced angle."""
+    slopes = evaluation.jacobian[..., simulator.freedoms :]
+    for p, effective in zip(simulator.parameters, np.any(slopes, axis=(0, 1, 2)), strict=True):
+        if not effective:
+            raise SceneError(f"free: {p.name!r} does not affect the traced angles. Use a parameter that does")
 
 
 def _free_names(
@@ -438,8 +456,7 @@ def read_traces(
     notes = []
     read = [as_trace(item, model.line.links, settings.columns, settings.same_motion) for item in traces]
     for trace in read:
-        check_sampling(trace, model)
-        check_unit(trace, model, asked.over(trace.convention))
+        check_scale(trace, model, asked)
         notes += refuse_wrong_file(trace, model, asked, free)
     found = []
     for trace in read:
@@ -489,9 +506,7 @@ def choose_samples(
     spans = fitted_spans(traces, until, sorted([*held, *rest]), settings.begin)
     traces, notes = with_model_error(traces, scene)
     sigma = [np.hypot(noise(trace), trace.model_error) for trace in fitted_parts(traces, spans)]
-    traces = [
-        trace if trace.se is None else replace(trace, se=np.hypot(trace.se, trace.model_error)) for trace in traces
-    ]
+    traces = [replace(trace, se=stated_errors(trace)) for trace in traces]
     length = np.asarray(model.line.length)
     slowest = pendulum_period(np.sum(length))
     period = pendulum_period(length)
@@ -502,8 +517,10 @@ def choose_samples(
     for i, trace in enumerate(traces):
         if mine := [(low, high) for run, low, high in spans if run == i]:
             refuse_rising_energy(trace, model, mine, period)
-    poses = rests(traces, sigma, rest) if rest else None
-    if not rest and not released:
+    poses = None
+    if rest:
+        poses = rests(traces, sigma, rest)
+    elif not released:
         for trace, size in zip(fitted_parts(traces, spans), sigma, strict=True):
             notes += advice_on_rest(trace, size, slowest)
     return Samples(traces, spans, sigma, held, poses, period, tuple(notes))
@@ -549,8 +566,8 @@ LONGEST_HELD_OUT = 2.5
 
 def program_capacity(samples: Samples, plan: WindowPlan) -> tuple[int, int]:
     """Steps and sample slots of the windows' programs."""
-    ends = [float(trace.t[-1]) for trace in samples.traces]
-    length = max((min(high, end) - low for low, high in samples.held_out for end in ends), default=0.0)
+    end = max(float(trace.t[-1]) for trace in samples.traces)
+    length = max((min(high, end) - low for low, high in samples.held_out), default=0.0)
     if not plan.length < length < LONGEST_HELD_OUT * plan.length:
         length = plan.length
     return program_space(samples.traces, length, plan.dt)

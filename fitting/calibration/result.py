@@ -236,8 +236,9 @@ class FitResult(SceneFit[Problem, Evaluation]):
     @property
     def left_out_share(self) -> float:
         """Fraction of the samples in windows that were left out."""
-        parts = [self.traces[run].between(low, high).theta for run, low, high in self.left_out]
-        removed = sum(int(np.isfinite(part).sum()) for part in parts)
+        removed = 0
+        for run, low, high in self.left_out:
+            removed += int(np.isfinite(self.traces[run].between(low, high).theta).sum())
         return removed / max(removed + self.windows.samples, 1)
 
     @property
@@ -324,8 +325,9 @@ class FitResult(SceneFit[Problem, Evaluation]):
             "recordings": self.recordings,
             "law": self.comparison and verdict(self.comparison),
             "left_out": left_out,
-            "best_determined": self.best_combination if self.has_errors else None,
         }
+        if self.has_errors:
+            requested["best_determined"] = self.best_combination
         common = self.common_json(self.method, self.windows.dt / self.windows.substeps)
         return jsonable(common | found | {key: value for key, value in requested.items() if value})
 
@@ -333,8 +335,11 @@ class FitResult(SceneFit[Problem, Evaluation]):
     def fastest(self) -> float:
         """Limit of the speeds [m/s] of nodes in the traces: the maximum sum of the links' lengths times their rates."""
         length = np.asarray(self.solution.problem.simulator.model_at(self.values).line.length)
-        rates = (np.abs(np.diff(trace.theta, axis=0)) / np.diff(trace.t)[:, None] for trace in self.traces)
-        return max(float(np.max(np.nansum(rate * length, axis=1), initial=0.0)) for rate in rates)
+        fastest = 0.0
+        for trace in self.traces:
+            rates = np.abs(np.diff(trace.theta, axis=0)) / np.diff(trace.t)[:, None]
+            fastest = max(fastest, float(np.max(np.nansum(rates * length, axis=1), initial=0.0)))
+        return fastest
 
     @property
     def best_combination(self) -> Combination | None:

@@ -84,7 +84,8 @@ def _moving_pieces(prepared: Prepared) -> list[Span]:
     moved = np.where(windows.lengths > length * (1 - 1e-6), moved, -1.0)  # the rest of a window is too short
     moving = np.flatnonzero((moved >= np.median(moved[moved >= 0])) & (moved >= 0))
     some = moving[np.unique(np.linspace(0, len(moving) - 1, SHORT).round().astype(int))]
-    return [Span(int(windows.run[k]), float(windows.begin[k]), float(windows.begin[k]) + length) for k in some]
+    begins = zip(windows.run[some].tolist(), windows.begin[some].tolist(), strict=True)
+    return [Span(run, begin, begin + length) for run, begin in begins]
 
 
 def _apply_change(trace: Trace, change: Change) -> Trace:

@@ -58,8 +58,12 @@ def fitted_spans(
     """
     found = []
     for i, trace in enumerate(traces):
-        low = max(float(trace.t[0]), -np.inf if begin is None else begin)
-        last = min(float(trace.t[-1]) + trace.interval, np.inf if until is None else until)
+        low = float(trace.t[0])
+        if begin is not None:
+            low = max(low, begin)
+        last = float(trace.t[-1]) + trace.interval
+        if until is not None:
+            last = min(last, until)
         for start, end in [*held_out, (last, last)]:
             if low < min(start, last):
                 found.append(Span(i, low, min(start, last)))
@@ -87,12 +91,16 @@ def without_held_starts(
     found = list(spans)
     notes = []
     for i, trace in enumerate(traces):
-        if (begin := held_start(trace, sigma[i], slowest, pose)) is not None:
-            found = [span._replace(low=max(span.low, begin)) if span.run == i else span for span in found]
-            notes.append(
-                f"{trace.name} is held still until {begin:.3g} s, in a pose that its own ends do not hold: the fit "
-                "starts there"
-            )
+        begin = held_start(trace, sigma[i], slowest, pose)
+        if begin is None:
+            continue
+        for j, span in enumerate(found):
+            if span.run == i:
+                found[j] = span._replace(low=max(span.low, begin))
+        notes.append(
+            f"{trace.name} is held still until {begin:.3g} s, in a pose that its own ends do not hold: the fit "
+            "starts there"
+        )
     return [span for span in found if span.low < span.high], notes
 
 
@@ -149,14 +157,18 @@ def still_frames(t: np.ndarray, theta: np.ndarray, sigma: np.ndarray) -> int:
     for column, size in zip(theta.T, sigma, strict=False):  # the noise of further recordings follows
         known = np.flatnonzero(np.isfinite(column))
         pause = np.abs(np.diff(t[known], prepend=t[0])) > SHORTEST
-        known = known[: int(np.argmax(pause)) if pause.any() else None]
+        if pause.any():
+            known = known[: int(np.argmax(pause))]
         if len(known) < 2 * WIDTH:
             return 0
         mean = np.convolve(column[known], np.full(WIDTH, 1 / WIDTH), "valid")
         # relative to the mean of all still frames so far: the first few alone are too noisy
         before = np.cumsum(mean) / np.arange(1, len(mean) + 1)
         moves = np.flatnonzero(np.abs(mean[1:] - before[:-1]) > max(STILL * size / np.sqrt(WIDTH), SMALLEST_MOVE))
-        least = min(least, int(known[moves[0] + 1] if len(moves) else known[-1] + 1))
+        still = known[-1] + 1
+        if len(moves):
+            still = known[moves[0] + 1]
+        least = min(least, int(still))
     return least
 
 

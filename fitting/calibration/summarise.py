@@ -54,6 +54,21 @@ def warnings_of(prepared: Prepared, solution: Solution, u: Uncertainty, chi2: fl
             f"the motion of {prepared.traces[run].name} jumps at {at:.3f} s, as after a kick, a contact or lost frames"
             "; windows are not joined there"
         )
+    found += _noise_warnings(prepared, solution, u, chi2)
+    found += outliers(prepared, solution)
+    failed = int(solution.evaluation.failed.sum())
+    if failed:
+        found.append(f"{failed} steps of the final simulation are above the solver's tolerance or have no derivative")
+    if solution.status != "ok":
+        found.append(f"not converged: {solution.message}; the best point found is reported")
+    elif solution.message:
+        found.append(f"the cost is non-smooth here: {solution.message}")
+    return found
+
+
+def _noise_warnings(prepared: Prepared, solution: Solution, u: Uncertainty, chi2: float) -> list[str]:
+    """Lines on residuals that are not the claimed white noise."""
+    found = []
     correlation = float(u.correlation_1[0])
     if u.inflation > 1 or abs(correlation) > 4 * CORRELATION_FLOOR:
         found.append(
@@ -69,14 +84,6 @@ def warnings_of(prepared: Prepared, solution: Solution, u: Uncertainty, chi2: fl
         )
     elif chi2 < CHI2_RANGE[0] and any(trace.se is not None for trace in prepared.traces):
         found.append(f"chi-square per degree of freedom is {chi2:.3g}: the stated standard errors are too large")
-    found += outliers(prepared, solution)
-    failed = int(solution.evaluation.failed.sum())
-    if failed:
-        found.append(f"{failed} steps of the final simulation are above the solver's tolerance or have no derivative")
-    if solution.status != "ok":
-        found.append(f"not converged: {solution.message}; the best point found is reported")
-    elif solution.message:
-        found.append(f"the cost is non-smooth here: {solution.message}")
     return found
 
 
@@ -118,7 +125,7 @@ def summarise(prepared: Prepared, method: str, solution: Solution) -> FitResult:
     finer = replace(prepared, windows=replace(prepared.windows, substeps=windows.substeps))
     scored = finer.noisy(solution.problem.noise)
     laws = test_laws(prepared, solution, u)
-    rows = disagreements(prepared, solution) if prepared.traces[0].recordings else []
+    rows = disagreements(prepared, solution)
     compiled = simulator.compile_s - prepared.compiled_before
     return FitResult(
         scene=prepared.scene,

@@ -21,7 +21,7 @@ from dropper_jax.base.read import ScenePath
 from dropper_jax.run.build import build
 from fitting.calibration.advice import Group, groups, joint_information, wide
 from fitting.calibration.candidate import Candidate
-from fitting.calibration.law_fits import OF_JOINTS, PARTS, scene_with_law, substeps_of, without_unused_parts
+from fitting.calibration.law_fits import OF_JOINTS, PARTS, part_of, scene_with_law, substeps_of, without_unused_parts
 from fitting.calibration.preparation import Prepared, fitted_parts, program_space
 from fitting.calibration.result import chi2_per_dof, score_held_out, window_length
 from fitting.estimate.least_squares import fit_windows
@@ -154,7 +154,9 @@ def with_full_law(prepared: Prepared, solution: Solution) -> tuple[Prepared, lis
     parameters = []
     shared = []
     for p in prepared.parameters:
-        new = (p,) if p.is_lost else resolve(model, [p.name], release=own.release)
+        new = (p,)
+        if not p.is_lost:
+            new = resolve(model, [p.name], release=own.release)
         if new[0].name == p.name:
             parameters.append(replace(p, where=new[0].where))
         else:  # joints now have separate numbers
@@ -178,7 +180,7 @@ def free_groups(
     prepared, shared = with_full_law(prepared, solution)
     found = groups(prepared.simulator.model, prepared.parameters, shared)
     zero = [replace(p, value=0.0) for p in shared]
-    simulator = wide(prepared, [*(p for group in found for p in group.parameters), *zero])
+    simulator = wide(prepared, [*_parameters_of(found), *zero])
     trials = Trials(replace(prepared, simulator=simulator), loss)
     if not (trials.spans and trials.used.any()):  # no windows to score, or none to fit
         return None
@@ -230,9 +232,10 @@ class Search:
         self.trials = trials
         self.groups = found
         values = base.by_name
-        self.start = {
-            p.name: values.get(ScenePath(p.name).stem, values.get(p.name, p.value)) for g in found for p in g.parameters
-        }
+        self.start: dict[str, float] = {}
+        for p in _parameters_of(found):
+            own = values.get(p.name, p.value)
+            self.start[p.name] = values.get(ScenePath(p.name).stem, own)
         self.values = self.start | values
         self.free: list[Group] = []
         self.best = base
@@ -241,9 +244,9 @@ class Search:
 
     def fit(self, free: Sequence[Group]) -> Solution:
         """A fit with these groups free, from the best one so far."""
-        replaced = {p.name for group in free for p in group.instead}
+        replaced = _replaced_by(free)
         every = [p for p in self.trials.prepared.parameters if p.name not in replaced]
-        every += [p for group in free for p in group.parameters]
+        every += _parameters_of(free)
         return self.trials.fit(every, np.array([self.values[p.name] for p in every]), self.best.starts)
 
     def free_all(self) -> None:
@@ -280,7 +283,9 @@ class Search:
         """Free again, the best first, what was fixed while others held the fit far from its minimum."""
         late = [group for group, then in fixed.items() if self.least < then - np.log1p(NEEDED)]
         while late:
-            self.values |= self.best.by_name | {p.name: self.start[p.name] for group in late for p in group.parameters}
+            self.values |= self.best.by_name
+            for p in _parameters_of(late):
+                self.values[p.name] = self.start[p.name]
             progress(0.7, f"testing what may be wrong: with {', '.join(group.name for group in late)}")
             tries = [self.fit([*self.free, group]) for group in late]
             scores = [self.trials.score(one) for one in tries]
@@ -294,18 +299,27 @@ class Search:
             self.least = scores[k]
 
 
+def _parameters_of(groups: Sequence[Group]) -> list[Parameter]:
+    """The numbers of all groups."""
+    return [p for group in groups for p in group.parameters]
+
+
+def _replaced_by(groups: Sequence[Group]) -> set[str]:
+    """Names of the parameters that the numbers of these groups replace."""
+    return {p.name for group in groups for p in group.instead}
+
+
 def effective(trials: Trials, base: Solution, found: Sequence[Group]) -> list[Group]:
     """The groups without numbers that move no angle, or that duplicate others of the group or free ones.
 
     For coefficients of damping, all known earlier ones count, including those of other groups.
     """
-    every = [p for group in found for p in group.parameters]
     at = trials.prepared.with_parameters(base.problem.parameters, base.values)
-    _, _, data = joint_information(at, base, trials.prepared.simulator, every)
+    _, _, data = joint_information(at, base, trials.prepared.simulator, _parameters_of(found))
     size = np.sqrt(np.maximum(np.diag(data), 0.0))
     size = np.where(size > 0, size, 1.0)
     scaled = data / np.outer(size, size)
-    replaced = {p.name for group in found for p in group.instead}
+    replaced = _replaced_by(found)
     free = [i for i, p in enumerate(base.problem.parameters) if p.name not in replaced]
     row = len(base.problem.parameters)
     left = []
@@ -319,9 +333,10 @@ def effective(trials: Trials, base: Solution, found: Sequence[Group]) -> list[Gr
                 known.append(row)
                 own.append(p)
             row += 1
-        if any(p.name.startswith(tuple(PARTS.values())) for p in own):
+        if any(part_of(p.name) for p in own):
             free = known
-        left += [replace(group, parameters=tuple(own))] if own else []
+        if own:
+            left.append(replace(group, parameters=tuple(own)))
     return left
 
 

@@ -69,10 +69,9 @@ def refuse_wrong_file(trace: Trace, model: Model, requested: Convention, free: S
     if not model.end_held or len(frames) < FEWEST:
         return []
     named = requested.over(trace.convention)
-    unit = np.pi / 180 if named.unit == "deg" else 1.0
     every = [Convention(zero, int(sign), "rad") for zero, sign in product(ZEROS, SIGNS)]
     allowed = [c for c in every if named.zero in (None, c.zero) and named.sign in (None, c.sign)]
-    rows = unit * trace.theta
+    rows = named.radians * trace.theta
     own = min(allowed, key=lambda c: _opening(model, c.in_model(rows)))
     given = _opening(model, own.in_model(rows))
     if given <= OPEN:
@@ -82,9 +81,10 @@ def refuse_wrong_file(trace: Trace, model: Model, requested: Convention, free: S
     tried = [(change, at) for at in allowed for change in plain]
     if not moves:  # free parameters may cause the shift of the angles
         tried += [(change, at) for at in allowed for change in _closing_shifts(model, rows, at)]
-    for at in (at for at in every if at not in allowed):
-        words = f"angles count as zero={at.zero}, sign={at.sign}"
-        tried.append((Change(words, f"--zero {at.zero} --sign={at.sign}", lambda theta: theta), at))
+    for at in every:
+        if at not in allowed:
+            words = f"angles count as zero={at.zero}, sign={at.sign}"
+            tried.append((Change(words, f"--zero {at.zero} --sign={at.sign}", lambda theta: theta), at))
     tried = [(_opening(model, at.in_model(change.apply(rows))), change, at) for change, at in tried]
     best = min(left for left, _, _ in tried)
     apart = f"the links at their angles end {given * _reach(model):.2g} m from the second hook"

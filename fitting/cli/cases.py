@@ -79,13 +79,17 @@ def run(args: argparse.Namespace) -> int:
     files = write_page(found, folder)
     found |= {"out": str(folder), "runs": done.runs, "resumed": done.resumed, "run_s": done.run_s}
     print_result(args, found, text(found, files))
-    return FAILED if found["failed"] else OK
+    if found["failed"]:
+        return FAILED
+    return OK
 
 
 def _list(site: Site, args: argparse.Namespace) -> int:
+    """Print the cases of a site."""
     names = [storm.name for storm in site.storms]
     found = done_object(site=site.name, cases=names, runs=len(site.cases))
-    lines = [*(f"{i}  {label}" for i, label in enumerate(names)), f"\ncases: {len(names)}, runs: {len(site.cases)}"]
+    lines = [f"{i}  {name}" for i, name in enumerate(names)]
+    lines.append(f"\ncases: {len(names)}, runs: {len(site.cases)}")
     return print_result(args, found, "\n".join(lines))
 
 

@@ -12,7 +12,7 @@ from dropper_jax.cli.given import output_folder
 from dropper_jax.cli.options import add_allow_outside, add_effects, add_examples, add_set, read_scene
 from dropper_jax.cli.outputs import deliver
 from dropper_jax.cli.printing import OK, failure_of, listing, print_warnings, progress, table
-from fitting.cli.fit_file import fit_files, traces_for
+from fitting.cli.fit_file import assumed_text, fit_files, traces_for
 from fitting.cli.fit_options import (
     OF_DATA,
     OF_TRACES,
@@ -23,6 +23,7 @@ from fitting.cli.fit_options import (
     chosen_method,
     held_out_spans,
     named_values,
+    names_toml,
 )
 
 if TYPE_CHECKING:
@@ -74,48 +75,14 @@ def run(args: argparse.Namespace) -> int:
     else:
         scene = read_scene(args)
         check_intervals(args, scene)
-    if scene is not None and any(name.lower().endswith(".toml") for name in args.traces):
+    if scene is not None and names_toml(args.traces):
         if plot:
             raise SceneError("--plot: only for traces of angles. Use --report for channels, which draws every run")
         return fit_to_channels(args, scene, shared)
     if args.own:
         raise SceneError("--own: only for channels named in a TOML file. Omit it for traces of angles")
-
-    from fitting.calibration.fit import fit, fit_and_free
-    from fitting.calibration.preparation import FitSettings
-    from fitting.calibration.result import ACCEPTABLE
-
-    traces = []
-    found = {}
-    about = ""
-    if scene is not None:
-        traces, notes = traces_for(args, scene)
-        if notes:
-            found = {"assumed": notes}
-            about = "assumed\n" + "\n".join(f"  {note}" for note in notes)
-    foreign = scene is None or bool(found)
-    settings = FitSettings(
-        window=args.window,
-        dt=args.dt,
-        integrator=args.integrator,
-        rest=held_out_spans(args.rest, "--rest"),
-        static_start=args.static_start,
-        zero=args.zero,
-        sign=args.sign,
-        unit=None if foreign else args.unit,
-        begin=args.since,
-        fixed=args.fixed,
-        same_motion=args.same_motion,
-    )
-    shared |= {"method": chosen_method(args), "until": args.until, "held_out": spans, "settings": settings}
-    say = progress(args.quiet)
-    if scene is None:
-        result, found, about = fit_files(args, shared, say)
-    else:
-        run_fit = fit_and_free if args.auto_free else fit
-        result = run_fit(traces, scene, args.free, **shared, progress=say)
-    add_judgements(result, args, say)
-    result.accepted = args.accept_misfit
+    shared["held_out"] = spans
+    result, found, about = fit_to_angles(args, scene, shared)
     if folder:
         from fitting.report.report import write_report
 
@@ -127,15 +94,65 @@ def run(args: argparse.Namespace) -> int:
     print_warnings(result.warnings)
     words = "\n\n".join(filter(None, [about, text(result)]))
     code = deliver(args, result.to_json() | found, words, failure_of(result))
+
+    from fitting.calibration.result import ACCEPTABLE
+
     if args.accept_misfit and result.status in ACCEPTABLE:
         return OK
     return code
 
 
+def fit_to_angles(args: argparse.Namespace, scene: Scene | None, shared: Table) -> tuple[FitResult, Table, str]:
+    """The fit to angles with its judgements, and what was assumed about the files, as plain values and as text.
+
+    Args:
+        scene: None: proposed from the first file.
+        shared: arguments of `fit` for both kinds of data.
+    """
+    from fitting.calibration.fit import fit, fit_and_free
+    from fitting.calibration.preparation import FitSettings
+
+    traces = []
+    found = {}
+    about = ""
+    unit = None  # traces of foreign files are in radians
+    if scene is not None:
+        traces, notes = traces_for(args, scene)
+        if notes:
+            found = {"assumed": notes}
+            about = assumed_text(notes)
+        else:
+            unit = args.unit
+    settings = FitSettings(
+        window=args.window,
+        dt=args.dt,
+        integrator=args.integrator,
+        rest=held_out_spans(args.rest, "--rest"),
+        static_start=args.static_start,
+        zero=args.zero,
+        sign=args.sign,
+        unit=unit,
+        begin=args.since,
+        fixed=args.fixed,
+        same_motion=args.same_motion,
+    )
+    shared = {**shared, "method": chosen_method(args), "until": args.until, "settings": settings}
+    say = progress(args.quiet)
+    if scene is None:
+        result, found, about = fit_files(args, shared, say)
+    elif args.auto_free:
+        result = fit_and_free(traces, scene, args.free, **shared, progress=say)
+    else:
+        result = fit(traces, scene, args.free, **shared, progress=say)
+    add_judgements(result, args, say)
+    result.accepted = args.accept_misfit
+    return result, found, about
+
+
 def check_intervals(args: argparse.Namespace, scene: Scene) -> None:
     """Reject intervals of parameters that are not free, and a bootstrap of one draw, before anything is fitted."""
     from fitting.estimate.scene_fit import check_draws
-    from fitting.parameters.names import default_free, default_rig, full_names
+    from fitting.parameters.names import default_free, default_rig
 
     if args.bootstrap is not None:
         check_draws(args.bootstrap)
@@ -143,16 +160,23 @@ def check_intervals(args: argparse.Namespace, scene: Scene) -> None:
         return
     free = args.free
     if free is None:
-        free = [*default_free(scene), *([] if args.fixed else default_rig(scene))]
-    names = [*free, *args.own]
-    known = [name if name.startswith(OF_DATA) else full_names(scene, [name])[0] for name in names]
+        free = default_free(scene)
+        if not args.fixed:
+            free = [*free, *default_rig(scene)]
+    known = [_full_path(scene, name, "free") for name in (*free, *args.own)]
     for name in args.profile:
-        if name.startswith(OF_DATA):
-            full = name
-        else:
-            full = full_names(scene, [name.partition("@")[0]], "profile")[0]
+        full = _full_path(scene, name, "profile")
         if not any(f"{full}.".startswith(f"{one}.") or one.startswith(f"{full}.") for one in known):
             raise SceneError(f"profile: {full!r} is not a free parameter; {nearest(full, known)}")
+
+
+def _full_path(scene: Scene, name: str, option: str) -> str:
+    """The full path of a parameter of the scene, or the name of one of the data."""
+    from fitting.parameters.names import full_names
+
+    if name.startswith(OF_DATA):
+        return name
+    return full_names(scene, [name.partition("@")[0]], option)[0]
 
 
 def add_intervals(result: SceneFit, args: argparse.Namespace, say: Progress) -> None:
@@ -164,7 +188,8 @@ def add_intervals(result: SceneFit, args: argparse.Namespace, say: Progress) -> 
     if args.bootstrap is not None:
         drawn = bootstrap(result, args.bootstrap)
         result.bootstrap = drawn.draws
-        result.warnings += filter(None, [drawn.warning])
+        if drawn.warning:
+            result.warnings.append(drawn.warning)
 
 
 def add_judgements(result: FitResult, args: argparse.Namespace, say: Progress) -> None:

@@ -153,17 +153,23 @@ def fit_files(args: argparse.Namespace, shared: Table, say: Progress) -> tuple[F
         folder = unused(Path(), f"{measured[0].trace.name}-fit")
     else:
         folder = Path(args.report)
-    command = write_case(folder, measured, plain, ("--same-motion",) if args.same_motion else ())
+    options = ()
+    if args.same_motion:
+        options = ("--same-motion",)
+    command = write_case(folder, measured, plain, options)
     values = found_values(result, measured[0], args.mass)
     assumed.append(model_note(measured[0].trace.links, args.mass))
-    parts = [
-        "assumed\n" + "\n".join(f"  {note}" for note in assumed),
-        table(value_rows(values)),
-        f"repeat with: {command}",
-    ]
-    rows = (asdict(one) for one in values)
-    plain_values = {row.pop("name"): row for row in rows}
-    return result, {"assumed": assumed, "found": plain_values, "repeat": command}, "\n\n".join(parts)
+    text = "\n\n".join([assumed_text(assumed), table(value_rows(values)), f"repeat with: {command}"])
+    found = {}
+    for one in values:
+        row = asdict(one)
+        found[row.pop("name")] = row
+    return result, {"assumed": assumed, "found": found, "repeat": command}, text
+
+
+def assumed_text(notes: list[str]) -> str:
+    """How the files were read, as text."""
+    return "assumed\n" + "\n".join(f"  {note}" for note in notes)
 
 
 def model_error_of(result: FitResult) -> float | None:

@@ -143,11 +143,16 @@ def check_without_scene(args: argparse.Namespace) -> None:
     Raises:
         SceneError: channels, or options of a scene.
     """
-    if any(name.lower().endswith(".toml") for name in args.traces):
+    if names_toml(args.traces):
         raise SceneError("--scene: missing; channels named in a TOML file need a scene")
     for key in ("set", "static_start", "auto_free", "effects"):
         if getattr(args, key):
             raise SceneError(f"--{key.replace('_', '-')}: only with --scene; the scene of a file is proposed")
+
+
+def names_toml(files: list[str]) -> bool:
+    """Whether a TOML file of channels is among the files."""
+    return any(file.lower().endswith(".toml") for file in files)
 
 
 def chosen_loss(args: argparse.Namespace) -> Loss:
@@ -240,13 +245,16 @@ def named_values(option: str, texts: list[str]) -> dict[str, Any]:
             raise SceneError(f"--{option}: {name}={value!r} {lack}")
         ends: list[float | None] = []
         for part in parts:
-            is_open = option == "bounds" and not part.strip()
-            ends.append(None if is_open else _number(option, name, part))
+            end = None
+            if option != "bounds" or part.strip():
+                end = _number(option, name, part)
+            ends.append(end)
         found[name] = tuple(ends)
     return found
 
 
 def _number(option: str, name: str, text: str) -> float:
+    """The finite number that an option gives a parameter."""
     try:
         value = float(text)
     except ValueError:
@@ -257,6 +265,7 @@ def _number(option: str, name: str, text: str) -> float:
 
 
 def check_numbers(args: argparse.Namespace) -> None:
+    """Reject options that are not positive."""
     units = {"until": " s", "window": " s", "dt": " s", "huber": "", "iterations": "", "bootstrap": ""}
     for key, unit in units.items():
         value = getattr(args, key)

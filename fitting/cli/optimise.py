@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 from typing import TYPE_CHECKING
 
 from dropper_jax.base.markdown import text_row
@@ -49,13 +50,17 @@ def run(args: argparse.Namespace) -> int:
         result = done_object(check=along_error(along), along=along._asdict())
         return print_result(args, result, f"{along_text(along)}: {along.status}")
     found = optimise(site, state, say)
-    say(1.0, "ok" if found.feasible else "no design met all constraints")
+    status = "ok"
+    outcome = "ok"
+    if not found.feasible:
+        status = "not_converged"
+        outcome = "no design met all constraints"
+    say(1.0, outcome)
     print_warnings(found.warnings)
     if args.plot:
         from fitting.farm.optimise.picture import design_picture
 
         design_picture(site, found, picture(args.plot, "design"))
-    status = "ok" if found.feasible else "not_converged"
     plain = {"schema": 1, "status": status, "site": site.name, **found.to_json()}
     code = deliver(args, plain, text(found))
     if found.feasible:
@@ -79,10 +84,14 @@ def text(found: Optimum) -> str:
         if known and label in found.prices:
             price = f"{found.prices[label]:+.3g}"
         limits.append((label, f"{before:.3f}", f"{after:.3f}", price))
-    effects = [(n, f"{c:+.3g}" if known else "unknown: no optimum") for n, c in found.assumptions.items()]
-    assumed = [("1 % more of", "objective"), *effects]
+    assumed = [("1 % more of", "objective")]
+    for name, change in found.assumptions.items():
+        effect = "unknown: no optimum"
+        if known:
+            effect = f"{change:+.3g}"
+        assumed.append((name, effect))
     apart = "windows and whole runs were not compared, because the start is the best design"
-    if found.residual == found.residual:  # a number
+    if not math.isnan(found.residual):
         apart = f"windows and whole runs differed by up to {found.residual:.1%} of a limit before the last update"
     end = (
         f"constraints of whole runs, {found.characteristic}; "

@@ -6,6 +6,7 @@ With `--trace FILE.csv` every case has a score against measured angles.
 from __future__ import annotations
 
 import argparse
+import math
 import os
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
 
     from dropper_jax.load.scene import Scene
     from fitting.sweep.against_trace import FittedScore, TraceScores
+    from fitting.sweep.run import SweepResult
 
 help = "run a grid of cases in batches and keep the results in a Zarr folder"
 
@@ -103,43 +105,88 @@ def run(args: argparse.Namespace) -> int:
     use_cores(args.devices)
     scene = read_scene(args, OVERRIDES)
 
-    from fitting.sweep import SweepStopped, sweep, sweep_against_trace
-    from fitting.traces.trace import convention
+    from fitting.sweep import SweepStopped, sweep
 
-    options = {
-        "seeds": args.seeds,
-        "quantities": args.quantities.split(",") if args.quantities else [] if args.trace else None,
-        "chunk": args.chunk or (8 if args.trace else None),
-        "scheduler": args.scheduler,
-        "mix_versions": args.mix_versions,
-        "listed": args.paired,
-        "progress": progress(args.quiet),
-    }
+    options = _options(args)
     scores = None
+    fitted = None
     try:
         if args.trace:
-            scores = sweep_against_trace(
-                scene,
-                vary,
-                args.trace,
-                args.out,
-                parts=parts,
-                integrator=args.integrator,
-                until=args.duration,
-                convention=convention(args.zero, args.sign, args.unit),
-                columns=column_names(args.columns),
-                **options,
-            )
+            scores = _sweep_against_trace(args, scene, vary, parts, options)
             result = scores.sweep
         else:
             result = sweep(scene, vary, args.out, traces=args.traces, **options)
     except SweepStopped as error:
         return print_result(args, {}, failure=("interrupted", str(error)))
-    fitted = _fit(args, scene, scores) if scores and args.fit else None
-    warnings = [*(scores.warnings if scores else []), *result.verdict.warnings]
+    warnings = list(result.verdict.warnings)
+    if scores:
+        warnings = [*scores.warnings, *warnings]
+        if args.fit:
+            fitted = _fit(args, scene, scores)
     print_warnings(warnings)
+    found = _result_object(scene, result, warnings)
+    if scores:
+        found["trace"] = scores.to_json()
+    if fitted:
+        found["trace"]["fit"] = fitted.to_json()
+    if plot:
+        from fitting.sweep.pictures import draw_against_trace, draw_sweep
+
+        if scores:
+            draw_against_trace(scores, plot, fitted)
+        if not scores or result.plan.quantities:
+            draw_sweep(result.path, plot)
+    results = ""
+    if not args.json and not args.traces and result.cases <= MOST_ROWS and result.plan.quantities:
+        results = _result_table(result.path)
+    return print_result(args, found, text(found, results), result.verdict.failure)
+
+
+def _options(args: argparse.Namespace) -> Table:
+    """Options of a sweep with and without a trace."""
+    quantities = None
+    chunk = args.chunk or None
+    if args.trace:
+        quantities = []
+        chunk = args.chunk or 8
+    if args.quantities:
+        quantities = args.quantities.split(",")
+    return {
+        "seeds": args.seeds,
+        "quantities": quantities,
+        "chunk": chunk,
+        "scheduler": args.scheduler,
+        "mix_versions": args.mix_versions,
+        "listed": args.paired,
+        "progress": progress(args.quiet),
+    }
+
+
+def _sweep_against_trace(
+    args: argparse.Namespace, scene: Scene, vary: dict[str, np.ndarray], parts: list[float] | None, options: Table
+) -> TraceScores:
+    """The sweep with a score of every case against the trace."""
+    from fitting.sweep import sweep_against_trace
+    from fitting.traces.trace import convention
+
+    return sweep_against_trace(
+        scene,
+        vary,
+        args.trace,
+        args.out,
+        parts=parts,
+        integrator=args.integrator,
+        until=args.duration,
+        convention=convention(args.zero, args.sign, args.unit),
+        columns=column_names(args.columns),
+        **options,
+    )
+
+
+def _result_object(scene: Scene, result: SweepResult, warnings: list[str]) -> Table:
+    """The result as plain values."""
     failed = sum(count for status, count in result.counts.items() if status not in ("ok", "pending"))
-    found = {
+    return {
         "schema": 1,
         "status": result.verdict.status,
         "scene": scene.name,
@@ -154,18 +201,6 @@ def run(args: argparse.Namespace) -> int:
         "steps_per_s": result.steps_per_s,
         "warnings": warnings,
     }
-    if scores:
-        found["trace"] = scores.to_json() | ({"fit": fitted.to_json()} if fitted else {})
-    if plot:
-        from fitting.sweep.pictures import draw_against_trace, draw_sweep
-
-        if scores:
-            draw_against_trace(scores, plot, fitted)
-        if not scores or result.plan.quantities:
-            draw_sweep(result.path, plot)
-    small = not args.json and not args.traces and result.cases <= MOST_ROWS and result.plan.quantities
-    words = text(found, _result_table(result.path) if small else "")
-    return print_result(args, found, words, result.verdict.failure)
 
 
 def _parts(args: argparse.Namespace) -> list[float] | None:
@@ -216,7 +251,9 @@ def _values(option: str) -> tuple[str, np.ndarray]:
     if ":" not in text:
         numbers = read_numbers(text, "--vary", NOT_VALUES, given=option)
         whole = all(word.strip().lstrip("+-").isdecimal() for word in text.split(","))
-        return path, np.array(numbers, int if whole else float)
+        if whole:
+            return path, np.array(numbers, int)
+        return path, np.array(numbers, float)
     limits, _, spacing = text.rpartition(":")
     if spacing not in SPACINGS:
         limits = text
@@ -242,9 +279,13 @@ def _result_table(path: Path) -> str:
         names = [x for x, of in found.drop_vars(["status", "failed_at"]).items() if of.dims == found.status.dims]
         frame = found[names].to_dataframe().reset_index()
         columns = [str(name) for name in (*frame.columns.drop(names), *names)]
-        units = [found[name].attrs.get("units") for name in columns]
-    heads = tuple(f"{name} [{unit}]" if unit else name for name, unit in zip(columns, units, strict=True))
-    return table([heads, *(tuple(cells(row, ".4g")) for row in frame[columns].to_numpy())])
+        heads = []
+        for name in columns:
+            unit = found[name].attrs.get("units")
+            if unit:
+                name = f"{name} [{unit}]"
+            heads.append(name)
+    return table([heads, *(cells(row, ".4g") for row in frame[columns].to_numpy())])
 
 
 def text(found: Table, results: str = "") -> str:
@@ -271,9 +312,19 @@ def _score_table(trace: Table) -> str:
     cases.sort(key=lambda case: case["head"]["angle_rms_rad"])
     fit = trace.get("fit")
     names = [path.rsplit(".", 1)[-1] for path in cases[0]["values"]]
-    rows = [(*names, *(f"{part}{of}" for part in spans for of in ("", " spectrum")))]
-    for case in [*cases[:MOST_ROWS], *([fit] if fit else [])]:
-        scores = [1e3 * (x if x is not None else float("nan")) for part in spans for x in case[part].values()]
+    for part in spans:
+        names += [part, f"{part} spectrum"]
+    rows = [names]
+    shown = cases[:MOST_ROWS]
+    if fit:
+        shown.append(fit)
+    for case in shown:
+        scores = []
+        for part in spans:
+            for score in case[part].values():
+                if score is None:
+                    score = math.nan
+                scores.append(1e3 * score)
         rows.append((*cells(case["values"].values(), ".4g"), *cells(scores, ".3g")))
     named = ", ".join(f"{part} {low:.4g} to {high:.4g} s" for part, (low, high) in spans.items())
     notes = [f"RMS angle error and distance of amplitude spectra [mrad], {named}"]

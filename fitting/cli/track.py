@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import argparse
 import io
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.markdown import cells
-from dropper_jax.cli.given import number, output_file, read_numbers
+from dropper_jax.cli.given import check_positive, number, output_file, read_numbers
 from dropper_jax.cli.options import add_examples, add_json, add_quiet
 from dropper_jax.cli.printing import FAILED, OK, listing, print_line, print_result, print_warnings, progress
 
 if TYPE_CHECKING:
     from fitting.films.ordering import AmbiguousOrderError
     from fitting.films.track import Tracked
+
+#: Whether markers are brighter than their rim, by `--marker`.
+BRIGHT = {"bright": True, "dark": False}
 
 help = "angle traces from a video of a chain with a circle on every node"
 
@@ -65,21 +67,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     for key, unit in {"square": "m", "scale": "m", "distance": "m", "radius": "px", "fps": "Hz"}.items():
-        value = getattr(args, key)
-        if value is not None and not (0 < value < math.inf):
-            raise SceneError(f"--{key}: {value:g} is out of range; allowed: > 0 {unit}")
+        check_positive(f"--{key}", getattr(args, key), f"> 0 {unit}")
     out = Path(args.out or f"{Path(args.video).stem}.csv")
     output_file(out, "--out", (".csv",))
     positions = output_file(args.positions, "--positions", (".csv",))
     overlay = output_file(args.overlay, "--overlay", (".png", ".avi", ".mp4"))
-
-    allowed = "is not X,Y; allowed: pixels such as 120,85"
-    start = None
-    if args.start is not None:
-        start = []
-        for node in args.start:
-            x, y = read_numbers(node, "--start", allowed, count=2)
-            start.append((x, y))
 
     from fitting.films.ordering import AmbiguousOrderError
     from fitting.films.overlay import write_overlay
@@ -98,9 +90,9 @@ def run(args: argparse.Namespace) -> int:
             distance=args.distance,
             level=args.level,
             radius=args.radius,
-            bright=None if args.marker is None else args.marker == "bright",
+            bright=BRIGHT.get(args.marker),
             first=args.first,
-            start=start,
+            start=start_positions(args.start),
             fps=args.fps,
             begin=args.begin,
             end=args.end,
@@ -108,19 +100,33 @@ def run(args: argparse.Namespace) -> int:
         )
     except AmbiguousOrderError as error:
         return report_ambiguous(error, args, out.with_name(f"{out.stem}-orders.png"))
-    lost = tracked.status == "lost"
-    if not lost:
+    found = {**tracked.to_json(), "out": None}
+    message = f"error: {tracked.message}"
+    if tracked.status != "lost":
         print_warnings(tracked.warnings)
         write_trace(out, tracked.trace, notes(tracked))
         if positions:
             write_positions(tracked, positions)
+        found["out"] = str(out)
+        message += f"; the earlier part is in {out}"
     if overlay:
         write_overlay(tracked, args.video, overlay)
-    print_result(args, {**tracked.to_json(), "out": None if lost else str(out)}, text(tracked, out))
+    print_result(args, found, text(tracked, out))
     if tracked.status == "ok":
         return OK
-    print_line(f"error: {tracked.message}" + ("" if lost else f"; the earlier part is in {out}"))
+    print_line(message)
     return FAILED
+
+
+def start_positions(nodes: list[str] | None) -> list[tuple[float, float]] | None:
+    """Positions [pixel] of nodes given as `X,Y`."""
+    if nodes is None:
+        return None
+    found = []
+    for node in nodes:
+        x, y = read_numbers(node, "--start", "is not X,Y; allowed: pixels such as 120,85", count=2)
+        found.append((x, y))
+    return found
 
 
 def report_ambiguous(error: AmbiguousOrderError, args: argparse.Namespace, picture: Path) -> int:
@@ -170,7 +176,8 @@ def write_positions(tracked: Tracked, path: Path) -> Path:
     names = [f"{stem}_{k}" for k in range(nodes) for stem in ("x", "z", "seen")]
     values = np.dstack([tracked.metres, tracked.detected]).reshape(len(times), -1)
     text = io.StringIO()
-    text.write(f"# unit={'m' if tracked.scaled else 'pixel'}, x=right, z=up, zero=node 0 in the first frame\n")
+    unit = "m" if tracked.scaled else "pixel"
+    text.write(f"# unit={unit}, x=right, z=up, zero=node 0 in the first frame\n")
     text.write(",".join(["t", *names, "marked"]) + "\n")
     rows = np.column_stack([times, values, tracked.marks.frames])
     np.savetxt(text, rows, fmt=["%.9g", *["%.7g", "%.7g", "%d"] * nodes, "%d"], delimiter=",")
@@ -181,12 +188,18 @@ def text(tracked: Tracked, out: Path) -> str:
     """The result as text."""
     found = tracked.to_json()
     bridged = sum(found["bridged"])
+    not_detected = "none"
+    if bridged:
+        not_detected = f"{bridged} samples, longest gap {found['longest_gap_s']:.2g} s"
+    marked = "none"
+    if found["marked_frames"]:
+        marked = f"{found['marked_frames']}, left empty"
     seconds = tracked.trace.t[-1] - tracked.trace.t[0]
     pairs = [
         ("frames", f"{found['frames']} at {found['fps']:g} Hz, {seconds:.3g} s"),
         ("markers", "{nodes} of radius {marker_radius_pixel:.3g} pixel, {links} links".format_map(found)),
-        ("not detected", f"{bridged} samples, longest gap {found['longest_gap_s']:.2g} s" if bridged else "none"),
-        ("marked frames", f"{found['marked_frames']}, left empty" if found["marked_frames"] else "none"),
+        ("not detected", not_detected),
+        ("marked frames", marked),
     ]
     if found["angle_se_rad"] is not None:
         pairs.append(("angles", f"standard error {found['angle_se_rad']:.2g} rad (median)"))

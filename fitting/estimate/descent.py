@@ -138,6 +138,7 @@ class GradientDescent:
 
 @lru_cache
 def _compiled(name: str, rate: float) -> optax.GradientTransformation:
+    """The optimizer of a name; one per learning rate, so that its program is compiled once."""
     transformation = OPTIMIZERS[name](rate)
     return optax.GradientTransformation(transformation.init, jax.jit(transformation.update))
 
@@ -157,19 +158,20 @@ class Coordinates:
     """
 
     def __init__(self, descent: GradientDescent, objective: Objective, point: Point, newton: Step, free: np.ndarray):
-        self.descent, self.free, self.taken = descent, free, 0
+        self.descent = descent
+        self.free = free
+        self.taken = 0
+        self.unit = 1.0
         if descent.preconditioner == "size":
             scale = np.array([p.scale for p in objective.problem.parameters])[free]
             self.root = np.diag(1 / scale)
-            self.unit = 1.0
         else:
             square = newton.information[np.ix_(free, free)]
             size = np.sqrt(np.maximum(np.diag(square), 1e-300))
             self.root = size[:, None] * cholesky_root(square / np.outer(size, size))
-            slope = np.abs(self.slope(newton.gradient))
-            self.unit = (
-                1.0 if descent.searches else np.maximum(slope, max(LEAST_DISTANCE * np.linalg.norm(slope), 1e-300))
-            )
+            if not descent.searches:
+                slope = np.abs(self.slope(newton.gradient))
+                self.unit = np.maximum(slope, max(LEAST_DISTANCE * np.linalg.norm(slope), 1e-300))
         self.state = descent.transformation.init(self.optimizer_position(point.values))
 
     def slope(self, gradient: np.ndarray) -> np.ndarray:
@@ -213,9 +215,13 @@ class GradientSteps:
     """
 
     def __init__(self, descent: GradientDescent, objective: Objective, count: int) -> None:
-        self.descent, self.objective, self.count, self.taken = descent, objective, count, 0
+        self.descent = descent
+        self.objective = objective
+        self.count = count
+        self.taken = 0
         self.why = f"{objective.goal} in {descent.steps} steps of {descent.name}. Use more steps"
-        self.damping, self.first = objective.damping, np.inf
+        self.damping = objective.damping
+        self.first = np.inf
         self.x: Coordinates | None = None
 
     def report(self, point: Point, progress: Progress) -> None:
@@ -277,13 +283,15 @@ class GradientSteps:
         direction = np.where(ahead, direction, 0.0) * np.min(span[ahead] / direction[ahead], initial=1.0)
         slope = float(newton.gradient @ direction)
         searched = self.descent.searches
+        trials = 1
         if searched:
+            trials = TRIALS
             if not slope < 0:
                 return None
             # the first trial is not beyond the minimum that the information predicts along the direction
             direction = direction * min(-slope / max(float(direction @ newton.information @ direction), 1e-300), 1.0)
             slope = float(newton.gradient @ direction)
-        for trial in range(TRIALS if searched else 1):
+        for trial in range(trials):
             # starts follow the parameters; a shorter step also withholds more of their own move
             damping = self.damping * 10.0**trial
             part = SHORTER**trial

@@ -10,7 +10,8 @@ class Factor:
     """Cholesky of a block-tridiagonal matrix: diagonal blocks (K, m, m), blocks (K - 1, m, m) left of the next."""
 
     def __init__(self, diagonal: np.ndarray, below: np.ndarray) -> None:
-        self.below, self.factors = below, [cho_factor(diagonal[0], lower=True)]
+        self.below = below
+        self.factors = [cho_factor(diagonal[0], lower=True)]
         for block, coupling in zip(diagonal[1:], below, strict=True):
             block = block - coupling @ cho_solve(self.factors[-1], coupling.T)
             self.factors.append(cho_factor(block, lower=True))

@@ -188,8 +188,12 @@ def fit_windows(
 
 
 def window_costs(problem: Residuals, residual: np.ndarray) -> np.ndarray:
-    """Loss of each window (K,)."""
-    return np.array([problem.loss.cost(one) if np.isfinite(one).all() else np.inf for one in residual])
+    """Loss of each window (K,); infinite where its motion is not finite."""
+    costs = np.full(len(residual), np.inf)
+    for k, one in enumerate(residual):
+        if np.isfinite(one).all():
+            costs[k] = problem.loss.cost(one)
+    return costs
 
 
 def fit_starts(problem: Problem, values: np.ndarray, starts: Starts, iterations: int) -> tuple[Starts, Evaluation]:

@@ -83,9 +83,14 @@ class Noise:
 
     def max_relative_difference(self, other: Noise) -> float:
         """Maximum relative difference of two noises' parts."""
-        share = lambda a, b: np.max(np.abs(np.log((a + 1e-9) / (b + 1e-9))), initial=0.0)  # noqa: E731
         memory = np.max(np.abs(lag_correlation(self.decay) - lag_correlation(other.decay)), initial=0.0)
-        return float(max(share(self.factor, other.factor), memory, 0.5 * share(self.delay, other.delay)))
+        size = _max_log_ratio(self.factor, other.factor)
+        return float(max(size, memory, 0.5 * _max_log_ratio(self.delay, other.delay)))
+
+
+def _max_log_ratio(a: np.ndarray, b: np.ndarray) -> float:
+    """Maximum absolute logarithm of the ratios of two arrays, which may be 0."""
+    return np.max(np.abs(np.log((a + 1e-9) / (b + 1e-9))), initial=0.0)
 
 
 def lag_correlation(decay: np.ndarray) -> np.ndarray:
@@ -164,8 +169,8 @@ def _memory(windows: Windows, decay: np.ndarray) -> tuple[np.ndarray, np.ndarray
         step = np.median(np.diff(windows.times(), axis=1)[neighbours])
     else:
         step = windows.dt
-    kept = np.exp(-decay * step)
-    continued = np.where(windows.follows[:, None, None], np.sqrt((1 - kept) / (1 + kept)), 1.0)
+    usual = np.exp(-decay * step)
+    continued = np.where(windows.follows[:, None, None], np.sqrt((1 - usual) / (1 + usual)), 1.0)
     size = np.where(first, continued, 1 / np.sqrt(np.maximum(1 - phi**2, 1e-12)))
     return before, np.where(known, phi, 0.0), np.where(known, size, 0.0)
 

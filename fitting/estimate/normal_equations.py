@@ -59,7 +59,10 @@ def drop_wild(e: Evaluation) -> Evaluation:
     """The evaluation, with zero derivative and one more failed step for windows whose derivative is undefined."""
     size = np.abs(e.jacobian).max(axis=(1, 2, 3), initial=0.0)
     moving = size[size > 0]  # windows without samples have no derivative
-    wild = ~(size <= WILD * max(float(np.median(moving)) if len(moving) else 0.0, 1e-300))
+    typical = 0.0
+    if len(moving):
+        typical = float(np.median(moving))
+    wild = ~(size <= WILD * max(typical, 1e-300))
     if not wild.any():
         return e
     derivatives = {f: a.copy() for f, a in e._asdict().items() if f.endswith("jacobian")}
@@ -161,16 +164,15 @@ def join(normal: Normal, g: Gaps, weight: float) -> Normal:
     before = g.before / weight
     after = g.after / weight
     shared = g.shared / weight
-    turn = lambda x: np.swapaxes(x, 1, 2)  # noqa: E731
     right = g.left + 1
-    A[g.left] += turn(before) @ before
-    A[right] += turn(after) @ after
-    below[g.left] += turn(after) @ before
-    B[g.left] += turn(before) @ shared
-    B[right] += turn(after) @ shared
+    A[g.left] += before.mT @ before
+    A[right] += after.mT @ after
+    below[g.left] += after.mT @ before
+    B[g.left] += before.mT @ shared
+    B[right] += after.mT @ shared
     gz[g.left] += np.einsum("gij,gi->gj", before, value)
     gz[right] += np.einsum("gij,gi->gj", after, value)
-    C = normal.C + (turn(shared) @ shared).sum(0)
+    C = normal.C + (shared.mT @ shared).sum(0)
     return Normal(A, B, C, gz, normal.gp + np.einsum("gij,gi->j", shared, value), below)
 
 

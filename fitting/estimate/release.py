@@ -80,6 +80,7 @@ class Release:
         raise SceneError(f"{option}: {name!r} does not exist in the scene; {nearest(name, [*NAMES, *known])}")
 
     def _all(self) -> list[Parameter]:
+        """The times of all runs, and the forces on all released nodes in the plane."""
         times = [Parameter(f"{TIME}.{i}", ReleasePlace(i, "time"), 0.0, unit="s") for i in range(self.runs)]
         forces = []
         for i, (j, node), c in product(range(self.runs), enumerate(self.nodes), (0, 2)):
@@ -89,10 +90,11 @@ class Release:
 
     def times(self, parameters: Sequence[Parameter], values: Array) -> Array:
         """Instants of release (runs,) [s] on the traces' clocks; 0 if they are not free."""
-        free = _free_times(parameters)
-        none = jnp.zeros((), values.dtype)
+        times = [jnp.zeros((), values.dtype)] * self.runs
+        for run, i in _free_times(parameters).items():
+            times[run] = values[i]
         # not by `.at[].set`, which cannot be part of one kernel
-        return jnp.stack([values[free[run]] if run in free else none for run in range(self.runs)])
+        return jnp.stack(times)
 
     def late(self, parameters: Sequence[Parameter], p: Array, release_state: ReleaseState) -> Array:
         """Time from the start of a window to its release [s]; 0 for windows that are not released."""

@@ -60,13 +60,19 @@ class ResidualNoiseModel:
     """
 
     def __init__(self, solution: Solution, claimed: Windows, traces: Sequence[Trace], floor: np.ndarray) -> None:
-        self.solution, self.claimed, self.traces, self.floor = solution, claimed, traces, floor
+        self.solution = solution
+        self.claimed = claimed
+        self.traces = traces
+        self.floor = floor
         self.raw = solution.problem.raw_evaluation(solution, claimed)
         times = claimed.times()
         known = np.any(claimed.weight > 0, axis=2)
         both = known[:, 1:] & known[:, :-1]
-        apart = [np.diff(times)[both & (claimed.source == r)[:, None]] for r in range(len(floor))]
-        self.interval = np.array([[np.median(steps) if len(steps) else 1.0] for steps in apart])
+        self.interval = np.ones((len(floor), 1))
+        for r in range(len(floor)):
+            steps = np.diff(times)[both & (claimed.source == r)[:, None]]
+            if len(steps):
+                self.interval[r] = np.median(steps)
 
     def at(self, noise: Noise) -> Solution:
         """The solution in units of this noise, with recomputed normal equations."""
@@ -103,9 +109,13 @@ class ResidualNoiseModel:
     def estimate(self, noise: Noise) -> Solution:
         """The solution in units of the noise estimated from these residuals, starting from another one."""
         nothing = replace(noise, decay=np.full_like(noise.decay, np.inf), delay=np.zeros_like(noise.delay))
-        found = white = self.fixed_point(nothing)
-        sensors = np.arange(len(self.floor))[:, None]
-        for mine in [np.ones_like(self.floor, bool)] if self.traces else [sensors == c for c in sensors[:, 0]]:
+        white = self.fixed_point(nothing)
+        found = white
+        groups = [np.ones_like(self.floor, bool)]
+        if not self.traces:
+            sensors = np.arange(len(self.floor))[:, None]
+            groups = [sensors == sensor for sensor in range(len(self.floor))]
+        for mine in groups:
             found = self._likelier(found, self._with_memory(found, mine))
         if self.traces:
             return self._likelier(found, self._with_delay(white))
@@ -129,21 +139,21 @@ class ResidualNoiseModel:
     def _with_memory(self, point: Solution, mine: np.ndarray) -> Solution | None:
         """AR(1) noise of some channels (R, n), at first with a common memory; None if residuals do not support it."""
         noise = point.problem.noise
-        kept, sure = lag_one_by_source(point.windows, point.evaluation.residual, len(self.floor))
-        if not correlates(kept[mine], sure[mine]):
+        correlation, error = lag_one_by_source(point.windows, point.evaluation.residual, len(self.floor))
+        if not correlates(correlation[mine], error[mine]):
             return None
 
-        def remembers(rho: np.ndarray | float) -> Noise:
+        def with_memory(rho: np.ndarray | float) -> Noise:
             decay = -np.log(np.clip(rho, 1e-6, MAX_CORRELATION)) / self.interval
             return replace(noise, decay=np.where(mine, decay, noise.decay))
 
         # fitted starts remove some of the memory and never add to it
-        if not -WHITE < self._innovations(remembers(kept), mine) < 2 * WHITE:
+        if not -WHITE < self._innovations(with_memory(correlation), mine) < 2 * WHITE:
             return None
-        rho = self._likeliest(remembers, 0.02, MAX_CORRELATION, 4e-3)
-        off = kept - kept[mine].mean()
-        each = np.clip(rho + np.where(np.abs(off) > 3 * sure, off, 0.0), 0.02, MAX_CORRELATION)
-        found = self.fixed_point(remembers(each))
+        rho = self._likeliest(with_memory, 0.02, MAX_CORRELATION, 4e-3)
+        off = correlation - correlation[mine].mean()
+        each = np.clip(rho + np.where(np.abs(off) > 3 * error, off, 0.0), 0.02, MAX_CORRELATION)
+        found = self.fixed_point(with_memory(each))
         if abs(self._innovations(found.problem.noise, mine)) < WHITE:
             return found
         return None
@@ -207,9 +217,9 @@ def minus_two_log(point: Solution) -> float:
 
 def memory_of(point: Solution) -> float:
     """Number of samples equivalent to one of white noise, `(1 + rho)/(1 - rho)` by the correlation of neighbours."""
-    rho, sure = lag_one(point.evaluation.residual, point.windows.weight > 0)
+    rho, error = lag_one(point.evaluation.residual, point.windows.weight > 0)
     longest = max(1.0, point.windows.weight.shape[1] / 2)
-    if correlates(rho, sure):
+    if correlates(rho, error):
         return min((1 + rho) / max(1 - rho, 1e-9), longest)
     return 1.0
 

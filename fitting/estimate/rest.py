@@ -32,7 +32,9 @@ from fitting.estimate.normal_equations import Prior
 from fitting.estimate.simulator import Simulator
 from fitting.estimate.static_poses import StaticPoses
 from fitting.parameters.observation import camera_angles
+from fitting.parameters.paths import count_joints
 from fitting.traces import planar
+from fitting.traces.noise import column_medians
 from fitting.traces.trace import Trace
 
 #: Minimum number of frames of a rest; number of parts it is cut into; maximum difference of their means, in multiples
@@ -111,7 +113,7 @@ def _band(model: Model) -> np.ndarray | float:
         return planar.energy(model, planar.close_chain(model, theta + basis @ z, still)[0], still)
 
     stiffness = np.asarray(jax.hessian(energy)(jnp.zeros(basis.shape[1])))
-    joints = model.line.links + (1 if model.end_held else 0)
+    joints = count_joints(model)
     turns = np.eye(joints, len(theta)) - np.eye(joints, len(theta), -1)  # each joint between two links
     torque = np.broadcast_to(np.asarray(friction.dry), (model.line.links + 1,))[:joints]
     give = basis @ np.linalg.solve(stiffness, basis.T @ turns.T)
@@ -134,7 +136,7 @@ def rests(traces: Sequence[Trace], sigma: Sequence[np.ndarray], spans: Sequence[
         if known.min() < FEWEST:
             raise SceneError(f"{text} has {known.min()} frames; allowed: at least {FEWEST} of every link")
         means = [_location(column, size) for column, size in zip(part.theta.T, sigma[run], strict=True)]
-        parts = [np.nanmedian(x, axis=0) for x in np.array_split(part.theta, PARTS)]
+        parts = [column_medians(block) for block in np.array_split(part.theta, PARTS)]
         apart = np.nan_to_num(np.ptp(parts, axis=0))
         if np.any(apart > np.maximum(MOVES * sigma[run], LEAST)):
             raise SceneError(f"{text} moves by {apart.max():.2g} rad. Use a span in which the line is at rest")

@@ -86,8 +86,9 @@ def profile(
             found[value] = (point.cost - cost) / unit
     at, growth = np.array(sorted(found.items())).T
     limit = 0.5 * float(chdtri(1, 1 - level))
-    ends = (_crossing(at, growth, best, limit, side) for side in (-1, 1))
-    return Profile(name, at, growth, *ends, converged)
+    low = _crossing(at, growth, best, limit, -1)
+    high = _crossing(at, growth, best, limit, 1)
+    return Profile(name, at, growth, low, high, converged)
 
 
 def _unit(solution: Solution, index: int, std_error: float) -> float:
@@ -240,10 +241,10 @@ class SceneFit(Generic[P, E]):
     def intervals(self) -> dict[str, Any]:
         """Profiles and bootstrap as plain values, if requested."""
         keys = ("low", "high", "values", "growth", "converged")
-        found = {
-            "profile": {p.name: {key: getattr(p, key) for key in keys} for p in self.profiles},
-            "bootstrap": self.bootstrap_table(),
-        }
+        profile = {}
+        for p in self.profiles:
+            profile[p.name] = {key: getattr(p, key) for key in keys}
+        found = {"profile": profile, "bootstrap": self.bootstrap_table()}
         return {name: table for name, table in found.items() if table}
 
     def bootstrap_table(self) -> dict[str, dict[str, float]]:

@@ -76,7 +76,7 @@ def continue_at(level: Objective, begin: Solution, count: int, progress: Progres
     return replace(found, iterations=count + found.iterations)
 
 
-#: If gaps are much smaller than a weight allows, the weight has no effect gap weights larger than this multiple of the
+#: If gaps are much smaller than a weight allows, the weight has no effect: weights larger than this multiple of the
 #: gaps' own RMS are skipped.
 WIDE_GAPS = 5.0
 #: Fraction of the evidence lost with a smaller weight that finer steps must recover if residuals are not noise.
@@ -111,6 +111,9 @@ def fit_shooting(
     point = begin
     total = begin.iterations
     worse = 0
+    patience = 2
+    if begin.problem.memory > 1:  # with correlated residuals the maximum of the evidence is clear
+        patience = 1
     found = []
     separate = begin.problem.gaps(begin.evaluation, begin.values).value
     wide = WIDE_GAPS * float(np.sqrt(np.mean(separate**2)))
@@ -133,24 +136,32 @@ def fit_shooting(
             again = None
             if fell > SAME_EVIDENCE:
                 again = finer(point)
-            if again is not None and begin.problem.memory > 1:
-                step = Objective(again.problem, weight).undamped_step(again.evaluation, again.values)
-                gain = -np.inf
-                if step is not None:
-                    gain = point.cost - level.cost(again.evaluation, again.values) + step.predicted
-                if gain < RECOVERED * fell:
-                    again = None  # the model is wrong, not the step
+            if again is not None and begin.problem.memory > 1 and not _is_step_wrong(point, again, level, fell):
+                again = None
         found.append(point)
         drop = (max(p.evidence for p in found) - point.evidence) / begin.problem.memory
-        worse = worse + 1 if drop > EVIDENCE_DROP else 0
+        if drop > EVIDENCE_DROP:
+            worse += 1
+        else:
+            worse = 0
         if choose and i and abs(point.evidence - found[-2].evidence) < FLAT_EVIDENCE:
             break
-        # with correlated residuals the maximum of the evidence is clear
-        if choose and worse == (2 if begin.problem.memory == 1 else 1):
+        if choose and worse == patience:
             break
-    best = loosest(found) if choose else found[-1]
+    best = found[-1]
+    if choose:
+        best = loosest(found)
     best.iterations = max(total, best.iterations)
     return best
+
+
+def _is_step_wrong(point: Solution, finer: Solution, level: Objective, fell: float) -> bool:
+    """Whether finer steps recover the evidence that a smaller weight lost (`fell`); otherwise the model is wrong."""
+    step = Objective(finer.problem, level.weight).undamped_step(finer.evaluation, finer.values)
+    if step is None:
+        return False
+    gain = point.cost - level.cost(finer.evaluation, finer.values) + step.predicted
+    return not gain < RECOVERED * fell
 
 
 def follow_linear_model(

@@ -134,7 +134,13 @@ class Simulator:
         """Numbers (k,) of the parameters among the compiled ones; lost frames use any of their slots."""
         index_of = {p.name: i for i, p in enumerate(self.compiled)}
         lost = iter(losses(self.compiled))
-        return np.array([next(lost) if p.is_lost else index_of[p.name] for p in self.parameters], int)
+        found = []
+        for p in self.parameters:
+            if p.is_lost:
+                found.append(next(lost))
+            else:
+                found.append(index_of[p.name])
+        return np.array(found, int)
 
     def all_values(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Values of all parameters that programs know, and which of them are the requested ones (k,)."""
@@ -212,7 +218,9 @@ class Simulator:
                 known = np.concatenate(blocks, axis=-1)[..., :columns]
                 found = np.zeros((*known.shape[:-1], columns))
                 found[..., : known.shape[-1]] = known
-            whole.append(found[:, :slots] if field in ("theta", "residual", "jacobian") else found)
+            if field in ("theta", "residual", "jacobian"):
+                found = found[:, :slots]
+            whole.append(found)
         return Evaluation(*whole)
 
     def _seeds(self) -> list[np.ndarray]:
@@ -292,7 +300,7 @@ class Simulator:
             p = x[2 * m :]
             return add_missing_forces(apply(self.model, self.compiled, p), self.compiled, p)
 
-        def begun(x: Array) -> Start:
+        def start_at(x: Array) -> Start:
             z = x[: 2 * m]
             p = x[2 * m :]
             model = model_at(x)
@@ -308,7 +316,8 @@ class Simulator:
             if self.release or losses(self.compiled):
                 h, samples = self._clock(p, late, index + fraction, jumps, dt, steps)
             rate = clock_rate(self.compiled, p)
-            h = h if rate is None else h * rate
+            if rate is not None:
+                h = h * rate
             theta, omega = planar.close_chain(model, theta, omega0 + jnp.sum(basis * z[m:], axis=1))
             return Start(theta, omega, planar.to_state(model, theta, omega), jnp.asarray(h, theta.dtype), samples)
 
@@ -337,7 +346,7 @@ class Simulator:
             return planar.wrap(angle - measured) * weight, jnp.concatenate([start.theta, start.omega]), end, angle
 
         point = jnp.concatenate([jnp.zeros(2 * m), values])
-        start = vary(begun, point, seeds)
+        start = vary(start_at, point, seeds)
         rows, failed = march(stepper, model_at, point, seeds, start, capacity, substeps, count, steps)
         found = vary(read_out, point, seeds, start, rows)
         residual, first, end, angle = found.tree
@@ -394,9 +403,10 @@ def choose_stepper(model: Model, integrator: str | None = None, solver: str = "a
     if integrator is None and Rattle4().refuse(model) is None:
         if solver != "auto" and (reason := SOLVERS[solver].refuse(model, Rattle4())):
             raise SceneError(f"run.solver: {solver!r} cannot serve this fit: {reason}")
-        chosen = SOLVERS["condensed" if solver == "auto" else solver]
+        if solver == "auto":
+            solver = "condensed"
         # Newton iterations of a rattle_4 stage: its Jacobian is exact, three reach rounding at 1/60 s (residual 8e-16)
-        return Stepper(integrator=Rattle4(), solver=chosen, iterations=3, track_work=False)
+        return Stepper(integrator=Rattle4(), solver=SOLVERS[solver], iterations=3, track_work=False)
     # No halving: a window whose steps do not solve means that the fit's step was too long; it then tries a shorter one.
     # Sticking joints are different: a step in which they cannot be found is halved once, since an unsolved step has an
     # unbounded derivative (measured on three links: 1e20).

@@ -182,12 +182,16 @@ def intervals(solution: Solution, se: np.ndarray, blocks: float) -> tuple[np.nda
 
 def quantile(chance: float, blocks: float = 0) -> float:
     """Standard errors below which an estimate lies with this probability: Student's law for fewer blocks than `FEW`."""
-    return float(stdtrit(blocks - 1, chance) if 0 < blocks < FEW else ndtri(chance))
+    if 0 < blocks < FEW:
+        return float(stdtrit(blocks - 1, chance))
+    return float(ndtri(chance))
 
 
 def chance_below(distance: float, blocks: float) -> float:
     """The inverse of `quantile`."""
-    return float(stdtr(blocks - 1, distance) if 0 < blocks < FEW else ndtr(distance))
+    if 0 < blocks < FEW:
+        return float(stdtr(blocks - 1, distance))
+    return float(ndtr(distance))
 
 
 def open_directions(solution: Solution, covariance: np.ndarray) -> tuple[dict[str, float], ...]:

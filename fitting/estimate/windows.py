@@ -95,6 +95,7 @@ class Windows:
 
     @property
     def count(self) -> int:
+        """Number of windows."""
         return len(self.begin)
 
     @property
@@ -125,6 +126,10 @@ class Windows:
     def piece(self, k: int) -> Piece:
         """Window k without its samples."""
         return Piece(int(self.run[k]), float(self.begin[k]), int(self.step_counts[k]), bool(self.follows[k]))
+
+    def pieces(self) -> list[Piece]:
+        """All windows without their samples."""
+        return [self.piece(k) for k in range(self.count)]
 
     def times(self) -> np.ndarray:
         """Times of all slots (K, S) [s]."""
@@ -199,7 +204,8 @@ def cut(
     """
     steps = max(1, int(length / dt + 1e-6))
     length = steps * dt
-    spans = spans or [Span(i, float(tr.t[0]), float(tr.t[-1]) + tr.interval) for i, tr in enumerate(traces)]
+    if not spans:
+        spans = [Span(i, float(trace.t[0]), float(trace.t[-1]) + trace.interval) for i, trace in enumerate(traces)]
     pieces = []
     for i, low, high in spans:
         count = int((high - low) / length + 1e-6)
@@ -252,6 +258,7 @@ def _all_samples(trace: Trace, begin: float, steps: int, dt: float, sigma: np.nd
 
 
 def _samples(trace: Trace, begin: float, steps: int, dt: float, sigma: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Angles, weights, and positions in steps (integer, fraction) of the samples of a trace in a window."""
     step_position = (trace.t - begin) / dt
     keep = (step_position > -ON_GRID) & (step_position < steps - ON_GRID)
     step_position = step_position[keep]
@@ -388,7 +395,9 @@ def local_motion(t: np.ndarray, theta: np.ndarray, at: float, sigma: np.ndarray,
             # standard deviations of chi-square by which a polynomial may miss its samples and still count as noise
             fits = (left <= freedom + 2.0 * np.sqrt(2 * freedom)) | (reach <= shortest)
             found[columns[fits], 0] = c[0, fits]
-            found[columns[fits], 1] = c[1, fits] / reach if degree else 0.0
+            found[columns[fits], 1] = 0.0
+            if degree:
+                found[columns[fits], 1] = c[1, fits] / reach
             columns = columns[~fits]
             reach = max(reach / 1.3, shortest)
     return found

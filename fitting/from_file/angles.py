@@ -7,10 +7,8 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from fitting.from_file.motion import Motion
 from fitting.from_file.swing import half_range, main_period, unit_of_angle
-from fitting.traces.trace import unwrap
+from fitting.traces.trace import RADIANS, unwrap
 
-#: Radians per unit.
-RADIANS = {"rad": 1.0, "deg": np.pi / 180, "mrad": 1e-3}
 #: Range of whole numbers above which they are not degrees.
 LARGEST_DEGREES = 400.0
 #: Fraction of the rows of a log that must differ by exactly one step.
@@ -42,13 +40,17 @@ def read_angles(file: str, t: np.ndarray, raw: np.ndarray, unit: str | None, cou
         notes.append(f"angle in counts, {turn:g} per turn")
         size = 2 * np.pi / turn
     elif unit is None and turn is not None:
-        unit = "deg" if turn > 300 else "rad"
+        unit = "rad"
+        if turn > 300:
+            unit = "deg"
         notes.append(f"angle in {unit}, as its wraps of {turn:.4g} show")
         size = RADIANS[unit]
     else:
         size = RADIANS.get(unit or "", 0.0)
         turn = 2 * np.pi / size if size else None
-    theta = unwrap(raw, turn) if turn else raw
+    theta = raw
+    if turn:
+        theta = unwrap(raw, turn)
     if theta.shape[1] == 1 and is_log_of_steps(theta[:, 0], step):
         # a row is written where the reading changes: the angle is then between the two readings
         theta = 0.5 * (theta[1:] + theta[:-1])

@@ -69,8 +69,13 @@ def read_cells(path: Path) -> Cells:
         if not samples and not line.lstrip().startswith("#"):
             before.append(row)
     values = np.array([number(cell, comma) for row in samples for cell in row]).reshape(-1, width)
-    clock = tuple(any(CLOCK.fullmatch(cell.strip()) for cell in column) for column in zip(*samples[:10], strict=True))
+    clock = tuple(map(is_clock, zip(*samples[:10], strict=True)))
     return Cells(path.name, tuple(comments), names_of(before, width), values, clock)
+
+
+def is_clock(column: Sequence[str]) -> bool:
+    """Whether a cell of a column is a time of day."""
+    return any(CLOCK.fullmatch(cell.strip()) for cell in column)
 
 
 def separator_of(file: str, lines: Sequence[str]) -> tuple[str | None, bool]:
@@ -158,22 +163,28 @@ def names_of(before: Sequence[Sequence[str]], width: int) -> tuple[str, ...]:
             heads.append([cell.strip().strip('"') for cell in [*row, ""][:width]])
     if not heads:
         return tuple(f"column_{i + 1}" for i in range(width))
-    last = heads[-1]
-    if (
-        len(heads) > 1
-        and all(re.fullmatch(r"[\[(]?[^\w]*[a-zA-Z°/µ²%]*[\])]?", cell) for cell in last)
-        and any(cell.strip("[]()") in UNITS for cell in last)
-    ):
-        last = [f"{name} [{unit.strip('[]()')}]" if unit else name for name, unit in zip(heads[-2], last, strict=True)]
-        heads = heads[:-1]
-    groups = heads[-2] if len(heads) > 1 else [""] * width
+    if len(heads) > 1 and are_units(heads[-1]):
+        for i, unit in enumerate(heads.pop()):
+            if unit:
+                heads[-1][i] += f" [{unit.strip('[]()')}]"
+    groups = [""] * width
+    if len(heads) > 1:
+        groups = heads[-2]
     group = ""
     found = []
-    for i, (above, name) in enumerate(zip(groups, last, strict=True)):
+    for i, (above, name) in enumerate(zip(groups, heads[-1], strict=True)):
         group = above or group
-        text = name if name == group else f"{group} {name}".strip()
-        found.append(text or f"column_{i + 1}")
+        if name != group:
+            name = f"{group} {name}".strip()
+        found.append(name or f"column_{i + 1}")
     return tuple(found)
+
+
+def are_units(row: Sequence[str]) -> bool:
+    """Whether a row contains the units of the columns: nothing longer than a unit, and one that is known."""
+    if not any(cell.strip("[]()") in UNITS for cell in row):
+        return False
+    return all(re.fullmatch(r"[\[(]?[^\w]*[a-zA-Z°/µ²%]*[\])]?", cell) for cell in row)
 
 
 #: Units that may have a row of their own below the names.

@@ -104,7 +104,9 @@ def unit_of_time(
         return SECONDS[named], f"times in {named}"
     counted = column is None or named == "frames" or (named is None and np.all(np.diff(t) == 1.0))
     if rate is None and counted:
-        what = "has no column of times" if column is None else f"counts frames ({column!r})"
+        what = f"counts frames ({column!r})"
+        if column is None:
+            what = "has no column of times"
         raise SceneError(f"{file}: {what}. Give the frames per second: --rate 60")
     if not counted:
         for unit, size in SECONDS.items():

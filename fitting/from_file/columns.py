@@ -175,7 +175,9 @@ def given_columns(cells: Cells, columns: Sequence[Column], given: Mapping[str, s
             raise SceneError(f"columns: {role!r} is unknown; allowed: time, theta_1..n, x_1, y_1, x_2, ...")
         if name not in cells.names:
             raise SceneError(f"columns: {name!r} is not in {cells.file}; found: {first_names(cells.names, NAMED)}")
-        where["time" if role == "t" else role] = columns[cells.names.index(name)]
+        if role == "t":
+            role = "time"
+        where[role] = columns[cells.names.index(name)]
     time = where.get("time", time_column(cells.file, columns))
     angles = [where[role] for role in sorted(where) if role.startswith("theta")]
     points = []
@@ -217,7 +219,9 @@ def describe(
 def common_unit(columns: Sequence[Column], units: Mapping[str, str]) -> str | None:
     """The one unit of these that the columns' names give."""
     found = {column.unit for column in columns} & set(units.values())
-    return found.pop() if len(found) == 1 else None
+    if len(found) == 1:
+        return found.pop()
+    return None
 
 
 def fps_of(cells: Cells) -> float | None:

@@ -10,6 +10,7 @@ which are linear in w and c.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise, permutations
@@ -80,58 +81,72 @@ def read_points(file: str, t: np.ndarray, points: np.ndarray) -> Motion:
     if fixed.sum() == 1:
         pivot = complex(np.nanmean(points[fixed][0]))
         notes.append("the point that does not move is the pivot")
-    moving = points[~fixed]
-    in_order = tuple(range(len(moving)))
+    chain, order = find_chain(file, points[~fixed], pivot)
+    if order != tuple(range(len(order))):
+        notes.append(f"order of the points from the pivot on: {', '.join(str(i + 1) for i in order)}")
+    notes.append(f"pivot at ({chain.pivot.real:.4g}, {chain.pivot.imag:.4g})")
+    reaches, lengths = links_of(chain)
+    theta = unwrap(np.angle(unit(reaches)))
+    down = resting_direction(theta)
+    theta -= down + 2 * np.pi * np.round((np.nanmedian(theta, axis=0) - down) / (2 * np.pi))  # each link hangs at rest
+    joint = (chain.joints[-1] - chain.pivot) * np.exp(-1j * down)
+    return Motion(t, theta, tuple(notes), joint, lengths)
+
+
+def find_chain(file: str, points: np.ndarray, pivot: complex | None) -> tuple[Chain, tuple[int, ...]]:
+    """The chain that points (m, k) fit best, and their order in it; the order of the file is tried first.
+
+    Raises:
+        SceneError: they fit none.
+    """
+    in_order = tuple(range(len(points)))
     orders = [in_order]
-    if len(moving) <= MOST_POINTS:
+    if len(points) <= MOST_POINTS:
         orders = permutations(in_order)
-    sigma = float(np.median([noise_of(point) for point in moving]))
+    sigma = float(np.median([noise_of(point) for point in points]))
     best = None
+    best_order = in_order
     for order in orders:
-        found = chain_of([moving[i] for i in order], pivot, sigma)
-        if found is not None and (best is None or found.worst < best.worst):
-            best = found
+        chain = chain_of([points[i] for i in order], pivot, sigma)
+        if chain is not None and (best is None or chain.worst < best.worst):
+            best = chain
             best_order = order
         if best is not None and order == in_order and best.worst < GOOD:
-            break  # the order of the file fits
+            break
     if best is None:
         raise SceneError(
             f"{file}: the points keep no distance to a pivot or to one another. Give the points of a chain from its "
             "pivot on, or name the columns: --columns time=t,x_1=...,y_1=..."
         )
-    if best_order != in_order:
-        notes.append(f"order of the points from the pivot on: {', '.join(str(i + 1) for i in best_order)}")
-    reaches = [after - before for before, after in pairwise(best.joints)]
-    lengths = [np.nanmedian(np.abs(reach)) for reach in reaches]
-    last = best.bodies[-1]
+    return best, best_order
+
+
+def links_of(chain: Chain) -> tuple[np.ndarray, np.ndarray]:
+    """Vectors of the links (k, n) and their lengths (n,); NaN for a last link of which only two points are known."""
+    last = chain.bodies[-1]
+    reaches = [after - before for before, after in pairwise(chain.joints)]
     if last.pair:
         reaches.append(last.arm)
-        lengths.append(np.nan)
     else:
-        reaches.append(last.end - best.joints[-1])
-        lengths.append(np.nanmedian(np.abs(reaches[-1])))
-    theta = unwrap(np.angle(unit(np.transpose(reaches))))
-    down = resting_direction(theta)
-    theta -= down + 2 * np.pi * np.round((np.nanmedian(theta, axis=0) - down) / (2 * np.pi))  # each link hangs at rest
-    notes.append(f"pivot at ({best.pivot.real:.4g}, {best.pivot.imag:.4g})")
-    joint = (best.joints[-1] - best.pivot) * np.exp(-1j * down)
-    return Motion(t, theta, tuple(notes), joint, np.array(lengths))
+        reaches.append(last.end - chain.joints[-1])
+    lengths = np.nanmedian(np.abs(reaches), axis=1)
+    if last.pair:
+        lengths[-1] = np.nan
+    return np.transpose(reaches), lengths
 
 
 def chain_of(points: list[np.ndarray], pivot: complex | None, sigma: float) -> Chain | None:
     """The chain of points in this order; None if they do not fit.
 
     Args:
+        pivot: None: found from the first points.
         sigma: noise of a coordinate.
     """
     first = points[0]
     rest = points[1:]
-    pivot_found = pivot is None
+    in_pairs = pivot is None and len(points) % 2 == 0
     if pivot is None:
-        pivot = centre_of(first)
-        mates = [q for q in rest if rigid(first, q, sigma) < KEPT]
-        if mates:
-            pivot = pivot_of_pair(first, mates[0], pivot, sigma)
+        pivot = pivot_of(first, rest, sigma)
     start = np.full(len(first), pivot)
     worst = rigid(first, start, sigma)
     if worst > KEPT:
@@ -145,11 +160,7 @@ def chain_of(points: list[np.ndarray], pivot: complex | None, sigma: float) -> C
         start = joints[-1]
         if rigid(point, body.origin, sigma) < KEPT and turns_with(point - body.origin, body, sigma):
             own.append(point)
-            farther = np.nanmedian(np.abs(point - start)) > np.nanmedian(np.abs(body.end - start))
-            if farther and body.pair:
-                bodies[-1] = replace(body, end=point)
-            elif farther:  # a longer arm gives a better direction
-                bodies[-1] = Body(point, point - start, point)
+            bodies[-1] = with_point(body, point, start)
             continue
         joint = min(own, key=lambda p: rigid(point, p, sigma))
         by_hook = rigid(point, joint, sigma)
@@ -164,7 +175,7 @@ def chain_of(points: list[np.ndarray], pivot: complex | None, sigma: float) -> C
         worst = max(worst, nearest)
         own = [point]
         # of points in pairs, the joint of two is their own point only by chance
-        if by_pair < by_hook or (pivot_found and len(points) % 2 == 0 and by_pair < GOOD):
+        if by_pair < by_hook or (in_pairs and by_pair < GOOD):
             joint = pair_joint
             new = pair
             own.append(rest.pop(0))
@@ -173,10 +184,22 @@ def chain_of(points: list[np.ndarray], pivot: complex | None, sigma: float) -> C
     return Chain(bodies, pivot, joints, worst)
 
 
+def with_point(body: Body, point: np.ndarray, start: np.ndarray) -> Body:
+    """A body that starts at `start`, with a further point (k,) on it."""
+    if np.nanmedian(np.abs(point - start)) <= np.nanmedian(np.abs(body.end - start)):
+        return body
+    if body.pair:
+        return replace(body, end=point)
+    # a longer arm gives a better direction
+    return Body(point, point - start, point)
+
+
 def unit(reach: np.ndarray) -> np.ndarray:
-    """Directions (k,) of size 1; NaN stays."""
+    """Directions of size 1 of complex numbers; NaN where the film misses a point, or two points coincide."""
     size = np.abs(reach)
-    return reach / np.where(size > 0, size, np.nan)
+    direction = np.full_like(reach, np.nan)
+    # a complex number over NaN would raise a warning
+    return np.divide(reach, size, out=direction, where=size > 0)
 
 
 def noise_of(p: np.ndarray) -> float:
@@ -226,6 +249,15 @@ def centre_of(p: np.ndarray) -> complex:
     start = [a, b, np.sqrt(max(c + a**2 + b**2, 1e-12))]
     found = least_squares(lambda v: np.abs(p - complex(*v[:2])) - v[2], start, loss="soft_l1", f_scale=0.05).x
     return complex(middle + size * complex(*found[:2]))
+
+
+def pivot_of(first: np.ndarray, others: Sequence[np.ndarray], sigma: float) -> complex:
+    """Pivot of the first link: by two of its points if another one is on it, otherwise the centre of its circle."""
+    centre = centre_of(first)
+    for other in others:
+        if rigid(first, other, sigma) < KEPT:
+            return pivot_of_pair(first, other, centre, sigma)
+    return centre
 
 
 def pivot_of_pair(one: np.ndarray, other: np.ndarray, near: complex, sigma: float) -> complex:

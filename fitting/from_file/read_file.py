@@ -1,4 +1,4 @@
-"""A measured file of any program as a trace: columns, clock, unit, free swing and thinning, each said."""
+"""A measured file of any program as a trace: columns, clock, unit, free swing and thinning, each with a note."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.errors import SceneError
 from fitting.from_file.angles import read_angles
 from fitting.from_file.cells import Cells, read_cells
-from fitting.from_file.clock import ordered_rows, unit_of_time
+from fitting.from_file.clock import Rows, ordered_rows, unit_of_time
 from fitting.from_file.columns import Columns, find_columns
 from fitting.from_file.motion import Motion
 from fitting.from_file.points import read_points
@@ -94,19 +94,16 @@ def read_measured(path: str | Path, given: Given = NOTHING, links: int | None = 
     path = Path(path)
     cells = read_cells(path)
     columns = find_columns(cells, given.columns)
-    name = None
-    t = np.arange(len(cells.values), dtype=float)
-    if columns.time is not None:
-        name = columns.time.name
-        t = columns.time.values
-    used = columns.angles or [column for pair in columns.points for column in pair]
-    rows = ordered_rows(cells.file, t, np.stack([column.values for column in used], axis=1))
+    rows = used_rows(cells, columns)
     motion = motion_of(cells, columns, rows.t, rows.values, given)
     period = main_period(motion.t, motion.theta)
-    named = columns.time_unit
-    if given.rate and named is None:
-        named = "frames"
-    second, how = unit_of_time(cells.file, motion.t, period, named, given.rate or columns.rate, name)
+    time = None
+    if columns.time is not None:
+        time = columns.time.name
+    unit = columns.time_unit
+    if given.rate and unit is None:
+        unit = "frames"
+    second, how = unit_of_time(cells.file, motion.t, period, unit, given.rate or columns.rate, time)
     # dates in seconds since 1970 lose digits
     start = second * rows.start
     if abs(start) >= LATE:
@@ -133,12 +130,31 @@ def read_measured(path: str | Path, given: Given = NOTHING, links: int | None = 
     lengths, note = lengths_in_metres(cells.file, columns.length_unit, motion, times, period, given, links)
     notes += note
     fastest = period
-    if count > 1:
-        fastest = 0.5 * period if lengths is None else pendulum_period(lengths)
+    if lengths is not None and count > 1:
+        fastest = pendulum_period(lengths)
+    elif count > 1:
+        fastest = 0.5 * period
     trace, note = thinned(trace, fastest)
     notes += note
     open_end = motion.lengths is not None and bool(np.isnan(motion.lengths[-1])) and count > 1
     return Measured(trace, zero, swing, lengths, open_end, tuple(notes))
+
+
+def used_rows(cells: Cells, columns: Columns) -> Rows:
+    """The rows with their times, and the columns that show the motion.
+
+    Raises:
+        SceneError: one of these columns is empty there, or too few rows.
+    """
+    t = np.arange(len(cells.values), dtype=float)
+    if columns.time is not None:
+        t = columns.time.values
+    used = columns.angles or [column for pair in columns.points for column in pair]
+    rows = ordered_rows(cells.file, t, np.stack([column.values for column in used], axis=1))
+    for column, values in zip(used, rows.values.T, strict=True):
+        if not np.isfinite(values).any():
+            raise SceneError(f"{cells.file}: {column.name!r} is empty in the rows that are used. Name other columns")
+    return rows
 
 
 def thinned(trace: Trace, fastest: float) -> tuple[Trace, list[str]]:
@@ -146,7 +162,9 @@ def thinned(trace: Trace, fastest: float) -> tuple[Trace, list[str]]:
     t, theta, many = thin(trace.t, trace.theta, fastest)
     if len(t) == len(trace.t):
         return trace, []
-    what = f"each the mean of about {many}" if many > 1 else "one for each stretch of time"
+    what = "one for each stretch of time"
+    if many > 1:
+        what = f"each the mean of about {many}"
     return replace(trace, t=t, theta=theta), [f"{len(trace.t)} rows thinned to {len(t)}, {what}"]
 
 
@@ -163,11 +181,12 @@ def cut_span(trace: Trace, given: Given) -> Trace:
     Raises:
         SceneError: hardly a row is left.
     """
-    low = -np.inf if given.begin is None else given.begin
-    found = trace.between(low, np.inf)
+    if given.begin is None:
+        return trace
+    found = trace.between(given.begin, np.inf)
     if len(found.t) < 10:
         raise SceneError(
-            f"{trace.name}: {len(found.t)} rows after --from {low:g} s; the file has {trace.t[0]:g} to "
+            f"{trace.name}: {len(found.t)} rows after --from {given.begin:g} s; the file has {trace.t[0]:g} to "
             f"{trace.t[-1]:g} s"
         )
     return found
@@ -222,7 +241,9 @@ def lengths_in_metres(
     shown = gravity_of_last_link(times, motion.joint, motion.theta[:, -1], SMOOTHED * period)
     lengths = motion.lengths.copy()
     if np.isnan(lengths[-1]):
-        lengths[-1] = np.nanmean(lengths) if shown is None else shown[1]
+        lengths[-1] = np.nanmean(lengths)
+        if shown is not None:
+            lengths[-1] = shown[1]
     if shown is None and unit not in METRES:
         raise SceneError(f"{file}: the points show no scale. Give the lengths of the links [m]: --lengths {missing}")
     scale = 1.0

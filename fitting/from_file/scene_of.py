@@ -22,7 +22,7 @@ RULER = 0.2
 def propose_scene(measured: Measured, given: Given) -> Table:
     """Plain values of a scene with its `[fit]`."""
     count = measured.trace.links
-    mass = 1.0 if given.mass is None else given.mass
+    mass = given.mass or 1.0
     if measured.swing is not None:
         lengths = np.array([GRAVITY / measured.swing.stiffness])
         linear = 0.5 * measured.swing.damping * mass
@@ -31,12 +31,16 @@ def propose_scene(measured: Measured, given: Given) -> Table:
         priors = []
     else:
         lengths = np.array(measured.lengths)
-        linear = quadratic = DAMPING * mass
+        linear = DAMPING * mass
+        quadratic = linear
         free = [f"line.0.mass.{j}" for j in range(1, count)]
         free += ["b_l", "b_q", "rig.scale", "camera.offset"]
         free += [f"line.0.length.{j}" for j in range(1, count)]
         known = count - 1 if measured.open_end else count
         priors = [{"of": f"line.0.length.{j}", "sigma": RULER, "unit": "%"} for j in range(1, known)]
+    fit: Table = {"free": free}
+    if priors:
+        fit["prior"] = priors
     start = next(row for row in measured.trace.theta if np.isfinite(row).all())
     return {
         "description": f"Proposed by `dropper fit` for {measured.trace.name}.",
@@ -51,7 +55,7 @@ def propose_scene(measured: Measured, given: Given) -> Table:
                 "from": "pivot",
                 "to": "end",
                 "links": count,
-                "length": [float(x) for x in lengths],
+                "length": lengths.tolist(),
                 "mass": [mass] * count,
             }
         ],
@@ -60,6 +64,6 @@ def propose_scene(measured: Measured, given: Given) -> Table:
             "linear_damping": {"b_l": float(linear)},
             "quadratic_damping": {"b_q": float(quadratic)},
         },
-        "start": {"kind": "angles", "zero": "down", "polar": [float(x) for x in start]},
-        "fit": {"free": free, **({"prior": priors} if priors else {})},
+        "start": {"kind": "angles", "zero": "down", "polar": start.tolist()},
+        "fit": fit,
     }

@@ -12,6 +12,7 @@ windows that agree is the free swing.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -98,8 +99,9 @@ def derivatives(t: np.ndarray, phi: np.ndarray, period: float) -> tuple[np.ndarr
     index = np.clip(np.round((t - t[0]) / step).astype(int), 0, len(grid) - 1)
     number = np.bincount(index, minlength=len(grid))
     full = number > 0
-    mean_t, mean = (np.bincount(index, x, len(grid))[full] / number[full] for x in (t, phi))
-    x = np.interp(grid, mean_t, mean)
+    times = np.bincount(index, t, len(grid))[full] / number[full]
+    angles = np.bincount(index, phi, len(grid))[full] / number[full]
+    x = np.interp(grid, times, angles)
     width = 2 * HALF + 1
     if len(x) < 4 * width:
         return grid, np.zeros((0, 3)), 0.0
@@ -183,12 +185,52 @@ def unit_of_angle(t: np.ndarray, raw: np.ndarray, period: float) -> tuple[str | 
     in_radians, in_degrees = np.maximum(squares_by_unit(free), 1e-300)
     # difference of the log likelihoods; accelerations a few samples apart are independent
     gain = 0.5 * len(free) / HALF * float(np.log(in_degrees / in_radians))
-    if abs(gain) >= DECIDES:
-        return ("rad" if gain > 0 else "deg"), abs(gain)
+    if gain >= DECIDES:
+        return "rad", gain
+    if gain <= -DECIDES:
+        return "deg", -gain
     # a swing of a few degrees is rarer than one of as many radians
     if reach > 2 * np.pi:
         return "deg", 0.0
-    return ("rad" if gain > -1.0 else None), 0.0
+    if gain > -1.0:
+        return "rad", 0.0
+    return None, 0.0
+
+
+class SwingWindows(NamedTuple):
+    """Windows of one period (w,), each a quarter of a period after the one before, and the free swing in each alone.
+
+    Attributes:
+        first: number of its first sample.
+        begin, end: its span [s].
+        stiffness: k [1/s^2].
+        zero: z [rad].
+        damping: c [1/s].
+        residual: RMS of what a swing leaves of the acceleration [rad/s^2].
+        size: RMS of the acceleration [rad/s^2].
+    """
+
+    first: np.ndarray
+    begin: np.ndarray
+    end: np.ndarray
+    stiffness: np.ndarray
+    zero: np.ndarray
+    damping: np.ndarray
+    residual: np.ndarray
+    size: np.ndarray
+
+
+def fit_windows(times: np.ndarray, motion: np.ndarray) -> SwingWindows:
+    """The windows of a motion (k, 3) at times (k,) [s]."""
+    first = np.arange(0, len(motion) - PER_PERIOD, PER_PERIOD // 4)
+    rows = []
+    for low in first:
+        part = motion[low : low + PER_PERIOD]
+        (p, q, c), left = regression(part)
+        size = np.sqrt(np.mean(part[:, 2] ** 2))
+        rows.append((np.hypot(p, q), np.arctan2(q, p), c, np.sqrt(left / PER_PERIOD), size))
+    last = np.minimum(first + PER_PERIOD, len(times) - 1)
+    return SwingWindows(first, times[first], times[last], *np.transpose(rows))
 
 
 def find_swing(file: str, t: np.ndarray, phi: np.ndarray, period: float, sigma: float) -> Swing:
@@ -206,60 +248,79 @@ def find_swing(file: str, t: np.ndarray, phi: np.ndarray, period: float, sigma: 
     if len(motion) < (FEWEST + 1) * PER_PERIOD:
         raise SceneError(f"{file}: has fewer than {FEWEST:g} swings of {period:.3g} s. Give a longer file")
     noise = gain * sigma
-    starts = np.arange(0, len(motion) - PER_PERIOD, PER_PERIOD // 4)
-    begins = times[starts]
-    ends = times[np.minimum(starts + PER_PERIOD, len(times) - 1)]
-    rows = []
-    for low in starts:
-        part = motion[low : low + PER_PERIOD]
-        (p, q, c), left = regression(part)
-        rows.append((np.hypot(p, q), np.arctan2(q, p), c, left, np.mean(part[:, 2] ** 2)))
-    k, z, c, left, square = np.transpose(rows)
-    size = np.sqrt(square)  # of the acceleration
-    smooth = np.sqrt(left / PER_PERIOD) < np.maximum(RESIDUAL * size, 3.0 * noise)
+    windows = fit_windows(times, motion)
+    free, level, zero = free_windows(file, motion, windows, noise)
+    first, last = longest_run(free)
+    inside = slice(first, last + 1)
+    begin = windows.begin[first]
+    end = windows.end[last]
+    check_span(file, windows, begin, end, period, noise)
+    check_decay(file, level[inside], end - begin)
+    notes = left_out(times, windows, first, end, noise)
+    # the window next to a driven stretch may contain a part of it
+    if first > 0:
+        begin += MARGIN * period
+    if last + 1 < len(windows.first):
+        end -= MARGIN * period
+    rate = np.sqrt(np.mean(motion[windows.first[first] : windows.first[last] + PER_PERIOD, 1] ** 2))
+    weights = windows.size[inside] ** 2
+    stiffness = float(np.average(windows.stiffness[inside], weights=weights))
+    damping = float(np.average(windows.damping[inside], weights=weights))
+    return Swing(float(begin), float(end), stiffness, zero, max(damping, 1e-5), float(rate), notes)
+
+
+def free_windows(
+    file: str, motion: np.ndarray, windows: SwingWindows, noise: float
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Windows (w,) bool that swing freely with the same k, the mean energy (w,) [1/s^2] in each, and the zero [rad].
+
+    Raises:
+        SceneError: no window swings freely.
+    """
+    size = windows.size
+    smooth = windows.residual < np.maximum(RESIDUAL * size, 3.0 * noise)
     loud = smooth & (size > 5.0 * noise)
+    nothing = SceneError(
+        f"{file}: no stretch swings freely: it is driven throughout, or its noise hides the swing. Give a file "
+        "with a free swing"
+    )
     if loud.sum() < 4:
-        raise SceneError(
-            f"{file}: no stretch swings freely: it is driven throughout, or its noise hides the swing. Give a file "
-            "with a free swing"
-        )
-    stiffness = np.median(k[loud])
-    zero = float(np.angle(np.mean(np.exp(1j * z[loud]))))
+        raise nothing
+    stiffness = np.median(windows.stiffness[loud])
+    zero = float(np.angle(np.mean(np.exp(1j * windows.zero[loud]))))
     energy = 0.5 * motion[:, 1] ** 2 + stiffness * (1.0 - np.cos(motion[:, 0] - zero))
-    level = np.array([energy[low : low + PER_PERIOD].mean() for low in starts])
+    level = np.array([energy[low : low + PER_PERIOD].mean() for low in windows.first])
     error = 3.0 * noise / np.maximum(size, 1e-300)
-    free = smooth & (np.abs(k / stiffness - 1.0) < SAME + error) & (size > noise)
-    rising = np.zeros_like(free)
-    # over a period, to the window before its end
-    rising[1 : len(level) - 3] = level[4:] > (1 + RISES) * level[:-4] + 2.0 * noise**2 / stiffness
-    first, last = longest_run(free & ~rising)
-    begin = begins[first]
-    end = ends[last]
-    moving = size > 2.0 * noise
-    moving_span = ends[moving].max() - begins[moving].min()
+    free = smooth & (np.abs(windows.stiffness / stiffness - 1.0) < SAME + error) & (size > noise)
+    # the energy rises over a period, to the window before its end
+    free[1 : len(level) - 3] &= level[4:] <= (1 + RISES) * level[:-4] + 2.0 * noise**2 / stiffness
+    if not free.any():
+        raise nothing
+    return free, level, zero
+
+
+def check_span(file: str, windows: SwingWindows, begin: float, end: float, period: float, noise: float) -> None:
+    """Reject a free swing from `begin` to `end` [s] that is short, or a small part of the motion."""
+    moving = windows.size > 2.0 * noise
+    moving_span = windows.end[moving].max() - windows.begin[moving].min()
     if end - begin < max(FEWEST * period, PART * moving_span):
         raise SceneError(
             f"{file}: only {end - begin:.3g} of {moving_span:.3g} s swing freely ({begin:.4g} to {end:.4g} s): it is "
             "driven throughout, or pushed again. Give a file with one free swing, or cut it out: --from, --until"
         )
-    inside = slice(first, last + 1)
-    span = level[inside]
-    middle = len(span) // 2
-    lowest = span[-4:].mean()
+
+
+def check_decay(file: str, level: np.ndarray, duration: float) -> None:
+    """Reject a swing of this duration [s] whose energy in its windows (w,) does not fall."""
+    middle = len(level) // 2
+    lowest = level[-4:].mean()
     # a drive reaches a steady swing after a transient that falls
-    falls_late = lowest < (1 - 0.5 * DECAYS) * span[middle : middle + 4].mean()
-    if not (falls_late and lowest < (1 - DECAYS) * span[:4].mean()):
+    falls_late = lowest < (1 - 0.5 * DECAYS) * level[middle : middle + 4].mean()
+    if not (falls_late and lowest < (1 - DECAYS) * level[:4].mean()):
         raise SceneError(
-            f"{file}: the amplitude does not fall in {end - begin:.3g} s: it is driven throughout, or too short to "
+            f"{file}: the amplitude does not fall in {duration:.3g} s: it is driven throughout, or too short to "
             "show damping. Give a longer free swing"
         )
-    notes = left_out(times, starts, first, begin, end, size, noise)
-    # the window next to a driven stretch may contain a part of it
-    begin += MARGIN * period * (first > 0)
-    end -= MARGIN * period * (last + 1 < len(starts))
-    rate = np.sqrt(np.mean(motion[starts[first] : starts[last] + PER_PERIOD, 1] ** 2))
-    stiffness, damping = np.average([k[inside], c[inside]], axis=1, weights=square[inside])
-    return Swing(float(begin), float(end), float(stiffness), zero, max(float(damping), 1e-5), float(rate), notes)
 
 
 def longest_run(good: np.ndarray) -> tuple[int, int]:
@@ -269,7 +330,8 @@ def longest_run(good: np.ndarray) -> tuple[int, int]:
     bad = 0
     for i, one in enumerate(good):
         if one:
-            start = i if start is None else start
+            if start is None:
+                start = i
             bad = 0
             if i - start > best[1] - best[0]:
                 best = start, i
@@ -280,17 +342,16 @@ def longest_run(good: np.ndarray) -> tuple[int, int]:
     return best
 
 
-def left_out(
-    times: np.ndarray, starts: np.ndarray, first: int, begin: float, end: float, size: np.ndarray, noise: float
-) -> tuple[str, ...]:
-    """What lies before and after the free swing, in words."""
+def left_out(times: np.ndarray, windows: SwingWindows, first: int, end: float, noise: float) -> tuple[str, ...]:
+    """What lies before and after the free swing from window `first` to `end` [s], in words."""
     found = []
+    size = windows.size
     if first > 0:
         held = np.median(size[:first]) < max(3.0 * noise, 0.1 * size[first])
         what = "held" if held else "driven or pushed"
-        found.append(f"{what} until {begin:.3g} s: left out")
-    if times[-1] - end > 4.0 * (times[starts[1]] - times[starts[0]]):
-        later = starts + PER_PERIOD / 2 > np.searchsorted(times, end)
+        found.append(f"{what} until {windows.begin[first]:.3g} s: left out")
+    if times[-1] - end > 4.0 * (windows.begin[1] - windows.begin[0]):
+        later = windows.first + PER_PERIOD / 2 > np.searchsorted(times, end)
         still = not later.any() or np.median(size[later]) < 3.0 * noise
         what = "at rest" if still else "not a free swing"
         found.append(f"{what} from {end:.4g} s on: left out")

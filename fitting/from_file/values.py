@@ -33,6 +33,7 @@ def found_values(result: FitResult, measured: Measured, mass: float | None) -> l
     estimates = result.estimates()
     one = measured.trace.links == 1
     known = mass or 1.0
+    mass_in_words = " / m" if one else " / mass 1"
     found = []
 
     def add(path: str, name: str, unit: str, share: float = 1.0, remark: str = "") -> None:
@@ -58,8 +59,8 @@ def found_values(result: FitResult, measured: Measured, mass: float | None) -> l
             name = path.split(".", 2)[2]
             unit = row["unit"]
             if mass is None:
-                name += " / m" if one else " / mass 1"
                 unit = per_mass(unit)
+                name += mass_in_words
             add(path, name, unit, remark=result.laws.remark(path))
     return found
 
@@ -97,6 +98,8 @@ def value_rows(values: list[Value]) -> list[tuple[str, ...]]:
     rows = [("found", "value", "std error", "unit", "")]
     for one in values:
         digits = significant(one.value, one.std_error)
-        error = f"{one.std_error:.2g}" if np.isfinite(one.std_error) else "-"
+        error = "-"
+        if np.isfinite(one.std_error):
+            error = f"{one.std_error:.2g}"
         rows.append((one.name, f"{one.value:.{digits}g}", error, one.unit, one.remark))
     return rows

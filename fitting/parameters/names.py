@@ -55,13 +55,18 @@ def full_names(scene: Scene, names: Sequence[str], option: str = "free") -> list
     known: list[str] = []
     if not all(map(_is_full, names)):
         known = [*paths(build_model(scene)), *scene.parameter_paths]
-    return [name if _is_full(name) else _full(name, known, option) for name in names]
+    return [_full_name(name, known, option) for name in names]
 
 
 def free_option(names: Sequence[str], more: Sequence[str]) -> str:
     """The option that frees parameters of these names and the paths `more`."""
     fields = {ScenePath(path).key for path in DAMPING_PATHS}
-    short = [ScenePath(name).key if ScenePath(name).key in fields else name for name in names]
+    short = []
+    for name in names:
+        key = ScenePath(name).key
+        if key in fields:
+            name = key
+        short.append(name)
     return f"--free {','.join(dict.fromkeys([*short, *more]))}"
 
 
@@ -79,7 +84,9 @@ def by_full_path(
     """Start values, bounds and priors by full paths; names of the sections `of_data` are full already."""
 
     def full(option: str, name: str) -> str:
-        return name if ScenePath(name).section in of_data else full_names(scene, [name], option)[0]
+        if ScenePath(name).section in of_data:
+            return name
+        return full_names(scene, [name], option)[0]
 
     return Changes(
         {full("start", name): value for name, value in (start or {}).items()},
@@ -89,11 +96,15 @@ def by_full_path(
 
 
 def _is_full(name: str) -> bool:
+    """Whether a name is a whole path."""
     sections = ("camera", "clock", "marker", "parameters", "release", "rig")
     return name.count(".") >= 2 or (ScenePath(name).section in sections and "." in name)
 
 
-def _full(name: str, names: Sequence[str], option: str) -> str:
+def _full_name(name: str, names: Sequence[str], option: str) -> str:
+    """The one path among `names` that a name stands for; a full one stays."""
+    if _is_full(name):
+        return name
     if not name:
         raise SceneError(f"{option}: an empty name; allowed: names of parameters, separated by commas")
     stem, _, entry = name.partition(".")
@@ -105,4 +116,6 @@ def _full(name: str, names: Sequence[str], option: str) -> str:
     if len(found) != 1:
         short = sorted({ScenePath(p).key for p in [*names, *DAMPING_PATHS]})
         raise SceneError(f"{option}: {name!r} does not exist in the scene; {nearest(stem, short + names)}")
-    return found[0] + (f".{entry}" if entry else "")
+    if entry:
+        return f"{found[0]}.{entry}"
+    return found[0]

@@ -40,7 +40,9 @@ def camera_offset(parameters: Sequence[Parameter], values: Array, links: int) ->
     total: Array | float = 0.0
     for i, p in enumerate(parameters):
         if isinstance(p.where, CameraPlace):
-            share = np.ones(links) if p.where.link is None else np.eye(links)[p.where.link]
+            share = np.ones(links)
+            if p.where.link is not None:
+                share = np.eye(links)[p.where.link]
             total = total + values[i] * share
     return total
 

@@ -69,19 +69,13 @@ def scene_parameter(scene: Scene, model: Model, path: str, idle: bool = False) -
     slopes = model_slopes(scene, model, path, idle)
     value: Any = scene.value(path)
     shift = LINEAR_REACH * (abs(value) or 1.0)
-    here, there = (
-        [np.asarray(leaf) for leaf in jax.tree.leaves(build_model(scene.with_values({path: at})))]
-        for at in (value, value + shift)
-    )
-    linear = all(
-        np.allclose(
-            here[i] + shift * slope,
-            there[i],
-            rtol=LINEAR_TOLERANCE,
-            atol=LINEAR_TOLERANCE * np.max(np.abs(here[i])),
-        )
-        for i, slope in slopes.items()
-    )
+    here = jax.tree.leaves(build_model(scene.with_values({path: value})))
+    there = jax.tree.leaves(build_model(scene.with_values({path: value + shift})))
+    linear = True
+    for i, slope in slopes.items():
+        old = np.asarray(here[i])
+        close = LINEAR_TOLERANCE * np.max(np.abs(old))
+        linear &= np.allclose(old + shift * slope, there[i], rtol=LINEAR_TOLERANCE, atol=close)
     if ScenePath(path).section == "parameters":
         unit = _moved_unit(model, slopes)
     elif ScenePath(path).key in ("length", "at"):  # lengths along a line are in lists that have no declaration
@@ -103,7 +97,10 @@ def _moved_unit(model: Model, slopes: Iterable[int]) -> str:
         for key in keys[leaf][:-1]:
             item = item[key.idx] if hasattr(key, "idx") else getattr(item, key.name)
         declared = declared_fields(type(item)).get(getattr(keys[leaf][-1], "name", ""))
-        units.add("-" if declared is None else declared.metadata.get("unit", "-"))
+        unit = "-"
+        if declared is not None:
+            unit = declared.metadata.get("unit", "-")
+        units.add(unit)
     if len(units) == 1:
         return units.pop()
     return "-"

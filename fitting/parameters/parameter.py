@@ -133,7 +133,9 @@ def _for_each(which: str, given: Mapping[str, V] | None, names: Sequence[str]) -
     """Given values by parameter name: the value of a field applies to each of its entries."""
     found: dict[str, V] = {}
     for name, value in (given or {}).items():
-        mine = [name] if name in names else [p for p in names if p.startswith(name + ".")]
+        mine = [name]
+        if name not in names:
+            mine = [p for p in names if p.startswith(name + ".")]
         if not mine:
             raise SceneError(f"{which}: {name!r} is not a free parameter; {nearest(name, names)}")
         found.update(dict.fromkeys(mine, value))
@@ -149,9 +151,14 @@ def check_once(names: Sequence[str], option: str) -> None:
 
 def _adjust(p: Parameter, start: StartValues, bounds: Bounds, priors: Priors, wider: bool) -> Parameter:
     low, high = bounds.get(p.name, (None, None))
-    least, most = (-np.inf, np.inf) if wider else (p.low, p.high)
-    low = p.low if low is None else max(low, least)
-    high = p.high if high is None else min(high, most)
+    if low is None:
+        low = p.low
+    elif not wider:
+        low = max(low, p.low)
+    if high is None:
+        high = p.high
+    elif not wider:
+        high = min(high, p.high)
     value = float(start.get(p.name, min(max(p.value, low), high)))
     if not low <= high:
         raise SceneError(f"bounds: {p.name!r}: empty interval {low:g} to {high:g}; allowed: low <= high")
@@ -182,14 +189,14 @@ def given_effect(scene: Scene, path: str) -> Any:
 
 def with_effects(scene: Scene, names: Sequence[str]) -> Scene:
     """The scene with value 0 for damping parameters that it lacks, so that its model has them."""
-    zero = {
-        f"effects.{effect}.{key}"
-        for effect, cls in EFFECTS.items()
-        for key, field in declared_fields(cls).items()
-        if field.metadata["kind"] == "parameter" and field.metadata["low"] == 0.0
-    }
     stems = [ScenePath(name).stem for name in names]
-    found = {path: 0.0 for path in stems if path in zero and given_effect(scene, path) is None}
+    found = {}
+    for effect, cls in EFFECTS.items():
+        for key, field in declared_fields(cls).items():
+            path = f"effects.{effect}.{key}"
+            may_be_zero = field.metadata["kind"] == "parameter" and field.metadata["low"] == 0.0
+            if path in stems and may_be_zero and given_effect(scene, path) is None:
+                found[path] = 0.0
     if found:
         return scene.with_values(found)
     return scene

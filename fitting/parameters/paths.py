@@ -67,8 +67,10 @@ def resolve(
     """
     found: list[Parameter] = []
     for name in names:
-        released = release is not None and name.startswith("release.")
-        found += release.parameters(name, option) if released else _expand(model, name, option)
+        if release is not None and name.startswith("release."):
+            found += release.parameters(name, option)
+        else:
+            found += _expand(model, name, option)
     return tuple(found)
 
 
@@ -90,10 +92,13 @@ def _numbers(model: Model) -> dict[str, _Number]:
     found = {}
     for word, section in (("point", "points"), ("line", "lines"), ("effects", "effects")):
         for i, item in enumerate(getattr(model, section)):
-            labels = [item.name] if section == "effects" else [str(i), item.name]
+            labels = [item.name]
+            if section != "effects":
+                labels.insert(0, str(i))
             for f in fields(item):
                 if f.metadata.get("kind") == "parameter" and getattr(item, f.name) is not None:
-                    found |= {f"{word}.{label}.{f.name}": _Number(section, i, f) for label in labels}
+                    for label in labels:
+                        found[f"{word}.{label}.{f.name}"] = _Number(section, i, f)
     return found
 
 
@@ -110,7 +115,7 @@ def _expand(model: Model, name: str, option: str) -> list[Parameter]:
     if kind == MARKER:
         raise SceneError(f"{option}: {name!r}: unknown link; allowed: {kind}.0 to {kind}.{model.line.links - 1}")
     if kind == NODE:
-        allowed = f"{kind}.0 to {kind}.{_joints(model) - 1}, each .0 or .1"
+        allowed = f"{kind}.0 to {kind}.{count_joints(model) - 1}, each .0 or .1"
         raise SceneError(f"{option}: {name!r}: unknown node; allowed: {allowed}")
     return _of_model(model, name, option)
 
@@ -131,7 +136,7 @@ def _observers(model: Model) -> list[Parameter]:
     ]
     for i in range(model.line.links):
         found.append(Parameter(f"{MARKER}.{i}", CameraPlace(i), 0.0, unit="rad"))
-    for i, axis in product(range(_joints(model)), (0, 1)):
+    for i, axis in product(range(count_joints(model)), (0, 1)):
         found.append(Parameter(f"{NODE}.{i}.{axis}", NodeMarkerPlace(i, axis), 0.0, unit="m"))
     return found
 
@@ -161,16 +166,18 @@ def _acting_entries(model: Model, section: str, field: Field, size: int) -> int:
     """Number of entries of a field that act: a free end has no joint, a fixed end no moving node."""
     shape = field.metadata["shape"] if section == "effects" else None
     if shape == "joint":
-        return _joints(model)
+        return count_joints(model)
     mass_of_nodes = field.name == "mass" and section == "lines" and not model.line.compound and model.geometry.is_path
     if shape == "node" or mass_of_nodes:
         return model.free_nodes
     return size
 
 
-def _joints(model: Model) -> int:
-    """Number of joints, and of nodes with a marker."""
-    return model.line.links + (1 if model.end_held else 0)
+def count_joints(model: Model) -> int:
+    """Number of joints, and of nodes with a marker: one at the start of each link, and one at a fixed end."""
+    if model.end_held:
+        return model.line.links + 1
+    return model.line.links
 
 
 #: A bound that must not be reached (of a mass, a length).
@@ -178,6 +185,7 @@ OFF_BOUND = 1e-3
 
 
 def _parameter(name: str, where: ModelPlace, value: float, meta: Mapping[str, Any]) -> Parameter:
+    """A number of the model with the bounds of its declared field."""
     low = -np.inf if meta["low"] is None else float(meta["low"])
     high = np.inf if meta["high"] is None else float(meta["high"])
     if meta["open_low"]:

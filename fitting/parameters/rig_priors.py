@@ -59,7 +59,10 @@ def rig_priors(scene: Scene, model: Model, parameters: Sequence[Parameter]) -> t
     found = list(parameters)
     common = []
     carried = 0.0
-    for i, prior in enumerate([] if scene.fit is None else scene.fit.priors):
+    priors = []
+    if scene.fit is not None:
+        priors = scene.fit.priors
+    for i, prior in enumerate(priors):
         option = f"fit.prior.{i}.of"
         known = _resolve_prior(scene, model, prior.of, option)
         names = {p.name for p in known}
@@ -93,6 +96,7 @@ def power_of_mass(unit: str) -> int:
 
 
 def _width(prior: PriorSpec, p: Parameter, path: str) -> float:
+    """Standard deviation of a prior in the unit of the parameter."""
     sigma, unit = prior.si
     if unit == "%":
         return sigma * abs(_nonzero(p, path))
@@ -102,6 +106,7 @@ def _width(prior: PriorSpec, p: Parameter, path: str) -> float:
 
 
 def _nonzero(p: Parameter, path: str) -> float:
+    """Its value; 0 is rejected."""
     if p.value == 0:
         raise SceneError(f"{path}: {p.name!r} is 0, which has no relative error; allowed: sigma in {p.unit}")
     return p.value

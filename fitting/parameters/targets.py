@@ -90,6 +90,7 @@ def scale_direction(model: Model) -> Direction:
 
 
 def _direction(grown: Callable[[Array], Model], origin: float, linear: bool) -> Direction:
+    """The direction in which `grown` moves the model at the origin."""
     slopes = map(np.asarray, jax.tree.leaves(jax.jacfwd(grown)(jnp.full((), origin))))
     return Direction({i: slope for i, slope in enumerate(slopes) if np.any(slope)}, origin, linear)
 
@@ -100,7 +101,9 @@ def all_joints(model: Model, field: str) -> Direction:
     def grown(more: Array) -> Model:
         effects = []
         for e in model.effects:
-            effects.append(replace(e, **{field: getattr(e, field) + more}) if e.name == "joint_friction" else e)
+            if e.name == "joint_friction":
+                e = replace(e, **{field: getattr(e, field) + more})
+            effects.append(e)
         return replace(model, effects=tuple(effects))
 
     return _direction(grown, 0.0, linear=True)

@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from jax.typing import ArrayLike
 
 
 class Varied(NamedTuple):
@@ -25,13 +26,22 @@ class Varied(NamedTuple):
 
 def floats_of(tree: Any) -> list[Array]:
     """The leaves that have derivatives."""
-    return [x for x in jax.tree.leaves(tree) if jnp.issubdtype(jnp.result_type(x), jnp.inexact)]
+    return [x for x in jax.tree.leaves(tree) if _is_float(x)]
+
+
+def _is_float(leaf: ArrayLike) -> bool:
+    """Whether a leaf has derivatives."""
+    return jnp.issubdtype(jnp.result_type(leaf), jnp.inexact)
 
 
 def _with_floats(tree: Any, values: list[Array]) -> Any:
+    """The tree with these values in the place of `floats_of(tree)`."""
     leaves, form = jax.tree.flatten(tree)
     new = iter(values)
-    return form.unflatten([next(new) if jnp.issubdtype(jnp.result_type(x), jnp.inexact) else x for x in leaves])
+    for i, leaf in enumerate(leaves):
+        if _is_float(leaf):
+            leaves[i] = next(new)
+    return form.unflatten(leaves)
 
 
 def vary(function: Callable[..., Any], values: Array, directions: Array, *given: Varied) -> Varied:

@@ -36,10 +36,12 @@ def between_rows(result: ChannelFit) -> Rows:
 
 def channel_summary(result: ChannelFit) -> list[tuple[str, str]]:
     """Further facts about a fit to channels."""
-    blocks = result.errors.blocks
+    errors_from = "the noise"
+    if result.errors.blocks:
+        errors_from = f"{result.errors.blocks} blocks of time"
     return [
         ("time step", step_text(result, result.solution.problem.dt)),
-        ("errors from", f"{blocks} blocks of time" if blocks else "the noise"),
+        ("errors from", errors_from),
         ("runs", f"{result.iterations} with derivatives"),
         ("wall time", f"{result.seconds:.1f} s"),
     ]

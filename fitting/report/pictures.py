@@ -35,14 +35,19 @@ def fit_over_trace(result: FitResult | HeldOut, run: int) -> tuple[np.ndarray, n
 GAP = 5
 
 
-def gaps(t: np.ndarray) -> np.ndarray:
-    """Numbers of the times (m,) that follow a gap."""
-    return np.flatnonzero(np.diff(t) > GAP * np.median(np.diff(t))) + 1
+def gaps(t: np.ndarray, interval: float) -> np.ndarray:
+    """Numbers of the times (m,) that follow a gap.
+
+    Args:
+        interval: between samples [s]; times of several recordings may lie closer together, or be the same.
+    """
+    return np.flatnonzero(np.diff(t) > GAP * interval) + 1
 
 
-def with_gaps(t: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def with_gaps(t: np.ndarray, x: np.ndarray, interval: float) -> tuple[np.ndarray, np.ndarray]:
     """Times and values with NaN in every gap, so that no line is drawn through unfitted stretches."""
-    return np.insert(t, gaps(t), np.nan), np.insert(x, gaps(t), np.nan, axis=0)
+    after = gaps(t, interval)
+    return np.insert(t, after, np.nan), np.insert(x, after, np.nan, axis=0)
 
 
 def link_panels(links: int, title: str, height: float = 1.3, margin: float = 1.2) -> tuple[Figure, np.ndarray]:
@@ -66,15 +71,18 @@ def traces(result: FitResult, run: int) -> Figure:
         measured.shape[1], f"{result.traces[run].name}: traces and fit [rad from the horizontal]"
     )
     # each stretch starts from its own angles, with the parameters of the fit
-    t_fit, fitted = with_gaps(t, simulated)
+    interval = result.traces[run].interval
+    t_fit, fitted = with_gaps(t, simulated, interval)
     held = [fit_over_trace(h, run) for h in result.held_out if (h.windows.run == run).any()]
     for j, ax in enumerate(axes):
         ax.plot(t_fit, fitted[:, j], lw=1.6, color=style.FIRST, label="fit")
-        for i, (t1, _, predicted) in enumerate(held):
-            label = None if i else "held out, predicted"
-            ax.plot(*with_gaps(t1, predicted[:, j]), lw=1.6, color=style.SECOND, label=label)
-        for i, (t1, seen, _) in enumerate([(t, measured, simulated), *held]):
-            ax.plot(t1, seen[:, j], ".", ms=1.0, color=style.DARK, label=None if i else "measured")
+        label = "held out, predicted"
+        for t1, _, predicted in held:
+            ax.plot(*with_gaps(t1, predicted[:, j], interval), lw=1.6, color=style.SECOND, label=label)
+            label = None  # once in the legend
+        ax.plot(t, measured[:, j], ".", ms=1.0, color=style.DARK, label="measured")
+        for t1, seen, _ in held:
+            ax.plot(t1, seen[:, j], ".", ms=1.0, color=style.DARK)
     style.legend_above(axes[0], 3, markerscale=4)
     style.time_axis(axes[-1], np.sort(np.concatenate([t, *(h[0] for h in held)])))
     return figure
@@ -98,7 +106,8 @@ def spectra(result: FitResult, run: int) -> Figure:
     """Amplitude spectra of measured and fitted angles, per link [rad], of the longest stretch without a gap."""
     t, measured, simulated = fit_over_trace(result, run)
     figure, axes = link_panels(measured.shape[1], f"{result.traces[run].name}: amplitude spectra [rad]")
-    low, high = max(pairwise([0, *gaps(t), len(t)]), key=lambda ends: ends[1] - ends[0])
+    edges = [0, *gaps(t, result.traces[run].interval), len(t)]
+    low, high = max(pairwise(edges), key=lambda ends: ends[1] - ends[0])
     longest = slice(low, high)
     t = t[longest]
     measured = measured[longest]
@@ -106,6 +115,8 @@ def spectra(result: FitResult, run: int) -> Figure:
     grid = np.linspace(t[0], t[-1], len(t))
     for j, ax in enumerate(axes):
         known = np.isfinite(measured[:, j])
+        if not known.any():  # a recording that shows nothing of this link
+            continue
         for x, colour, label in ((measured[:, j], style.FAINT, "measured"), (simulated[:, j], style.FIRST, "fit")):
             frequency, amplitude = amplitude_spectrum(grid, np.interp(grid, t[known], x[known]))
             ax.semilogy(frequency[1:], np.maximum(amplitude[1:], 1e-7), lw=0.9, color=colour, label=label)
@@ -122,12 +133,14 @@ def phase_space(result: FitResult, run: int) -> Figure:
     columns = min(links, 4)
     figure = style.new_figure(max(2.6 * columns + 0.6, 5.4), 2.5 * -(-links // columns) + 0.8)
     axes = style.panels(figure, links, columns)
-    for x, colour, label in ((measured, style.SECOND, "measured"), (simulated, style.FIRST, "fit")):
-        times, angles = with_gaps(t, x)
-        rates = np.gradient(angles, times, axis=0)
-        for j, ax in enumerate(axes):
-            ax.plot(angles[:, j], rates[:, j], lw=0.6, color=colour, label=label)
-            ax.set_title(f"link {j + 1}")
+    for j, ax in enumerate(axes):
+        ax.set_title(f"link {j + 1}")
+        known = np.isfinite(measured[:, j])  # rows of one recording: those of others may have the same times
+        if known.sum() < 2:
+            continue
+        for x, colour, label in ((measured, style.SECOND, "measured"), (simulated, style.FIRST, "fit")):
+            times, angles = with_gaps(t[known], x[known, j], result.traces[run].interval)
+            ax.plot(angles, np.gradient(angles, times), lw=0.6, color=colour, label=label)
     figure.legend(*axes[0].get_legend_handles_labels(), loc="upper right", ncols=2)
     style.title(figure, f"{result.traces[run].name}: phase space")
     figure.supxlabel("angle [rad]", fontsize=9)
@@ -194,10 +207,9 @@ def channel_picture(result: ChannelFit, run: int, path: str | Path) -> Path:
         beside.locator_params(axis="x", nbins=3)
         beside.axhline(0.0, color=style.DARK, lw=0.8)
     style.legend_above(axes[0, 0], 2)
+    more = ""
     if left_out > 0:
         more = f" ({left_out} further columns are not drawn)"
-    else:
-        more = ""
     axes[0, 0].set_title(f"{problem.data.runs[run].name}{more}", loc="left")
     axes[0, 1].set_title("residual / noise", loc="left")
     for low in axes[-1]:

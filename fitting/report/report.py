@@ -30,6 +30,7 @@ from fitting.report.tables import (
     parameter_rows,
     summary,
 )
+from fitting.traces.noise import column_medians
 from fitting.traces.trace import Trace
 
 #: The thesis' parts of a trace [s].
@@ -40,16 +41,15 @@ def write_report(result: FitResult, folder: str | Path) -> list[Path]:
     """Write `report.md`, its pictures and `fitted.toml`, the scene with the fitted values; returns the files."""
     folder = folder_without(folder, "report.md")
     fitted = fitted_scene(result.scene, result.model, result.parameters, result.values)
-    runs = {run: found for run, _ in fitted_runs(result) if (found := predict(result, run)) is not None}
-    return [
-        atomic_write(folder / "fitted.toml", as_toml(fitted.as_written())),
-        *draw_fit(result, folder),
-        *(
-            one_run_picture(found, result.traces[run].name, folder / f"one_run_{run + 1}.png")
-            for run, found in runs.items()
-        ),
-        atomic_write(folder / "report.md", report(result, runs)),
-    ]
+    files = [atomic_write(folder / "fitted.toml", as_toml(fitted.as_written())), *draw_fit(result, folder)]
+    runs = {}
+    for run, trace in fitted_runs(result):
+        found = predict(result, run)
+        if found is not None:
+            runs[run] = found
+            files.append(one_run_picture(found, trace.name, folder / f"one_run_{run + 1}.png"))
+    files.append(atomic_write(folder / "report.md", report(result, runs)))
+    return files
 
 
 @style.plot_style()
@@ -114,7 +114,9 @@ def report(result: FitResult, full_runs: Mapping[int, Prediction]) -> str:
 
 def _first_parts(result: SceneFit, status: str) -> list[str]:
     """Title, status and parameters of any fit."""
-    message = f": {result.message}" if result.message else ""
+    message = ""
+    if result.message:
+        message = f": {result.message}"
     parts = [
         f"# Fit of {literal(result.scene.name)}",
         f"{status} **{result.status}**{message}.",
@@ -128,10 +130,12 @@ def _first_parts(result: SceneFit, status: str) -> list[str]:
 
 
 def _quality(facts: Sequence[tuple[str, str]]) -> list[str]:
+    """Facts about a fit."""
     return ["## Quality", bullets(f"{name}: {value}" for name, value in facts)]
 
 
 def _warnings(result: SceneFit) -> list[str]:
+    """The warnings of any fit."""
     return ["## Warnings", bullets(map(literal, result.warnings)) or "None."]
 
 
@@ -196,7 +200,7 @@ def part_rows(result: FitResult) -> Rows:
             if not inside.any():
                 continue
             square = (measured[inside] - simulated[inside]) ** 2
-            each = np.sqrt(np.nanmean(square, axis=0))
+            each = np.sqrt(np.ma.masked_invalid(square).mean(axis=0).filled(np.nan))  # NaN of a link without samples
             cells = [f"{x:.3g}" for x in (*each, np.sqrt(np.nanmean(square)))]
             rows.append((trace.name, f"{name} {low:g}-{min(high, t[-1]):.3g} s", *cells))
     return rows
@@ -209,7 +213,7 @@ def one_run_picture(found: Prediction, name: str, path: Path) -> Path:
     figure, axes = link_panels(found.measured.shape[1], title, margin=1.5)
     good = found.t <= found.trusted
     # whole turns are removed once, where the run is reliable
-    turns = np.nan_to_num(np.nanmedian((found.measured - found.simulated)[good], axis=0)) / (2 * np.pi)
+    turns = np.nan_to_num(column_medians((found.measured - found.simulated)[good])) / (2 * np.pi)
     simulated = found.simulated + 2 * np.pi * np.round(turns)
     beyond = {"lw": 0.8, "color": style.FIRST, "alpha": 0.55, "label": "beyond the prediction horizon"}
     for j, ax in enumerate(axes):

@@ -36,7 +36,9 @@ def interval_rows(result: SceneFit) -> Rows:
     for by, table in result.intervals().items():
         for name, found in table.items():
             digits = significant(estimates[name]["value"], estimates[name]["std_error"])
-            note = "" if found.get("converged", True) else ", not converged"
+            note = ""
+            if not found.get("converged", True):
+                note = ", not converged"
             rows.append((name, by + note, *cells((found["low"], found["high"]), f".{digits}g")))
     return rows
 
@@ -138,7 +140,9 @@ def advice_rows(candidates: Sequence[Candidate]) -> Rows:
         note = "indistinguishable from free parameters"
         if row.identifiable:
             numbers = text_row("{0.gain:.1f}|{0.p:.2g}", row)
-            note = " or ".join(["<-", *row.alike]) if row.worth_naming else ""
+            note = ""
+        if row.identifiable and row.worth_naming:
+            note = " or ".join(["<-", *row.alike])
         rows.append((row.name, ",".join(row.free), *numbers, note))
     return rows
 
@@ -165,5 +169,6 @@ def law_rows(laws: LawTests) -> Rows:
     for test in laws.tests:
         numbers = text_row("{0.change:.3g}|{0.error:.2g}|{0.t:.1f}|{0.p:.2g}", test)
         name = " or ".join((test.name, *test.alike))
-        rows.append((name, *numbers, "yes" if test.matters else "no", ",".join(test.free) or "-"))
+        matters = "yes" if test.matters else "no"
+        rows.append((name, *numbers, matters, ",".join(test.free) or "-"))
     return rows

@@ -23,7 +23,7 @@ from dropper_jax.run.build import SceneLike, build
 from dropper_jax.run.storage import extra
 from fitting.sweep.plan import STATUS, Plan, changes_size
 from fitting.sweep.run import SweepResult, run_at, sweep
-from fitting.traces.conventions import settle_convention
+from fitting.traces.conventions import check_scale, settle_convention
 from fitting.traces.planar import check_planar, wrap
 from fitting.traces.trace import Convention, Trace, as_trace, check_trace
 
@@ -214,7 +214,9 @@ def sweep_against_trace(
     model, start = build(scene)
     check_planar(model, start)
     _check_varied(scene, vary)
-    trace, warnings = settle_convention(as_trace(trace, model.line.links, columns), model, convention)
+    trace = as_trace(trace, model.line.links, columns)
+    check_scale(trace, model, convention)
+    trace, warnings = settle_convention(trace, model, convention)
     if until is None:
         until = np.inf
     trace = trace.between(0.0, until)

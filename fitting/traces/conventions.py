@@ -55,10 +55,10 @@ def changes(links: int) -> Iterator[Change]:
         order = np.arange(links)
         order[[j, k]] = k, j
         yield Change(f"{names} are swapped", f"swap {names}", _with_columns(order))
-    for by in range(1, links if links > 2 else 0):
-        order = np.roll(np.arange(links), by)
-        fix = f"theta_1 belongs in column theta_{by + 1}"
-        yield Change(f"columns are shifted by {by}", fix, _with_columns(order))
+    if links > 2:
+        for by in range(1, links):
+            fix = f"theta_1 belongs in column theta_{by + 1}"
+            yield Change(f"columns are shifted by {by}", fix, _with_columns(np.roll(np.arange(links), by)))
 
 
 def _of_column(j: int, change: Callable[[np.ndarray], np.ndarray]) -> Callable[[np.ndarray], np.ndarray]:
@@ -95,8 +95,12 @@ def late_columns(links: int, frames: Sequence[int]) -> Iterator[Change]:
 
 
 def _shift_frames(theta: np.ndarray, by: int) -> np.ndarray:
-    moved = np.roll(theta, -by, axis=0)
-    moved[slice(-by, None) if by > 0 else slice(-by)] = np.nan
+    """The angles of `by` frames later, or earlier if negative; NaN where the trace has none."""
+    moved = np.full_like(theta, np.nan)
+    if by > 0:
+        moved[:-by] = theta[by:]
+    else:
+        moved[-by:] = theta[:by]
     return moved
 
 
@@ -116,7 +120,7 @@ TIMES_WORSE = 2.0
 def settle_convention(
     trace: Trace, model: Model, requested: Convention, distance: Callable[[Trace], float] | None = None
 ) -> tuple[Trace, list[str]]:
-    """The trace in the model's convention, and warnings.
+    """The trace in the model's convention, and warnings; `check_scale` comes first.
 
     Args:
         requested: given by the caller; it takes precedence over the file.
@@ -124,11 +128,9 @@ def settle_convention(
             pose does not tell apart, such as the two signs of a hanging chain.
 
     Raises:
-        SceneError: angles in degrees without a unit, or a specified convention that contradicts the scene.
+        SceneError: a specified convention that contradicts the scene.
     """
     named = requested.over(trace.convention)
-    check_sampling(trace, model)
-    check_unit(trace, model, named)
     misfit = _misfits(trace, model, named.unit or "rad")
     allowed = [one for one in misfit if named.over(one) == one]
     best = min(misfit, key=misfit.__getitem__)
@@ -153,8 +155,17 @@ def _is_worse(misfit: float, other: float) -> bool:
     return misfit > TIMES_WORSE * other and misfit > other + WORSE
 
 
-def check_sampling(trace: Trace, model: Model) -> None:
-    """Reject samples that are too far apart for the shortest link."""
+def check_scale(trace: Trace, model: Model, requested: Convention) -> None:
+    """Reject samples that are too far apart for the shortest link, and angles of another unit than stated.
+
+    Raises:
+        SceneError: with what to change.
+    """
+    _check_sampling(trace, model)
+    _check_unit(trace, model, requested.over(trace.convention).unit)
+
+
+def _check_sampling(trace: Trace, model: Model) -> None:
     # minimum number of samples per period of the shortest link as a pendulum
     samples_per_period = 6
     period = pendulum_period(model.line.length)
@@ -169,7 +180,7 @@ def check_sampling(trace: Trace, model: Model) -> None:
 FASTEST = 15.0
 
 
-def check_unit(trace: Trace, model: Model, named: Convention) -> None:
+def _check_unit(trace: Trace, model: Model, unit: str | None) -> None:
     """Ask for the unit if the nodes move too fast for radians (or, with degrees specified, too slowly for degrees).
 
     In a fall from twice the length of the chain to its lowest point a node reaches v^2/2 = 2 g sum L. The typical frame
@@ -178,14 +189,14 @@ def check_unit(trace: Trace, model: Model, named: Convention) -> None:
     largest = np.nanmax(np.abs(trace.theta))
     length = np.asarray(model.line.length)
     fastest = FASTEST * np.sqrt(GRAVITY / float(np.mean(length)))
-    if named.unit != "deg" and _specific_energy(trace, length) > 2 * GRAVITY * float(np.sum(length)):
-        if named.unit is None:
+    if unit != "deg" and _specific_energy(trace, length) > 2 * GRAVITY * float(np.sum(length)):
+        if unit is None:
             fix = "Use --unit deg or --unit rad"
         else:
             fix = "The unit is rad. Use --unit deg"
         raise SceneError(f"{trace.name}: theta reaches {largest:.3g} and looks like degrees. {fix}")
     rate = np.abs(np.diff(trace.theta, axis=0) / np.diff(trace.t)[:, None])
-    if named.unit == "deg" and largest < np.pi and np.nanmax(rate) < fastest:
+    if unit == "deg" and largest < np.pi and np.nanmax(rate) < fastest:
         raise SceneError(
             f"{trace.name}: theta stays within 3.14 and looks like radians, but the unit is deg; allowed: rad"
         )

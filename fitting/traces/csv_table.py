@@ -94,7 +94,8 @@ def read_csv(
     if all(map(_is_number, names)):
         raise SceneError(f"{path.name}: has no header; allowed: a first row with the names of the columns, {columns}")
     renamed = renamed or {}
-    used = ["" if name in renamed else name for name in names]
+    unused = dict.fromkeys(renamed, "")
+    used = [unused.get(name, name) for name in names]
     for name, column in renamed.items():
         if column not in names:
             raise SceneError(f"columns: {column!r} is not in {path.name}; {nearest(column, names)}")
@@ -112,9 +113,10 @@ def _split(body: list[str]) -> list[list[str]]:
         rows = [line.split() for line in body]
     else:
         rows = list(csv.reader(body, delimiter=separator or ",", skipinitialspace=True))
-    if separator == ",":
-        return rows
-    return [rows[0], *([re.sub(r"^([^.,]*),([^.,]*)$", r"\1.\2", cell) for cell in row] for row in rows[1:])]
+    if separator != ",":
+        for row in rows[1:]:
+            row[:] = [re.sub(r"^([^.,]*),([^.,]*)$", r"\1.\2", cell) for cell in row]
+    return rows
 
 
 def _is_number(cell: str) -> bool:
@@ -145,8 +147,10 @@ def check_times(name: str, t: np.ndarray) -> None:
         raise SceneError(f"{name}: t: decreases from row to row. Reverse the rows")
     if (step <= 0).any():
         row = int(np.argmax(step <= 0)) + 2
-        what = f"{'is repeated' if step[row - 2] == 0 else 'goes back'}; allowed: increasing times"
-        if row > 10 and t[row - 1] - t[0] < 0.1 * (t[row - 2] - t[0]):
+        what = "goes back; allowed: increasing times"
+        if step[row - 2] == 0:
+            what = "is repeated; allowed: increasing times"
+        elif row > 10 and t[row - 1] - t[0] < 0.1 * (t[row - 2] - t[0]):
             what = "starts again: two runs in one file. Use one file per run: cut this one before that row"
         raise SceneError(f"{name}: t: {t[row - 1]:g} s in row {row} {what}")
 

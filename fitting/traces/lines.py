@@ -35,8 +35,9 @@ def read_lines(path: Path) -> list[str]:
     wide = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
     if b"\0" in data[:HEAD] and not wide:
         raise SceneError(f"{path.name}: is not text. Export it as CSV: a row per sample")
+    encoding = "utf-16" if wide else "utf-8-sig"
     try:
-        text = data.decode("utf-16" if wide else "utf-8-sig")
+        text = data.decode(encoding)
     except UnicodeDecodeError:
         text = data.decode("latin-1")  # headers with umlauts or degree signs of older programs
     return [line for line in text.splitlines() if line.strip() and not re.fullmatch(r"sep=.", line.strip())]

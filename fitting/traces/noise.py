@@ -93,7 +93,8 @@ def noise_by_differences(values: np.ndarray, t: np.ndarray | None = None) -> np.
     """
     if len(values) <= max(ORDERS):
         return np.full(values.shape[1], np.nan)
-    t = np.arange(len(values)) if t is None else t
+    if t is None:
+        t = np.arange(len(values))
     white = np.random.default_rng(0).standard_normal((len(values), 16))
     return _calm_difference(values, t) / float(np.nanmean(_calm_difference(white, t)))
 
@@ -112,16 +113,17 @@ def _calm_difference(theta: np.ndarray, t: np.ndarray) -> np.ndarray:
         y = np.lib.stride_tricks.sliding_window_view(theta, order + 1, axis=0)
         weight = 1 / np.prod(x[:, :, None] - x[:, None] + np.eye(order + 1), axis=2)
         size = np.abs(np.einsum("kni,ki->kn", y, weight / np.linalg.norm(weight, axis=1, keepdims=True)))
-        median = np.array([_median(block) for block in np.array_split(size, max(1, round(len(size) / BLOCK_FRAMES)))])
+        blocks = np.array_split(size, max(1, round(len(size) / BLOCK_FRAMES)))
+        median = np.array([column_medians(block, 0.5) for block in blocks])
         calm = np.sort(median, axis=0)  # NaN is sorted to the end
         count = np.maximum(1, np.round(CALMEST * np.isfinite(median).sum(axis=0))).astype(int)
         best = np.fmin(best, [np.mean(column[:k]) for column, k in zip(calm.T, count, strict=True)])
     return best
 
 
-def _median(block: np.ndarray) -> np.ndarray:
-    """Medians (n,) of a block's columns; NaN for one with fewer than half of its samples."""
-    enough = np.isfinite(block).sum(axis=0) * 2 >= len(block)
+def column_medians(block: np.ndarray, share: float = 0.0) -> np.ndarray:
+    """Medians (n,) of a block's known samples; NaN for a column that lacks all, or has fewer than a share of them."""
+    enough = np.isfinite(block).sum(axis=0) >= max(share * len(block), 1)
     found = np.full(block.shape[1], np.nan)
     if enough.any():
         found[enough] = np.nanmedian(block[:, enough], axis=0)
@@ -131,6 +133,7 @@ def _median(block: np.ndarray) -> np.ndarray:
 def _rounding(column: np.ndarray) -> float:
     """Minimum difference [rad] that the sensor resolves: of the sorted values; nearly zero for unrounded ones."""
     steps = np.diff(np.unique(column[np.isfinite(column)]))
-    if (steps > 1e-9).any():
-        return float(np.min(steps[steps > 1e-9], initial=np.inf))
+    steps = steps[steps > 1e-9]
+    if len(steps):
+        return float(np.min(steps))
     return 0.0

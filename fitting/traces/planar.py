@@ -59,7 +59,9 @@ def pendulum_period(length: float | Array | np.ndarray) -> float:
 
 def freedoms(model: Model) -> int:
     """Number of independent angles."""
-    return model.line.links - (2 if model.end_held else 0)
+    if model.end_held:
+        return model.line.links - 2
+    return model.line.links
 
 
 def directions(theta: Array) -> tuple[Array, Array]:
@@ -72,7 +74,9 @@ def directions(theta: Array) -> tuple[Array, Array]:
 def _closing(model: Model, theta: Array, rows: Array) -> Array:
     """Smallest change of angles (n,) that removes rows (2,) [m] of the linearised closure."""
     x, z = (model.line.length[:, None] * directions(theta)[1]).T
-    xx, xz, zz = (jnp.sum(a * b) for a, b in ((x, x), (x, z), (z, z)))
+    xx = jnp.sum(x * x)
+    xz = jnp.sum(x * z)
+    zz = jnp.sum(z * z)
     in_x = zz * rows[0] - xz * rows[1]
     in_z = xx * rows[1] - xz * rows[0]
     return (x * in_x + z * in_z) / (xx * zz - xz**2)

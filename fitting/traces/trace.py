@@ -26,6 +26,8 @@ from fitting.traces.csv_table import NAMED, check_times, placeholder, read_csv, 
 ZEROS = ("horizontal", "down")
 SIGNS = ("1", "-1")
 UNITS = ("rad", "deg")
+#: Radians per unit of angle.
+RADIANS = {"rad": 1.0, "deg": np.pi / 180, "mrad": 1e-3}
 #: Names of columns.
 OF_TRACE = re.compile(r"t|(theta|omega|se)_\d+")
 #: Prefix of comments that are warnings.
@@ -46,7 +48,14 @@ class Convention:
     def turn(self) -> int:
         """1 if angles grow as those of the model do, otherwise -1."""
         sign = self.sign or 1
-        return -sign if self.zero == "down" else sign
+        if self.zero == "down":
+            return -sign
+        return sign
+
+    @property
+    def radians(self) -> float:
+        """Radians per unit of the angles; without a unit they are in radians."""
+        return RADIANS[self.unit or "rad"]
 
     def in_model(self, theta: np.ndarray) -> np.ndarray:
         """Angles [rad] of this convention, from the horizontal and positive downwards."""
@@ -118,14 +127,12 @@ class Trace:
 
     def in_model_convention(self, convention: Convention) -> Trace:
         """Angles [rad] from the horizontal, positive downwards, continuous in time."""
-        unit = np.pi / 180 if convention.unit == "deg" else 1.0
-        return replace(
-            self,
-            theta=unwrap(convention.in_model(unit * self.theta)),
-            se=None if self.se is None else unit * self.se,
-            convention=convention,
-            model_error=unit * self.model_error,
-        )
+        unit = convention.radians
+        se = self.se
+        if se is not None:
+            se = unit * se
+        theta = unwrap(convention.in_model(unit * self.theta))
+        return replace(self, theta=theta, se=se, convention=convention, model_error=unit * self.model_error)
 
 
 def unwrap(theta: np.ndarray, turn: float = 2 * np.pi) -> np.ndarray:
@@ -168,30 +175,40 @@ def read_trace(
         SceneError: one line with the file, the error and the allowed values.
     """
     path = Path(path)
-    renamed = {"t" if name == "time" else name: column for name, column in (columns or {}).items()}
+    renamed = dict(columns or {})
+    if "time" in renamed:
+        renamed["t"] = renamed.pop("time")
     for name in renamed:
         if not OF_TRACE.fullmatch(name):
             raise SceneError(f"columns: {name!r} is unknown; allowed: time, theta_1..n, omega_1..n, se_1..n")
     table = read_csv(path, "t, theta_1..n", renamed, lambda names: _how_to_rename(names, links))
     names = table.names
     if renamed:
-        names[:] = [name if OF_TRACE.fullmatch(name) else "" for name in names]
-    values = dict(zip(names, table.numbers(), strict=False))
+        for i, name in enumerate(names):
+            if not OF_TRACE.fullmatch(name):
+                names[i] = ""
+    values = dict(zip(names, table.numbers(), strict=True))
     if partial and any(name.startswith("theta_") for name in names):
         for j in range(links or 0):
-            values.setdefault(f"theta_{j + 1}", np.full(len(table.rows), np.nan))
-    count = _check_columns(path.name, [*names, *(name for name in values if name not in names)], links)
+            name = f"theta_{j + 1}"
+            if name not in values:
+                values[name] = np.full(len(table.rows), np.nan)
+                names.append(name)
+    count = _check_columns(path.name, names, links)
     stated = _header_values(path.name, table.comments)
 
     def part(stem: str) -> np.ndarray:
         """The columns of a kind (k, n)."""
         return np.stack([values[f"{stem}_{j + 1}"] for j in range(count)], axis=1)
 
+    se = None
+    if "se_1" in values:
+        se = part("se")
     trace = Trace(
         name=path.stem,
         t=values["t"],
         theta=part("theta"),
-        se=part("se") if "se_1" in values else None,
+        se=se,
         convention=convention(stated.get("zero"), stated.get("sign"), stated.get("unit"), path.name),
         warnings=tuple(c.removeprefix(WARNING) for c in table.comments if c.startswith(WARNING)),
         model_error=float(stated.get("model_error", 0.0)),
@@ -202,17 +219,22 @@ def read_trace(
 
 def _how_to_rename(names: Sequence[str], links: int | None) -> str:
     """What to do with a file whose columns have other names."""
-    last = "" if links == 1 else f" ... theta_{links or 'n'}"
-    if "t" in names:
-        time = "t"
-    else:
+    time = "t"
+    renamed = []
+    if "t" not in names:
         time = next((name for name in names if name.lower().startswith("t")), names[0])
-    angle = next((name for name in names if name != time), "...")
-    found = ([] if time == "t" else [f"time={time}"]) + ([] if "theta_1" in names else [f"theta_1={angle}"])
-    return f"rename to t, theta_1{last}, or --columns {shlex.quote(','.join(found))}" + (",..." if last else "")
+        renamed.append(f"time={time}")
+    if "theta_1" not in names:
+        angle = next((name for name in names if name != time), "...")
+        renamed.append(f"theta_1={angle}")
+    columns = shlex.quote(",".join(renamed))
+    if links == 1:
+        return f"rename to t, theta_1, or --columns {columns}"
+    return f"rename to t, theta_1 ... theta_{links or 'n'}, or --columns {columns},..."
 
 
 def _check_columns(file: str, names: list[str], links: int | None) -> int:
+    """Number of links of a file with these columns; rejects columns that are unknown, duplicate or incomplete."""
     count = sum(re.fullmatch(r"theta_\d+", name) is not None for name in names)
     used = [name for name in names if name]
     if count == 0:
@@ -242,18 +264,22 @@ def _header_values(file: str, comments: Sequence[str]) -> dict[str, str]:
     """The values `key=value` in comments that are not warnings."""
     text = " ".join(comment for comment in comments if not comment.startswith(WARNING))
     found = dict(re.findall(r"\b(\w+)\s*=\s*([^\s,;]+)", text))  # \b: once per word, of any length
-    if not re.fullmatch(r"(\d+\.?\d*|\.\d+)([eE]-\d+)?", error := found.get("model_error", "0")):
+    error = found.get("model_error", "0")
+    if not re.fullmatch(r"(\d+\.?\d*|\.\d+)([eE]-\d+)?", error):
         raise SceneError(f"{file}: model_error = {error!r}: not an angle; allowed: a number of at least 0")
     return found
 
 
 def convention(zero: str | None, sign: str | int | None, unit: str | None, where: str = "traces") -> Convention:
     """A checked convention; None stays None."""
-    sign = None if sign is None else str(sign).lstrip("+")
+    if sign is not None:
+        sign = str(sign).lstrip("+")
     for key, value, allowed in (("zero", zero, ZEROS), ("sign", sign, SIGNS), ("unit", unit, UNITS)):
         if value is not None and value not in allowed:
             raise SceneError(f"{where}: {key} = {value!r} is unknown; allowed: {', '.join(allowed)}")
-    return Convention(zero, None if sign is None else int(sign), unit)
+    if sign is not None:
+        sign = int(sign)
+    return Convention(zero, sign, unit)
 
 
 def check_trace(trace: Trace, partial: bool = False) -> None:
@@ -301,8 +327,16 @@ def write_trace(path: str | Path, trace: Trace, notes: Sequence[str] = ()) -> Pa
         head += f", model_error={trace.model_error:.9g}"
     text = io.StringIO()
     text.write(f"{head}\n")
-    text.writelines(f"# {note}\n" for note in (*notes, *(WARNING + warning for warning in trace.warnings)))
+    text.writelines(f"# {note}\n" for note in notes)
+    text.writelines(f"# {WARNING}{warning}\n" for warning in trace.warnings)
     text.write(",".join(names) + "\n")
     for row in np.concatenate(columns, axis=1):
-        text.write(",".join("" if np.isnan(x) else f"{x:.9g}" for x in row) + "\n")
+        text.write(",".join(map(_cell, row)) + "\n")
     return atomic_write(path, text.getvalue())
+
+
+def _cell(number: float) -> str:
+    """A number of a trace file; a missing sample is empty."""
+    if np.isnan(number):
+        return ""
+    return f"{number:.9g}"

@@ -12,8 +12,9 @@ import dropper_jax as dj
 from fitting import Convention, Trace, prepare
 from fitting.calibration import comparison
 from fitting.calibration.cross_validation import Scores, blocks, last_third, other_runs, score_window
-from fitting.calibration.decision import chance, decide, decide_joined, shares, unseen, verdict
+from fitting.calibration.decision import chance, decide, decide_joined, shares, verdict
 from fitting.calibration.law_fits import LADDER, PARTS, Law, contains
+from fitting.calibration.undetected import undetected_parts
 from fitting.estimate.normal_equations import Prior
 
 
@@ -187,7 +188,7 @@ def test_a_part_is_excluded_where_its_upper_limit_takes_less_than_a_tenth(deviat
     none = Prior(0.0, np.zeros(2), np.zeros((2, 2)))
     problem = SimpleNamespace(held_mask=np.zeros(2, bool), memory=1.0, prior=lambda values: none)
     solution = SimpleNamespace(problem=problem, values=np.array([1.0, 0.0]), information=information, gradient=gradient)
-    assert ("quadratic" in unseen(solution, ("linear", "quadratic"), np.array([3.0, 2.0]))) == left_open
+    assert ("quadratic" in undetected_parts(solution, ("linear", "quadratic"), np.array([3.0, 2.0]))) == left_open
 
 
 def test_shares_follow_the_scores_and_sum_to_one():

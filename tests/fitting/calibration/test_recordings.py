@@ -13,6 +13,7 @@ import dropper_jax as dj
 from dropper_jax.cli import main
 from fitting import Convention, FitSettings, Trace, fit
 from fitting.parameters.recordings import distance_from, find_delay, share_motion
+from fitting.report.report import write_report
 from fitting.traces.conventions import settle_convention
 
 LENGTH, MASS, G, B_L = (0.10, 0.08), (0.030, 0.020), 9.81, 0.002
@@ -144,6 +145,18 @@ def test_wrong_recordings_are_refused_in_one_line(motion, refusal):
     assert "Use --same-motion" in refusal(fit, both, SCENE, ["b_l", "recording.B.delay"])
     unknown = refusal(fit, both, SCENE, ["b_l", "recording.B.offset"], settings=SETTINGS)
     assert re.search(r"recording\.B\.offset.*does not exist", unknown)
+
+
+@pytest.mark.slow
+def test_a_report_shows_recordings_that_miss_a_link_and_frames_of_the_same_times(motion, fitted, tmp_path):
+    first = recorded(motion)
+    second = recorded(motion, "B", seed=1)
+    theta = second.theta.copy()
+    theta[:, 1] = np.nan
+    result = fitted(first, replace(second, theta=theta))
+    assert result.status == "ok"
+    write_report(result, tmp_path)
+    assert (tmp_path / "phase_space_1.png").is_file()
 
 
 @pytest.mark.check

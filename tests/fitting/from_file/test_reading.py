@@ -110,6 +110,22 @@ def test_gravity_gives_the_points_of_a_chain_their_scale(tmp_path, unit):
     assert any("scaled by gravity" in note for note in found.notes) == (unit == "px")
 
 
+@pytest.mark.parametrize(("frames", "found"), [(12, np.nan), (1, 1.0)])
+def test_a_film_with_two_points_per_link_may_miss_one_or_see_two_as_one(tmp_path, frames, found):
+    """Without a NumPy warning, which the tests turn into errors."""
+    t, phi = double_pendulum()
+    first, second = (-1j * np.exp(1j * phi)).T
+    joint = 0.2 * first
+    columns = np.array(points(0.05 * first, 0.15 * first, joint + 0.04 * second, joint + 0.12 * second))
+    random = np.random.default_rng(0)
+    for point in range(0, 8, 4):
+        few = random.choice(len(t), frames, replace=False)
+        columns[point : point + 2, few] = found * columns[point + 2 : point + 4, few]
+    found = read_measured(write(tmp_path / "a.csv", ["t,x1,y1,x2,y2,x3,y3,x4,y4"], np.stack([t, *columns], axis=1)))
+    assert np.isfinite(found.trace.theta).all(axis=1).sum() > 250
+    assert found.lengths[0] / found.lengths[1] == pytest.approx(0.2 / 0.15, rel=0.06)
+
+
 def driven():
     """An angle that a motor moves."""
     return 0.6 * np.sin(5.0 * T)

@@ -11,7 +11,7 @@ from fitting.estimate.windows import local_motion
 from fitting.parameters.names import full_names
 from fitting.parameters.paths import resolve
 from fitting.traces import planar
-from fitting.traces.conventions import settle_convention
+from fitting.traces.conventions import check_scale, settle_convention
 from fitting.traces.noise import DEGREE, noise, smooth
 
 ANY = Convention()
@@ -165,6 +165,11 @@ def test_the_convention_of_a_closed_loop_is_guessed_from_closure_and_gravity(dro
         np.testing.assert_allclose(np.cos(found.theta - true.theta), 1.0, atol=1e-12)
 
 
+def settle(trace, model, given):
+    check_scale(trace, model, given)
+    return settle_convention(trace, model, given)
+
+
 @pytest.mark.parametrize(
     ("spread", "size", "given", "words"),
     [
@@ -177,8 +182,9 @@ def test_the_convention_of_a_closed_loop_is_guessed_from_closure_and_gravity(dro
 def test_angles_that_the_scene_contradicts_are_refused(dropper, spread, size, given, words):
     trace = still_swinging(*dropper)
     swing = 0.5 * np.sin(np.arange(200) * 0.2)[:, None] * (size > 1)
+    measured = Trace("x", spread * trace.t, size * (trace.theta + swing))
     with pytest.raises(SceneError, match=words):
-        settle_convention(Trace("x", spread * trace.t, size * (trace.theta + swing)), dropper[0], given)
+        settle(measured, dropper[0], given)
 
 
 @pytest.mark.parametrize(

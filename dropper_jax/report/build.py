@@ -38,6 +38,7 @@ def report_run(solution: Solution, settings: Settings | None = None) -> Table:
     settings = settings or Settings()
     part = record(solution, settings.skip)
     used = solution.settings
+    accuracy = used.get("accuracy")
     tension = line_tensions(part, settings)
     snap = line_snaps(part, settings)
     try:
@@ -49,7 +50,8 @@ def report_run(solution: Solution, settings: Settings | None = None) -> Table:
         "scene": solution.scene.name,
         "status": solution.status,
         "integrator": used.get("integrator"),
-        "dt_s": used.get("dt"),
+        "dt_s": used.get("dt") if accuracy is None else None,
+        "accuracy": accuracy,
         "internal_damping_n_s": float(max(map(np.max, damping), default=0.0)),
         "saved_every_s": part.interval,
         "from_s": float(part.t[0]),
@@ -131,6 +133,7 @@ def _spread(runs: list[Table]) -> Table:
                 rows[f"damage per year of {line['line']}"] = [f["damage_per_year"] for f in own]
     return {
         "dt_s": [r["dt_s"] for r in runs],
+        "accuracy": [r["accuracy"] for r in runs],
         "internal_damping_n_s": [r["internal_damping_n_s"] for r in runs],
         "values": {
             name: {"min": min(v), "mean": float(np.mean(v)), "max": max(v), "by_run": v} for name, v in rows.items()

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dropper_jax import Scene, SceneError, Solution, build_model, cli, equilibrium, load_scene
+from dropper_jax import Scene, SceneError, Solution, as_toml, build_model, cli, equilibrium, load_scene
 from dropper_jax.base.files import read_lines
 from dropper_jax.load.expressions import evaluate
 from dropper_jax.load.paths import set_value
@@ -213,6 +213,13 @@ def test_a_file_that_is_no_toml_is_refused_with_file_and_line(content, words, tm
     file.write_bytes(content)
     with pytest.raises(SceneError, match=words):
         load_scene(file)
+
+
+def test_files_that_windows_marks_as_utf_8_are_read_as_others(tmp_path):
+    text = as_toml(load_scene("dropper-release-a"))
+    (tmp_path / "plain.toml").write_text(text, encoding="utf-8")
+    (tmp_path / "marked.toml").write_text(text, encoding="utf-8-sig")
+    assert load_scene(tmp_path / "marked.toml") == load_scene(tmp_path / "plain.toml")
 
 
 def test_missing_file_and_folder_are_refused(tmp_path, refusal):

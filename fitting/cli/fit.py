@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 import time
+from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dropper_jax.base.errors import SceneError, nearest
@@ -62,6 +64,7 @@ def run(args: argparse.Namespace) -> int:
     if folder:
         folder.mkdir(parents=True, exist_ok=True)
     check_numbers(args)
+    check_files(args.traces)
     shared: Table = {
         "loss": chosen_loss(args),
         "start": named_values("start", args.start),
@@ -130,6 +133,13 @@ def run(args: argparse.Namespace) -> int:
     if args.accept_misfit and result.status in ACCEPTABLE:
         return OK
     return code
+
+
+def check_files(files: Sequence[str]) -> None:
+    """Reject a file that is given twice: its samples would count as two measurements."""
+    for i, file in enumerate(files):
+        if Path(file).resolve() in map(Path.resolve, map(Path, files[:i])):
+            raise SceneError(f"DATA: {file!r} is given twice; allowed: every file once")
 
 
 def check_intervals(args: argparse.Namespace, scene: Scene) -> None:

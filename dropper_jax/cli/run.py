@@ -84,7 +84,8 @@ def add_arguments(parser: ArgumentParser) -> None:
         action="store_true",
         help="loads with their errors: repeats the run finer and with more links, about 6 times the run time",
     )
-    parser.add_argument(
+    companion = parser.add_mutually_exclusive_group()
+    companion.add_argument(
         "--no-companion",
         dest="companion",
         action="store_const",
@@ -92,7 +93,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         default="coarser",
         help="leave out the second, coarser run, which states the errors of the first for half more time",
     )
-    parser.add_argument(
+    companion.add_argument(
         "--verify",
         dest="companion",
         action="store_const",

@@ -95,6 +95,7 @@ BAD = [
     ("run.dt", -0.01, "run.dt: -0.01 is out of range", "> 0 s"),
     ("run.duration", 0, "run.duration: 0 is out of range", "> 0 s"),
     ("run.duration", 0.001, "run.duration: 0.001 is shorter than the step", "0.01 s"),
+    ("run.save_interval", 500.0, "run.save_interval: 500.0 s is longer than the run", "at most its duration"),
     ("run.gamma", 1.5, "run.gamma: 1.5 is out of range", "0 to 1"),
     ("run.dtype", "float16", "run.dtype: 'float16' is unknown", "float64, float32"),
     ("point.1.kind", "fixd", "point.1.kind: 'fixd' is unknown", "'fixed'"),

@@ -115,10 +115,10 @@ def run(args: Namespace) -> int:
     scene = read_scene(args, OVERRIDES, notes=False) if before is None else _further(args, before)
 
     from dropper_jax.run.simulate import simulate
-    from dropper_jax.run.storage import check_packages
+    from dropper_jax.run.storage import check_target
 
     if args.out:
-        check_packages(args.out)
+        check_target(args.out)
         recover_leftovers(args.out)
     if args.animate:
         from dropper_jax.plots.animation import check_animation

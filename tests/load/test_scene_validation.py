@@ -223,6 +223,10 @@ def test_files_that_windows_marks_as_utf_8_are_read_as_others(tmp_path):
     assert load_scene(tmp_path / "marked.toml") == load_scene(tmp_path / "plain.toml")
 
 
+def test_what_is_not_a_scene_is_refused(refusal):
+    assert refusal(load_scene, None) == "scene: None is not a scene; allowed: a name, a file, a table, or a Scene"
+
+
 def test_missing_file_and_folder_are_refused(tmp_path, refusal):
     for path in (tmp_path / "none.toml", tmp_path):
         assert "cannot read" in refusal(load_scene, path)

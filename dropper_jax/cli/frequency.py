@@ -112,7 +112,7 @@ def _sea_states(args: Namespace) -> np.ndarray | None:
 def _table_rows(file: str) -> list[tuple[float, float]]:
     """Heights and periods of a table."""
     try:
-        with Path(file).open(newline="", encoding="utf-8") as lines:
+        with Path(file).open(newline="", encoding="utf-8-sig") as lines:
             rows = [(float(row["hs"]), float(row["tp"])) for row in csv.DictReader(lines)]
     except OSError as error:
         raise SceneError(f"--table: {file}: {error.strerror}") from None

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import os
 from argparse import ArgumentTypeError
+from collections.abc import Iterable
 from pathlib import Path
+from typing import TypeVar
 
 from dropper_jax.base.errors import SceneError
+
+Value = TypeVar("Value")
 
 #: Value of `--dt` for the suggested step, which `run` shortens as its check advises.
 AUTO = "auto"
@@ -99,6 +103,16 @@ def read_named_range(text: str, option: str, reason: str) -> tuple[str, float, f
     name, _, limits = text.partition("=")
     low, high = read_numbers(limits, option, reason, ":", 2, given=text)
     return name.strip(), low, high
+
+
+def by_name(pairs: Iterable[tuple[str, Value]], option: str) -> dict[str, Value]:
+    """Values of an option by their names, each of which may be given once."""
+    found: dict[str, Value] = {}
+    for name, value in pairs:
+        if name in found:
+            raise SceneError(f"{option}: {name!r} is given twice; allowed: every name once")
+        found[name] = value
+    return found
 
 
 def positive_integer(text: str) -> int:

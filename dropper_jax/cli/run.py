@@ -86,7 +86,8 @@ def _add_errors(parser: ArgumentParser) -> None:
         action="store_true",
         help="loads with their errors: repeats the run finer and with more links, about 6 times the run time",
     )
-    parser.add_argument(
+    companion = parser.add_mutually_exclusive_group()
+    companion.add_argument(
         "--no-companion",
         dest="companion",
         action="store_const",
@@ -94,7 +95,7 @@ def _add_errors(parser: ArgumentParser) -> None:
         default="coarser",
         help="leave out the second, coarser run, which states the errors of the first for half more time",
     )
-    parser.add_argument(
+    companion.add_argument(
         "--verify",
         dest="companion",
         action="store_const",
@@ -118,10 +119,10 @@ def run(args: Namespace) -> int:
         scene = _continued_scene(args, before)
 
     from dropper_jax.run.simulate import simulate
-    from dropper_jax.run.storage import check_packages
+    from dropper_jax.run.storage import check_target
 
     if args.out:
-        check_packages(args.out)
+        check_target(args.out)
         recover_leftovers(args.out)
     if args.animate:
         from dropper_jax.plots.animation import check_animation

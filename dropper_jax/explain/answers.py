@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import jax
@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from dropper_jax.axial.force_table import tables_of
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import Table
 from dropper_jax.explain.catenary import Hanging, Shape, hanging_length, offset_until_uplift, solve
@@ -322,7 +323,11 @@ def _worn_values(scene: Scene) -> Table:
     values: Table = {}
     for i, line in enumerate(scene.lines):
         values[f"line.{i}.mass"] = WORN**2 * line.mass
-        values[f"line.{i}.axial.EA"] = WORN**2 * _stiffness_of(line)
+        if line.tables is None:
+            values[f"line.{i}.axial.EA"] = WORN**2 * _stiffness_of(line)
+        else:
+            worn = [replace(table, tension=WORN**2 * table.tension) for table in line.tables]
+            values[f"line.{i}.axial.tension"] = tables_of(worn)["tension"]
         for key in ("diameter", "outer_diameter"):
             if getattr(line, key) is not None:
                 values[f"line.{i}.{key}"] = WORN * getattr(line, key)

@@ -28,7 +28,7 @@ def parse_toml(data: bytes, label: str) -> Table:
         SceneError: not UTF-8, a syntax error (with the line number), or excessively nested tables.
     """
     try:
-        return parsed_toml(data.decode())
+        return parsed_toml(data.decode("utf-8-sig"))
     except UnicodeDecodeError as error:
         raise SceneError(f"{label}: not a text file in UTF-8 (byte {error.start})") from None
     except tomllib.TOMLDecodeError as error:

@@ -6,6 +6,7 @@ import copy
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
+from os import PathLike
 from pathlib import Path
 
 import numpy as np
@@ -340,5 +341,7 @@ def load_scene(source: str | Path | Values | Scene, *, allow_outside: bool = Fal
         return source
     if isinstance(source, Mapping):
         return Scene.from_dict(source)
+    if not isinstance(source, str | PathLike):
+        raise SceneError(f"scene: {source!r:.60} is not a scene; allowed: a name, a file, a table, or a Scene")
     with references_of(folder_of(source, allow_outside)):
         return Scene.from_dict(*find_scene(source))

@@ -64,11 +64,14 @@ def report_run(solution: Solution, settings: Settings | None = None) -> Table:
 def _run_facts(solution: Solution, part: Record) -> Table:
     """Scene, status, scheme and samples of a run."""
     damping = [line.axial_damping for line in solution.scene.lines if line.axial_damping is not None]
+    used = solution.settings
+    accuracy = used.get("accuracy")
     return {
         "scene": solution.scene.name,
         "status": solution.status,
-        "integrator": solution.settings.get("integrator"),
-        "dt_s": solution.settings.get("dt"),
+        "integrator": used.get("integrator"),
+        "dt_s": used.get("dt") if accuracy is None else None,
+        "accuracy": accuracy,
         "internal_damping_n_s": float(max(map(np.max, damping), default=0.0)),
         "saved_every_s": part.interval,
         "from_s": float(part.t[0]),
@@ -137,6 +140,7 @@ def _spread(runs: list[Table]) -> Table:
         values[name] = {"min": min(v), "mean": float(np.mean(v)), "max": max(v), "by_run": v}
     return {
         "dt_s": [r["dt_s"] for r in runs],
+        "accuracy": [r["accuracy"] for r in runs],
         "internal_damping_n_s": [r["internal_damping_n_s"] for r in runs],
         "values": values,
     }

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 from dropper_jax.base.markdown import bullets, cells, table
 from dropper_jax.base.read import Table
-from dropper_jax.base.table_cells import Columns, newton
+from dropper_jax.base.table_cells import Columns, fill, newton
 from dropper_jax.base.toml_text import literal
 from dropper_jax.report import sections
 from dropper_jax.report.tables import table_of
@@ -39,12 +39,19 @@ def markdown(found: Table, pictures: list[dict[str, str]]) -> str:
     return "\n\n".join(part for part in parts if part) + "\n"
 
 
+def _steps_of(run: Table) -> str:
+    """The step of a run, or the accuracy that its steps follow."""
+    if run["accuracy"] is None:
+        return fill("{dt_s:g}", run)
+    return fill("by accuracy {accuracy:g}", run)
+
+
 OVERVIEW: Columns = {
     "run": "{file}",
     "status": "{status}",
     "time [s]": "{from_s:g} to {to_s:g}",
     "samples every [s]": "{saved_every_s:g}",
-    "step [s]": "{dt_s:g}",
+    "step [s]": _steps_of,
 }
 
 
@@ -112,6 +119,7 @@ def _spread(section: Table) -> str:
         count = 0
     rows = [
         ["step [s]", "", "", "", *cells(section["dt_s"][:count], "g")],
+        ["accuracy of steps", "", "", "", *cells(section["accuracy"][:count], "g")],
         ["internal damping, maximum [N s]", "", "", "", *map(newton, section["internal_damping_n_s"][:count])],
     ]
     for name, v in section["values"].items():

@@ -241,6 +241,8 @@ def simulate(
     check_settings(settings, [*given, *OPTIONS, "residual_tolerance", *stepper_settings()])
     if companion not in COMPANIONS:
         raise SceneError(f"companion: {companion!r} is unknown; allowed: {', '.join(map(repr, COMPANIONS))}")
+    if errors and companion == "finer":
+        raise SceneError("companion: 'finer' (--verify) is not used with errors (--errors), which run finer anyway")
     scene = load_scene(scene)
     changed = {f"run.{key}": value for key, value in given.items() if value is not None}
     if changed:

@@ -72,6 +72,14 @@ def check_packages(path: Path) -> None:
         extra(module, name)
 
 
+def check_target(path: Path) -> None:
+    """Reject a file that a run could not be saved as, before it starts: a format without its package, a folder of
+    something else."""
+    check_packages(path)
+    if path.suffix.lower() == ".zarr" and path.exists() and not _is_run_folder(path):
+        raise SceneError(f"{path}: exists and is not a saved run. Use a new folder, or a saved run to replace")
+
+
 def read_run(path: str | Path, kind: type[Kind]) -> Kind:
     """A saved run, as a `kind` of samples.
 
@@ -199,8 +207,7 @@ def _dump(dataset: xarray.Dataset, file: BinaryIO, packed: labelled.Encoding, ar
 
 def _write_zarr(solution: Samples, path: Path) -> Path:
     """Write a Zarr folder with consolidated metadata; it replaces only a saved run."""
-    if path.exists() and not _is_run_folder(path):
-        raise SceneError(f"{path}: exists and is not a saved run. Use a new folder, or a saved run to replace")
+    check_target(path)
     dataset = to_xarray(solution)
     remove_leftovers(path)
     with unfinished_folder(path) as folder:

@@ -144,6 +144,11 @@ class RunSpec(SectionValues):
     def _checks(self) -> Iterator[Check]:
         shortest = self.dt or self.save_interval or 0.0
         yield (
+            self.save_interval is not None and self.save_interval > self.duration,
+            f"save_interval: {self.save_interval} s is longer than the run; allowed: at most its duration, "
+            f"{self.duration:g} s",
+        )
+        yield (
             self.duration < shortest,
             f"duration: {self.duration} is shorter than the step; allowed: at least one step, {shortest:g} s",
         )

@@ -92,7 +92,7 @@ class WaveSpec(DeclaredSection):
         values = read_fields(cls, table, path, {})
         check_kind_keys(read_table(table, path), values["kind"], cls.FIELDS, path)
         if values["file"] is not None:
-            values.update(_from_file(values, path))
+            values.update(_from_file(values, path, table))
         waves = cls(**values)
         waves.check(path)
         return waves
@@ -148,23 +148,30 @@ class WaveSpec(DeclaredSection):
         return {key: value for key, value in as_table(self).items() if key in takes and linear.get(key) != value}
 
 
-def _from_file(values: Table, path: str) -> Table:
-    """The components of the file instead of its name."""
-    for key in ("amplitude", "period"):
-        if values[key] is not None:
-            raise SceneError(f"{path}.{key}: given twice, here and in the file; allowed: one of the two")
-    path = f"{path}.file"
-    file = find_referenced(values["file"], path)
+def _from_file(values: Table, path: str, given: Plain) -> Table:
+    """The components of the file instead of its name; `given` are the keys of the scene."""
+    label = f"{path}.file"
+    file = find_referenced(values["file"], label)
     if values["kind"] == "elevation":
-        read = read_elevation(file, path)
+        read = read_elevation(file, label)
     else:
-        read = read_components(file, path)
+        read = read_components(file, label)
+    for key in read:
+        if key in read_table(given, path):
+            raise SceneError(f"{path}.{key}: given twice, here and in the file; allowed: one of the two")
     return {"kind": "components", "file": None, **read}
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class CurrentSpec(Current, DeclaredSection):
     """`[sea.current]`: see `dropper_jax.sea.current.Current`."""
+
+    #: Numbers of the profile that a kind does not use.
+    UNUSED: ClassVar[dict[str, tuple[str, ...]]] = {
+        "uniform": ("exponent", "reference"),
+        "power": (),
+        "table": ("speed", "direction", "exponent", "reference"),
+    }
 
     @classmethod
     def read(cls, table: Plain, path: str) -> CurrentSpec:
@@ -189,6 +196,16 @@ class CurrentSpec(Current, DeclaredSection):
             self.veer is not None and self.velocities is not None,
             f"{path}.veer: given with kind 'table', which turns itself; allowed: uniform, power",
         )
+        for key in self.UNUSED[self.kind]:
+            value = getattr(self, key)
+            yield (
+                value is not None and value != 0.0,
+                f"{path}.{key}: not used by kind {self.kind!r}; allowed: with {', '.join(self._kinds_with(key))}",
+            )
+
+    @classmethod
+    def _kinds_with(cls, key: str) -> list[str]:
+        return [kind for kind, unused in cls.UNUSED.items() if key not in unused]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -276,6 +293,11 @@ class SeaSpec(DeclaredSection):
         yield (
             self.depth + lowest <= 0.0,
             f"{path}.level: falls to {lowest:.4g} m, below the seabed; allowed: above {-self.depth:g} m",
+        )
+        reference = self.current.reference if self.current else None
+        yield (
+            reference is not None and self.depth + lowest + reference <= 0.0,
+            f"{path}.current.reference: {reference} is not above the seabed; allowed: above {-self.depth - lowest:g} m",
         )
         yield (
             self.wave_current != "none" and (self.waves is None or self.current is None),

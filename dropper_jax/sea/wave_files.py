@@ -35,9 +35,23 @@ def read_components(file: str | Path, path: str = "file") -> Table:
     found = {"phase": np.zeros(len(rows)), "period": size}
     if key == "frequency_hz":
         found["period"] = 1.0 / size
+    elif "frequency_hz" in column:
+        _check_frequencies(size, column["frequency_hz"], f"{path}: {str(file)!r}")
     for name in column.keys() & VALUES.keys():
         found[VALUES[name]] = column[name]
     return found
+
+
+def _check_frequencies(period: np.ndarray, frequency: np.ndarray, label: str) -> None:
+    """Reject periods [s] and frequencies [Hz] of the same components that differ by more than their rounding."""
+    rounding = 0.1  # of frequencies with two decimals, which tables of components have
+    wrong = np.abs(period * frequency - 1.0) > rounding
+    if np.any(wrong):
+        worst = int(np.argmax(wrong))
+        raise SceneError(
+            f"{label} component {worst + 1}: frequency_hz {frequency[worst]:g} is not 1/period_s, "
+            f"{1.0 / period[worst]:.4g} Hz. Leave one of the columns out"
+        )
 
 
 def read_elevation(file: str | Path, path: str = "file") -> Table:
@@ -97,13 +111,15 @@ def from_wavespectra(dataset: Any, seed: int = 0) -> Table:
 def _read_csv(file: str | Path, path: str) -> tuple[list[str], np.ndarray]:
     """Names of the columns, and rows of finite numbers."""
     try:
-        with open(file, newline="", encoding="utf-8") as opened:
+        with open(file, newline="", encoding="utf-8-sig") as opened:
             lines = list(filter(None, csv.reader(line for line in opened if not line.startswith("#"))))
     except (OSError, csv.Error, ValueError) as error:
         raise SceneError(f"{path}: cannot read {str(file)!r}: {getattr(error, 'strerror', None) or error}") from None
     if len(lines) < 2:
         raise SceneError(f"{path}: {str(file)!r} has no rows; allowed: a header and one row per component or time")
     names = [name.strip() for name in lines[0]]
+    if len(set(names)) < len(names):
+        raise SceneError(f"{path}: {str(file)!r} has the columns {', '.join(names)}; allowed: every column once")
     rows = []
     for number, line in enumerate(lines[1:], start=2):
         try:

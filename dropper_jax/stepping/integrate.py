@@ -320,6 +320,8 @@ def integrate(
     Returns:
         The last state, and the saved ones.
     """
+    if not isinstance(steps, int | np.integer) or steps < 1:
+        raise ValueError(f"steps: {steps!r} is not a number of steps; allowed: a whole number >= 1")
     if steps % save_every:
         raise ValueError(f"steps: {steps} is not a multiple of save_every = {save_every}")
     dt = jnp.asarray(dt, model.dtype)

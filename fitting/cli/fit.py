@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 import time
+from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dropper_jax.base.errors import SceneError, nearest
@@ -63,6 +65,7 @@ def run(args: argparse.Namespace) -> int:
     if folder:
         folder.mkdir(parents=True, exist_ok=True)
     check_numbers(args)
+    check_files(args.traces)
     shared: Table = {
         "loss": chosen_loss(args),
         "start": named_values("start", args.start),
@@ -147,6 +150,13 @@ def fit_to_angles(args: argparse.Namespace, scene: Scene | None, shared: Table) 
     add_judgements(result, args, say)
     result.accepted = args.accept_misfit
     return result, found, about
+
+
+def check_files(files: Sequence[str]) -> None:
+    """Reject a file that is given twice: its samples would count as two measurements."""
+    for i, file in enumerate(files):
+        if Path(file).resolve() in map(Path.resolve, map(Path, files[:i])):
+            raise SceneError(f"DATA: {file!r} is given twice; allowed: every file once")
 
 
 def check_intervals(args: argparse.Namespace, scene: Scene) -> None:

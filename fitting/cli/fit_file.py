@@ -46,6 +46,7 @@ def given_of(args: argparse.Namespace) -> Given:
     Raises:
         SceneError: a number that is not positive.
     """
+    from fitting.from_file.angles import RADIANS
     from fitting.from_file.read_file import Given
 
     lengths = None
@@ -54,6 +55,8 @@ def given_of(args: argparse.Namespace) -> Given:
     for key, unit in {"rate": "1/s", "counts": "-", "mass": "kg"}.items():
         if getattr(args, key) is not None:
             positive(getattr(args, key), f"--{key}", unit)
+    if args.unit is not None and args.unit not in RADIANS:
+        raise SceneError(f"--unit: {args.unit!r} is unknown; allowed: {', '.join(RADIANS)}")
     return Given(
         columns=column_names(args.columns),
         unit=args.unit,

@@ -159,6 +159,10 @@ def chosen_loss(args: argparse.Namespace) -> Loss:
     """The loss of --huber, --student and --robust."""
     from fitting.estimate.loss import LEAST_SQUARES, Huber, as_loss
 
+    losses = {"--huber": args.huber is not None, "--student": args.student, "--robust": args.robust is not None}
+    given = [option for option, used in losses.items() if used]
+    if len(given) > 1:
+        raise SceneError(f"{', '.join(given)}: cannot be combined; allowed: one of them")
     name = "student" if args.student else args.robust
     if name is not None:
         return as_loss(name, "robust")
@@ -271,3 +275,5 @@ def check_numbers(args: argparse.Namespace) -> None:
         value = getattr(args, key)
         if value is not None and not value > 0:
             raise SceneError(f"--{key}: {value:g} is not positive; allowed: > 0{unit}")
+    if args.since is not None and args.until is not None and args.since >= args.until:
+        raise SceneError(f"--until: {args.until:g} is not after --from {args.since:g}; allowed: > {args.since:g} s")

@@ -5,13 +5,15 @@ from __future__ import annotations
 import argparse
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.cli.given import read_named_range, split_names
+from dropper_jax.cli.given import by_name, read_named_range, split_names
 from dropper_jax.cli.options import QUANTITY_HELP, add_examples, add_quiet, add_run_values, add_scene, read_scene
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, picture
 from dropper_jax.cli.printing import done_object, print_warnings, progress
 
 help = "sensitivity of a quantity to parameters: derivatives, Sobol indices, Morris screening"
 
+#: Size of a global study that states none.
+SAMPLES = 64
 #: Options that set a value of the scene.
 OVERRIDES = ("integrator", "dt", "duration")
 
@@ -35,8 +37,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="NAME=LO:HI",
         help="range of a parameter (default: +-20 %%)",
     )
-    parser.add_argument("--samples", type=int, default=64, help="size of a global study (default: 64)")
-    parser.add_argument("--seed", type=int, default=0, help="of a global study")
+    parser.add_argument("--samples", type=int, help=f"size of a global study (default: {SAMPLES})")
+    parser.add_argument("--seed", type=int, help="of a global study (default: 0)")
     parser.add_argument(
         "--check", action="store_true", help="also compute derivatives by reverse mode, and the growth of errors"
     )
@@ -48,8 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     scene = read_scene(args, OVERRIDES)
-    if args.samples < 2:
-        raise SceneError(f"--samples: {args.samples}; allowed: a whole number >= 2")
+    check_method(args)
 
     from fitting import sensitivity
     from fitting.sensitivity.global_indices import global_text
@@ -59,8 +60,9 @@ def run(args: argparse.Namespace) -> int:
     say = progress(args.quiet)
     box = None
     if args.method:
-        box = sensitivity.ranges(problem, dict(map(_range, args.range)))
-        found = sensitivity.global_indices(problem.batch, problem.names, box, args.method, args.samples, args.seed)
+        box = sensitivity.ranges(problem, by_name(map(_range, args.range), "--range"))
+        samples = SAMPLES if args.samples is None else args.samples
+        found = sensitivity.global_indices(problem.batch, problem.names, box, args.method, samples, args.seed or 0)
         text = global_text(found, args.of)
     else:
         found = sensitivity.local(problem, say, args.check)
@@ -80,6 +82,18 @@ def run(args: argparse.Namespace) -> int:
         failure = "not_converged", f"{args.of}: a step of the run failed; see `dropper run`"
     whole = {**done_object(of=args.of), **found.to_json(), "warnings": warnings}
     return deliver(args, whole, text, failure)
+
+
+def check_method(args: argparse.Namespace) -> None:
+    """Reject options that the method does not use, and samples that are too few."""
+    if args.method is None:
+        for option, value in (("--range", args.range or None), ("--samples", args.samples), ("--seed", args.seed)):
+            if value is not None:
+                raise SceneError(f"{option}: requires --global sobol or morris")
+    elif args.check:
+        raise SceneError(f"--check: derivatives are not part of --global {args.method}. Leave one of them out")
+    if args.samples is not None and args.samples < 2:
+        raise SceneError(f"--samples: {args.samples}; allowed: a whole number >= 2")
 
 
 def _range(text: str) -> tuple[str, tuple[float, float]]:

@@ -15,7 +15,7 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.markdown import cells
 from dropper_jax.base.memory import available_cores
 from dropper_jax.base.read import ScenePath, Table
-from dropper_jax.cli.given import output_folder, read_numbers, read_spaced
+from dropper_jax.cli.given import by_name, output_folder, read_numbers, read_spaced
 from dropper_jax.cli.options import add_examples, add_quiet, add_run_values, add_scene, read_scene
 from dropper_jax.cli.printing import listing, print_line, print_result, print_warnings, progress, table
 from fitting.cli.fit_file import column_names
@@ -93,7 +93,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    vary = dict(map(_values, args.vary))
+    vary = by_name(map(_values, args.vary), "--vary")
     if args.seeds < 0:
         raise SceneError(f"--seeds: {args.seeds}; allowed: a whole number >= 0")
     if not Path(args.out).parent.is_dir():

@@ -62,10 +62,20 @@ def read_angles(file: str, t: np.ndarray, raw: np.ndarray, unit: str | None, cou
         notes.append(f"angle in {unit}: {why}")
         size = RADIANS[unit]
     elif unit in RADIANS and not notes:
-        notes.append(f"angle in {unit}")
+        notes.append(f"angle in {unit}{contradiction(t, theta, unit)}")
     if step:
         notes.append(f"readings in steps of {step * size:.3g} rad")
     return Motion(t, size * theta, tuple(notes))
+
+
+def contradiction(t: np.ndarray, theta: np.ndarray, unit: str) -> str:
+    """A remark if the period of one link changes with the amplitude as in another unit than the stated one."""
+    if unit == "mrad" or theta.shape[1] > 1:
+        return ""
+    shown, gain = unit_of_angle(t, theta[:, 0], main_period(t, theta))
+    if shown in (None, unit) or gain in (0.0, np.inf):
+        return ""
+    return f", but the period grows with the amplitude as in {shown}: check the unit, --unit {shown}"
 
 
 def decide_unit(file: str, t: np.ndarray, theta: np.ndarray) -> tuple[str, str]:

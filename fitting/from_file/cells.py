@@ -19,6 +19,8 @@ from fitting.traces.lines import read_lines
 #: Rows that decide between separators, and the fraction of their cells that must be numbers.
 TRIED = 200
 NUMBERS = 0.5
+#: What a file without samples lacks.
+NO_ROWS = "has fewer than two rows of numbers. Give a text file with a row per sample: time and angle"
 #: Text of a missing sample.
 MISSING = ("", "nan", "na", "n/a", "null", "none", "-", "--", "inf", "-inf", "#n/a", "#nv")
 #: Hours, minutes and seconds, after a date or alone.
@@ -48,7 +50,7 @@ def read_cells(path: Path) -> Cells:
     """The numbers of a file.
 
     Raises:
-        SceneError: a file that cannot be read, is not text, is too large or has no rows of numbers.
+        SceneError: a file that cannot be read, is not text, is too large or has fewer than two rows of numbers.
     """
     lines = read_lines(path)
     separator, comma = separator_of(path.name, lines)
@@ -56,7 +58,7 @@ def read_cells(path: Path) -> Cells:
     good = [is_sample(row, comma) for row in rows]
     widths = Counter(map(len, compress(rows, good)))
     if widths.total() < 2:
-        raise SceneError(f"{path.name}: has no rows of numbers. Give a text file with a row per sample: time and angle")
+        raise SceneError(f"{path.name}: {NO_ROWS}")
     width = widths.most_common(1)[0][0]
     samples = []
     before: list[list[str]] = []
@@ -96,7 +98,7 @@ def separator_of(file: str, lines: Sequence[str]) -> tuple[str | None, bool]:
         if score > NUMBERS / 2 and (best is None or score > best[0]):
             best = score, separator, bool(decimals)
     if best is None:
-        raise SceneError(f"{file}: has no rows of numbers. Give a text file with a row per sample: time and angle")
+        raise SceneError(f"{file}: {NO_ROWS}")
     if best[1] == "," and best[0] > 0.9:
         check_commas(file, [split(line, ",") for line in middle])
     return best[1], best[2]

@@ -297,9 +297,11 @@ def test_run_with_errors_prints_loads_with_what_they_are_off_by(tmp_path, printe
         (["--errors", "--skip", "nan"], "--skip: nan is out of range"),
         (["--errors", "--skip", "0.09"], "needed: at least 3"),
         (["--skip", "0.02"], "can only be left out together with --errors"),
+        (["--errors", "--verify"], "companion: 'finer' (--verify) is not used with errors"),
+        (["--verify", "--no-companion"], "not allowed with argument --verify"),
     ],
 )
-def test_a_skip_that_leaves_nothing_or_belongs_to_nothing_is_refused(options, said, tmp_path, refused):
+def test_options_that_leave_nothing_or_exclude_each_other_are_refused(options, said, tmp_path, refused):
     scene = tmp_path / "scene.toml"
     scene.write_text(GOOD, encoding="utf-8")
     assert said in refused(["run", str(scene), *options, "--quiet"])

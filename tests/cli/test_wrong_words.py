@@ -10,12 +10,13 @@ from fitting.farm.site import site_text
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """A scene, a site, an empty table, a table without rows."""
+    """A scene, a site, a table without rows, a folder that is not a saved run."""
     found = tmp_path_factory.mktemp("words")
     for kind in ("longline", "mussels"):
         (found / f"{kind}.toml").write_text(template(kind), encoding="utf-8")
     (found / "site.toml").write_bytes(site_text("small-longline"))
     (found / "empty.csv").write_text("hs,tp\n", encoding="utf-8")
+    (found / "other.zarr").mkdir()
     return found
 
 
@@ -36,6 +37,10 @@ def folder(tmp_path_factory):
             "design paper-case-4 --vary line.chain.length=52:51 --target tension.chain.last --value 3730",
             "vary: line.chain.length: 52 to 51 is an empty range",
         ),
+        ("sweep string --vary b_l=0,1 --vary b_l=2,3 --out x.zarr", "--vary: 'b_l' is given twice; allowed: every"),
+        ("sensitivity string --of tension.max --to b_l --range b_l=0:1", "--range: requires --global sobol or morris"),
+        ("sensitivity string --of tension.max --to b_l --check --global sobol", "--check: derivatives are not part of"),
+        ("run string --out other.zarr", "other.zarr: exists and is not a saved run. Use a new folder"),
         ("sweep string --listed x.csv --out x.zarr", "unrecognized arguments: --listed x.csv"),
         ("growth mussels.toml --months 13", "--months: 13 is out of range; allowed: 0 to 12 months"),
         ("growth longline.toml", "`density`, as `dropper new mussels` writes"),

@@ -97,6 +97,15 @@ def test_wear_by_the_derivative_is_that_of_another_equilibrium(answers):
     assert row.worn_use == pytest.approx(row.use, rel=0.02)
 
 
+def test_wear_of_a_straight_table_is_that_of_its_stiffness(answers):
+    scene = chain(120.0, 160.0)
+    scene["line"][0]["axial"] = {"law": "tabulated", "strain": [0.0, 0.5], "tension": [0.0, 1.5e8], "damping": 4e6}
+    (row,) = explain(dj.load_scene(scene), dj.equilibrium(scene)).wear
+    (expected,) = answers.wear
+    assert row.by_equilibrium_n == pytest.approx(expected.by_equilibrium_n, rel=1e-6)
+    assert row.by_derivative_n == pytest.approx(expected.by_derivative_n, rel=1e-6)
+
+
 @pytest.mark.check
 def test_a_line_that_hangs_straight_down_is_too_long(json_of, tmp_path):
     file = tmp_path / "long.toml"

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dropper_jax import Scene, SceneError, Solution, build_model, cli, equilibrium, load_scene
+from dropper_jax import Scene, SceneError, Solution, as_toml, build_model, cli, equilibrium, load_scene
 from dropper_jax.base.files import read_lines
 from dropper_jax.load.expressions import evaluate
 from dropper_jax.load.paths import set_value
@@ -95,6 +95,7 @@ BAD = [
     ("run.dt", -0.01, "run.dt: -0.01 is out of range", "> 0 s"),
     ("run.duration", 0, "run.duration: 0 is out of range", "> 0 s"),
     ("run.duration", 0.001, "run.duration: 0.001 is shorter than the step", "0.01 s"),
+    ("run.save_interval", 500.0, "run.save_interval: 500.0 s is longer than the run", "at most its duration"),
     ("run.gamma", 1.5, "run.gamma: 1.5 is out of range", "0 to 1"),
     ("run.dtype", "float16", "run.dtype: 'float16' is unknown", "float64, float32"),
     ("point.1.kind", "fixd", "point.1.kind: 'fixd' is unknown", "'fixed'"),
@@ -213,6 +214,17 @@ def test_a_file_that_is_no_toml_is_refused_with_file_and_line(content, words, tm
     file.write_bytes(content)
     with pytest.raises(SceneError, match=words):
         load_scene(file)
+
+
+def test_files_that_windows_marks_as_utf_8_are_read_as_others(tmp_path):
+    text = as_toml(load_scene("dropper-release-a"))
+    (tmp_path / "plain.toml").write_text(text, encoding="utf-8")
+    (tmp_path / "marked.toml").write_text(text, encoding="utf-8-sig")
+    assert load_scene(tmp_path / "marked.toml") == load_scene(tmp_path / "plain.toml")
+
+
+def test_what_is_not_a_scene_is_refused(refusal):
+    assert refusal(load_scene, None) == "scene: None is not a scene; allowed: a name, a file, a table, or a Scene"
 
 
 def test_missing_file_and_folder_are_refused(tmp_path, refusal):

@@ -11,6 +11,7 @@ import pytest
 from dropper_jax import SceneError, report_run, report_runs, write_vtk
 from dropper_jax.cli import main
 from dropper_jax.evaluation.extremes import Gumbel, fit_gumbel, storm_extreme
+from dropper_jax.report.text import markdown
 
 pytest.importorskip("rainflow")
 
@@ -56,6 +57,18 @@ def test_extremes_need_three_runs_that_differ_in_their_seed_alone(longline):
     assert "same maximum" in same["skipped"]
     runs["0.npz"].settings["dt"] = 0.05
     assert "run.dt" in report_runs(runs)["extremes"]["skipped"]
+
+
+def test_steps_that_follow_an_accuracy_are_not_reported_as_the_interval_of_samples(longline):
+    equal = longline()
+    equal.settings["dt"] = 0.02
+    accurate = longline()
+    accurate.settings.update(dt=0.1, accuracy=0.02)  # `dt` of such a run is the interval between saved states
+    found = report_runs({"equal.npz": equal, "accurate.npz": accurate})
+    assert found["spread"]["dt_s"] == [0.02, None]
+    assert found["spread"]["accuracy"] == [None, 0.02]
+    overview = [line.split(" | ")[-1] for line in markdown(found, [{}, {}]).splitlines() if "npz | ok" in line]
+    assert overview == ["0.02 |", "by accuracy 0.02 |"]
 
 
 # --- what is bad, and what reaches the disk -------------------------------------------------------------------------

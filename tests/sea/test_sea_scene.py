@@ -122,6 +122,8 @@ def test_a_scene_has_one_gravity_whichever_section_gives_it():
         ("period_s,amplitude_m\n3,x\n", "line 2: '3,x' is not all numbers"),
         ("period_s,amplitude_m\n-3,1\n", "period_s of component 1 is -3; allowed: > 0"),
         ("period_s,amplitude_m\n", "has no rows"),
+        ("period_s,frequency_hz,amplitude_m\n6,1,0.5\n", "component 1: frequency_hz 1 is not 1/period_s, 0.1667 Hz"),
+        ("period_s,period_s,amplitude_m\n6,6,0.5\n", "allowed: every column once"),
     ],
 )
 def test_component_files_with_wrong_columns_are_named(tmp_path, text, problem, refusal):
@@ -130,6 +132,13 @@ def test_component_files_with_wrong_columns_are_named(tmp_path, text, problem, r
     message = refusal(dj.build, changed(sea__waves={"kind": "components", "file": str(file)}))
     assert message.startswith("sea.waves.file")
     assert problem in message
+
+
+def test_a_direction_next_to_a_file_with_directions_is_refused(tmp_path, refusal):
+    file = tmp_path / "sea.csv"
+    file.write_text("period_s,amplitude_m,phase_rad,direction_rad\n6,0.5,0,1.5\n")
+    waves = {"kind": "components", "file": str(file), "direction": 0.2}
+    assert refusal(dj.build, changed(sea__waves=waves)).startswith("sea.waves.direction: given twice")
 
 
 def test_component_files_are_read_with_periods_before_frequencies(tmp_path):

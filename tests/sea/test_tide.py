@@ -82,6 +82,18 @@ BAD = [
         {"current": {"kind": "table", "heights": [-9, 0], "velocities": [[0, 0, 0]] * 2, "veer": 0.1}},
         "sea.current.veer: given with kind 'table'",
     ),
+    (
+        {"current": {"speed": 1.0, "exponent": 0.2}},
+        "sea.current.exponent: not used by kind 'uniform'; allowed: with power",
+    ),
+    (
+        {"current": {"kind": "table", "heights": [-9, 0], "velocities": [[0, 0, 0]] * 2, "direction": 0.5}},
+        "sea.current.direction: not used by kind 'table'; allowed: with uniform, power",
+    ),
+    (
+        {"current": {"kind": "power", "speed": 1.0, "reference": -30.0}},
+        "sea.current.reference: -30.0 is not above the seabed; allowed: above -20 m",
+    ),
 ]
 
 

@@ -20,6 +20,13 @@ def lab():
     return model, s, stepper, run
 
 
+def test_a_number_of_steps_that_is_none_is_refused(lab):
+    model, s, stepper, _ = lab
+    for steps in (0, 2.5):
+        with pytest.raises(ValueError, match=f"steps: {steps} is not a number of steps; allowed: a whole number >= 1"):
+            dj.integrate(stepper, model, s, 0.005, steps)
+
+
 def test_a_state_that_is_not_a_number_is_reported_at_the_first_step(lab):
     _, s, _, run = lab
     result = run(replace(s, r=s.r.at[2, 1].set(jnp.nan)), 0.005)

@@ -78,6 +78,8 @@ def test_fit_prints_the_agreed_json_and_writes_the_report(files, call, printed):
         (["--start", "b_l=-1"], "is out of bounds"),
         (["--start", "b_l=1", "--start", "b_l=2"], "'b_l' is given twice"),
         (["--bootstrap", "0"], "is not positive"),
+        (["--huber", "2", "--student"], "--huber, --student: cannot be combined; allowed: one of them"),
+        (["--from", "8", "--until", "3"], "--until: 3 is not after --from 8; allowed: > 8 s"),
         (["--bootstrap", "1"], "are too few; allowed: 0 or at least 2"),
         (["--method", "gradient", "--optimizer", "adm"], "optimizer: 'adm' is unknown; did you mean 'adam'"),
         (["--optimizer", "adam"], "optimizer: 'adam' is not a setting of method 'shooting'. Use method gradient"),
@@ -86,6 +88,10 @@ def test_fit_prints_the_agreed_json_and_writes_the_report(files, call, printed):
 )
 def test_what_a_user_can_mend_is_one_line_and_exit_code_2(call, refused, more, words):
     assert words in refused([*call, "--quiet", *more])
+
+
+def test_a_file_given_twice_is_not_counted_as_two_runs(call, refused):
+    assert "run.csv' is given twice; allowed: every file once" in refused([call[0], call[1], *call[1:], "--quiet"])
 
 
 @pytest.mark.check

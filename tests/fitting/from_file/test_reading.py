@@ -40,6 +40,13 @@ def test_unit_of_angle_follows_from_the_period_without_a_name(tmp_path):
         assert any(f"angle in {unit}" in note for note in found.notes), unit
 
 
+def test_a_unit_that_the_period_contradicts_is_noted(tmp_path):
+    file = write(tmp_path / "a.csv", ["t,signal"], np.stack([T, PHI], axis=1))
+    note = "angle in deg, but the period grows with the amplitude as in rad: check the unit, --unit rad"
+    assert note in read_measured(file, Given(unit="deg")).notes
+    assert "angle in rad" in read_measured(file, Given(unit="rad")).notes
+
+
 def test_a_repeated_a_swapped_and_a_restarted_row_are_said(tmp_path):
     rows = np.stack([T, PHI], axis=1)
     rows = np.insert(rows, 500, rows[500], axis=0)

@@ -47,7 +47,7 @@ from dropper_jax import (
 )
 from dropper_jax.effects.spar_buoys import SparBuoys
 from dropper_jax.sea import Motion
-from dropper_jax.stepping.integrate import observe
+from dropper_jax.stepping.observe import observe
 
 # [s]: the whole run, and from where on it counts as settled
 SPAN = 150.0

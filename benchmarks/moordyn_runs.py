@@ -19,9 +19,9 @@ from dropper_jax import Model, Scene, State, load_scene, write_moordyn
 from dropper_jax.residual import Stepper
 from dropper_jax.run.build import build, stepper_of
 from dropper_jax.sea.make import make_sea
-from dropper_jax.stepping.adaptive import adaptive_start, advance_adaptively
-from dropper_jax.stepping.control import advance_over
-from dropper_jax.stepping.integrate import begin
+from dropper_jax.stepping.adaptive import follow_and_save
+from dropper_jax.stepping.halving import advance_over
+from dropper_jax.stepping.progress import begin
 
 #: Time between rows [s], in both codes.
 SAMPLE = 0.1
@@ -132,23 +132,20 @@ def _march(
         return after.tension, after.t
 
     def advance(carry):
-        _, s, alive, again = carry
+        progress, s, alive, again = carry
         taken = advance_over(stepper, model, s, dt, alive)
         tension = taken.state.tension[ends]
         good = alive & ~taken.failed
-        return (None, taken.state, good, again + taken.retried), (tension, tension**2, tension, tension)
+        return (progress, taken.state, good, again + taken.retried), (tension, tension**2, tension, tension)
 
     def follow(carry):
-        adaptive, (row, within) = advance_adaptively(stepper, model, carry[0], dt, accuracy, 1, watch=link_tensions)
-        done = adaptive.progress
-        between = (within.mean, within.square, row.extremes.least, row.extremes.largest)
-        return (adaptive, done.state, done.first_bad < 0, adaptive.refused), tuple(a[0, ends] for a in between)
+        done, row = follow_and_save(stepper, model, carry[0], dt, accuracy, link_tensions)
+        between = (row.within.mean, row.within.square, row.extremes.least, row.extremes.largest)
+        return (done, done.state, done.first_bad < 0, done.control.refused), tuple(a[ends] for a in between)
 
-    first = begin(stepper, model, s)
-    adaptive = None
+    first = begin(stepper, model, s, follows=accuracy is not None)
     if accuracy is not None:
         advance = follow
-        adaptive = adaptive_start(stepper, model, first)
 
     def one(_: jax.Array, inner):
         carry, total, square, least, most = inner
@@ -163,7 +160,7 @@ def _march(
         place = model.geometry.everywhere(s.r, model.ends(s.t).positions)[model.geometry.last[last_link]]
         return carry, (total / every, square / every, least, most, place, alive)
 
-    carry = (adaptive, first.state, jnp.array(True), jnp.zeros((), jnp.int32))
+    carry = (first, first.state, jnp.array(True), jnp.zeros((), jnp.int32))
     (*_, again), rows = jax.lax.scan(save, carry, None, length=saves)
     return again, rows
 

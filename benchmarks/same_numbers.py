@@ -32,7 +32,7 @@ import numpy as np
 from study import command, timed
 
 import dropper_jax as dj
-from dropper_jax.stepping.control import advance_over
+from dropper_jax.stepping.halving import advance_over
 
 LIMIT = 1e-12
 STATES = 20

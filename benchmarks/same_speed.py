@@ -63,7 +63,8 @@ def serve(case: dict[str, Any]) -> None:
     import jax.numpy as jnp
 
     import dropper_jax as dj
-    from dropper_jax.stepping.integrate import advance, begin
+    from dropper_jax.stepping.integrate import advance
+    from dropper_jax.stepping.progress import begin
 
     model, start = dj.build(case.get("scene") or dropper(case["links"], case["dt"]))
     if "links" in case:  # thrown out of its plane with 1 m/s in the middle

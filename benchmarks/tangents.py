@@ -3,7 +3,7 @@
     python benchmarks/tangents.py --seeds 1 2 --out benchmarks/results/tangents.json
 
 Each kind of scene draws its sizes, sea and ropes from the seed. The derivatives of a mean tension by five numbers are
-those of `dj.integrate_adaptively` with `stepper.tangent`, over 60 s. Differences are those of `dropper sensitivity`:
+those of `dj.integrate` with an accuracy and `stepper.tangent`, over 60 s. Differences are those of `dropper sensitivity`:
 runs of the same steps at 1 % of a number (0.6 % of a length), with an error from 0.3 % (0.2 %). s and tau of the law
 were chosen on other scenes.
 """
@@ -229,9 +229,9 @@ def derivatives(problem: Study, base: StudyRuns, tangent: SlackTangent | None) -
     def run(values: jax.Array, floats: list[jax.Array]) -> tuple[jax.Array, jax.Array]:
         model = apply(problem.model, problem.parameters, values)
         s = with_floats(start, floats)
-        rows = dj.integrate_adaptively(stepper, model, s, settings.interval, settings.rows, accuracy, most, warn=False)[
-            1
-        ]
+        _, rows = dj.integrate(
+            stepper, model, s, settings.interval, settings.rows, accuracy=accuracy, most=most, warn=False
+        )
         return measure_rows(problem.of, model, s, rows, s.t + times, None), rows.r
 
     def along(direction: jax.Array, floats: list[jax.Array]) -> tuple[tuple[jax.Array, jax.Array], ...]:

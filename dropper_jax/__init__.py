@@ -7,7 +7,7 @@ The way of one step:
     model, state     model.Model, model.State          pytrees: what is constant, and what a step changes
       |
       | stepping.integrate                             a run is a scan of steps
-      |   stepping.control.advance_over                one step, or shorter ones where it does not converge
+      |   stepping.halving.advance_over                one step, or shorter ones where it does not converge
       |     residual.step.step
       |       integrators/   problem(model, state, h)  the scheme writes the residual R(u) = 0 of the step
       |         effects/, axial/, sea/                 with forces, laws of tension, water
@@ -44,9 +44,7 @@ PUBLIC = {
     "Solution": "run.simulate",
     "State": "model.state",
     "Stepper": "residual.step",
-    "Trajectory": "stepping.integrate",
-    "adaptive_step_lengths": "stepping.adaptive",
-    "integrate_adaptively": "stepping.adaptive",
+    "Trajectory": "stepping.progress",
     "as_toml": "base.toml_text",
     "build": "run.build",
     "build_model": "run.build",

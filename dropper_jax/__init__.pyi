@@ -51,10 +51,8 @@ from dropper_jax.statics.modes import natural_modes as natural_modes
 from dropper_jax.statics.modes import natural_periods as natural_periods
 from dropper_jax.statics.static_pose import settle as settle
 from dropper_jax.statics.stiffness import mooring_stiffness as mooring_stiffness
-from dropper_jax.stepping.adaptive import adaptive_step_lengths as adaptive_step_lengths
-from dropper_jax.stepping.adaptive import integrate_adaptively as integrate_adaptively
-from dropper_jax.stepping.integrate import Trajectory as Trajectory
 from dropper_jax.stepping.integrate import integrate as integrate
 from dropper_jax.stepping.integrate import step_lengths as step_lengths
+from dropper_jax.stepping.progress import Trajectory as Trajectory
 from dropper_jax.stepping.stepper import make_stepper as make_stepper
 from dropper_jax.study.gradient_check import check_gradient as check_gradient

@@ -74,8 +74,8 @@ from dropper_jax import Solution  # noqa: E402
 from dropper_jax.backend.programs import STORE, memory_maps, return_memory  # noqa: E402
 from dropper_jax.cli import main  # noqa: E402
 from dropper_jax.solvers import SOLVERS  # noqa: E402
-from dropper_jax.stepping.control import advance_over  # noqa: E402
-from dropper_jax.stepping.integrate import begin  # noqa: E402
+from dropper_jax.stepping.halving import advance_over  # noqa: E402
+from dropper_jax.stepping.progress import begin  # noqa: E402
 
 # JAX's own cache knows programs by their content, so that tests may replace parts of the packages.
 jax.config.update("jax_compilation_cache_dir", str(KEPT / "compiled"))

@@ -33,9 +33,10 @@ from dropper_jax.run.samples import Kind
 from dropper_jax.run.step_extremes import extremes_by_signal, saved_signal
 from dropper_jax.run.variables import EXTREMES
 from dropper_jax.scene import RunSpec
-from dropper_jax.stepping.control import DRIFT_LIMIT
 from dropper_jax.stepping.extremes import Extremes
-from dropper_jax.stepping.integrate import Observed, Progress, Trajectory, observe
+from dropper_jax.stepping.halving import DRIFT_LIMIT
+from dropper_jax.stepping.observe import Observed, observe
+from dropper_jax.stepping.progress import Trajectory
 from dropper_jax.stepping.step_change import STEP_CHANGES, books_changes
 from dropper_jax.stepping.step_control import allowed_error
 
@@ -96,7 +97,7 @@ def _observe_run(kind: type[Kind], prepared: PreparedRun, run: Trajectory) -> Ki
     interval = scene.run.interval
     dt = interval / scene.run.save_every
     start = prepared.first.row
-    before = int(prepared.first.carry.steps_done)
+    before = int(prepared.first.carry.done)
     good = int(np.sum(run.first_bad < 0))  # a step that failed stays the first bad one
     kept = jax.tree.map(lambda a: a[:good], run)
     t = since.origin_s + (since.saves + np.arange(good + 1)) * interval
@@ -242,22 +243,22 @@ def _with_step_extremes(solution: Kind, extremes: Extremes | None, prepared: Pre
 
 def _with_adaptive_steps(solution: Kind, prepared: PreparedRun, outcome: RunOutcome) -> Kind:
     """The solution with mean squares between saved times and counts of steps, if the run follows an accuracy."""
-    start = prepared.first.carry
-    carry = outcome.carry
-    within = outcome.beside
-    accuracy = solution.scene.run.accuracy
-    if accuracy is None or within is None or isinstance(carry, Progress) or isinstance(start, Progress):
+    start = prepared.first.carry.control
+    control = outcome.carry.control
+    within = outcome.trajectory.within
+    if within is None or control is None or start is None:
         return solution
+    accuracy = solution.scene.run.accuracy
     scheme = prepared.stepper.integrator
     model = prepared.model
     run = outcome.trajectory
     good = len(solution.t) - 1
     steps = within.steps[:good]
     interval = solution.settings["dt"]
-    shortest = int(carry.shortest) - int(start.shortest)
+    shortest = int(control.shortest) - int(start.shortest)
     taken = {
         "steps": int(np.sum(steps)),
-        "refused_steps": int(carry.refused) - int(start.refused),
+        "refused_steps": int(control.refused) - int(start.refused),
         "shortest_steps": shortest,
         "accuracy": accuracy,
     }

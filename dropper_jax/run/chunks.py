@@ -9,6 +9,7 @@ from __future__ import annotations
 import shutil
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -25,9 +26,9 @@ from dropper_jax.residual import Stepper
 from dropper_jax.run.end_of_run import Last, Row, last_row, name_leaves
 from dropper_jax.run.row_store import InMemory
 from dropper_jax.scene import RunSpec
-from dropper_jax.stepping.adaptive import Adaptive, Within, adaptive_start, advance_adaptively
 from dropper_jax.stepping.extremes import Watch
-from dropper_jax.stepping.integrate import Progress, Trajectory, advance, begin
+from dropper_jax.stepping.integrate import advance
+from dropper_jax.stepping.progress import Progress, Trajectory, begin
 
 #: Fraction of the free memory that a run may use.
 MEMORY_SHARE = 0.9
@@ -86,26 +87,22 @@ CHUNK_SIZES = (1, 2, 16, 128, 1024)
 #: Accuracy of a companion over that of its run, or the inverse; its steps or intervals are half or twice as long.
 FACTOR = 4.0
 
-#: The state carried from chunk to chunk, and the data on its steps in addition to the trajectory.
-Carry = Progress | Adaptive
-Beside = Within | None
 #: A carry, the maximum number of saves, and 0 for the run, 1 for its finer companion, -1 for the coarser one -> the
 #: carry after them, the saved states.
-Advance = Callable[[Any, int, int], tuple[Any, tuple[Trajectory, Beside]]]
+Advance = Callable[[Progress, int, int], tuple[Progress, Trajectory]]
 
 # Compiled once for all calls: a second run that differs in values only is not compiled again.
 _advance = cached_jit(static=("stepper", "saves", "save_every"), kernel=True)(advance)
-_advance_adaptively = cached_jit(static=("stepper", "saves"), kernel=True)(advance_adaptively)
 
 
 class Program(NamedTuple):
     """A compiled run: its first carry, what continues it, and in words what it or its companion follows."""
 
-    carry: Carry
+    carry: Progress
     advance: Advance
     words: Callable[[int], str]
 
-    def go_on(self, carry: Carry, left: int) -> tuple[Carry, tuple[Trajectory, Beside]]:
+    def go_on(self, carry: Progress, left: int) -> tuple[Progress, Trajectory]:
         """The carry after at most this number of saves, and the saved states."""
         return self.advance(carry, left, 0)
 
@@ -125,7 +122,7 @@ class Companion(NamedTuple):
         """What it follows."""
         return self.program.words(1 if self.finer else -1)
 
-    def go(self, saves: int) -> Iterator[tuple[Trajectory, Beside]]:
+    def go(self, saves: int) -> Iterator[Trajectory]:
         """Its rows, in pieces, for this number of saves of the first run; ends early if a step fails."""
         level = 1 if self.finer else -1
         left = 2 * saves if self.finer else saves // 2
@@ -134,7 +131,7 @@ class Companion(NamedTuple):
             carry, piece = self.program.advance(carry, left, level)
             if carry.has_failed:
                 return
-            left -= len(piece[0].r)
+            left -= len(piece.r)
             yield piece
 
 
@@ -143,80 +140,69 @@ class RunOutcome(NamedTuple):
     one stopped it."""
 
     trajectory: Trajectory
-    beside: Beside
-    carry: Carry
+    carry: Progress
     run_s: float
     interrupted: bool
     refused: str = ""
 
 
-def first_carry(stepper: Stepper, model: Model, start: State, run: RunSpec) -> Carry:
+def first_carry(stepper: Stepper, model: Model, start: State, run: RunSpec) -> Progress:
     """The carry of a run that starts at `start`."""
-    return _first_carry(stepper, model, start, run.accuracy is not None)
+    return _begin(stepper, model, start, run.accuracy is not None)
 
 
-@cached_jit(static=("stepper", "follows"))
-def _first_carry(stepper: Stepper, model: Model, start: State, follows: bool) -> Carry:
-    """One program: its sixty small operations would be compiled one by one at each start of a process.
-
-    Args:
-        follows: whether the steps follow an accuracy.
-    """
-    progress = begin(stepper, model, start)
-    if not follows:
-        return progress
-    return adaptive_start(stepper, model, progress)
+# One program: its sixty small operations would be compiled one by one at each start of a process.
+_begin = cached_jit(static=("stepper", "follows"))(begin)
 
 
-def compile_run(stepper: Stepper, model: Model, carry: Carry, run: RunSpec, watch: Watch | None = None) -> Program:
+def compile_run(stepper: Stepper, model: Model, carry: Progress, run: RunSpec, watch: Watch | None = None) -> Program:
     """The compiled program of a run from a carry.
 
     Args:
         watch: signals whose extremes over all steps are saved, a pytree; see `stepping.extremes`.
     """
-    if run.accuracy is None or isinstance(carry, Progress):
-        return _equal_steps(stepper, model, carry, run, watch)
-    own = run.accuracy
-    saves = max(size for size in CHUNK_SIZES if size == 1 or size * MIN_CHUNKS <= run.rows)
+    saves = _chunk_size(carry.state, run)
 
-    def settings(level: int) -> tuple[Array, Array]:
+    def steps(level: int) -> tuple[Array, Array | None]:
+        """Step, or interval and accuracy, of the run or a companion."""
+        length = run.step if run.accuracy is None else run.interval
         # steps end at the saved times: with the interval of the run those of both would be equal where it is short
-        interval = jnp.asarray(run.interval / 2.0**level, model.dtype)
-        return interval, jnp.asarray(min(own / FACTOR**level, 1.0), model.dtype)
+        return jnp.asarray(length / 2.0**level, model.dtype), _array(_accuracy(run, level), model)
 
     none = np.int32(0)
-    program = _advance_adaptively.program(stepper, model, carry, *settings(0), count=none, watch=watch, saves=saves)
-
-    def advance(carry: Carry, left: int, level: int) -> tuple[Carry, tuple[Trajectory, Beside]]:
-        count = min(saves, left)  # never beyond the end, where the run may go on
-        after, rows = program(model, carry, *settings(level), np.int32(count), watch)
-        return after, _first_rows(rows, count)
-
-    return Program(carry, advance, lambda level: f"a run with accuracy {min(own / FACTOR**level, 1.0):.2g}")
-
-
-def _equal_steps(stepper: Stepper, model: Model, carry: Carry, run: RunSpec, watch: Watch | None) -> Program:
-    """A run of equal steps; one that does not converge is halved."""
-    saves = _chunk_size(carry.state)
-    dt = jnp.asarray(run.step, model.dtype)
-    none = np.int32(0)
+    dt, accuracy = steps(0)
     settings = {"saves": saves, "save_every": run.save_every}
-    program = _advance.program(stepper, model, carry, dt, count=none, watch=watch, **settings)
+    program = _advance.program(stepper, model, carry, dt, accuracy=accuracy, count=none, watch=watch, **settings)
 
-    def advance(carry: Carry, left: int, level: int) -> tuple[Carry, tuple[Trajectory, Beside]]:
-        count = min(saves, left)
-        dt = jnp.asarray(run.step / 2.0**level, model.dtype)
-        after, rows = program(model, carry, dt, np.int32(count), watch)
-        return after, (_first_rows(rows, count), None)
+    def advance(carry: Progress, left: int, level: int) -> tuple[Progress, Trajectory]:
+        count = min(saves, left)  # never beyond the end, where the run may go on
+        dt, accuracy = steps(level)
+        after, rows = program(model, carry, dt, accuracy, np.int32(count), watch)
+        return after, jax.tree.map(lambda a: np.array(np.asarray(a)[:count]), rows)
 
-    return Program(carry, advance, lambda level: f"a run with steps of {run.step / 2.0**level:.4g} s")
-
-
-def _first_rows(rows: Any, count: int) -> Any:
-    return jax.tree.map(lambda a: np.array(np.asarray(a)[:count]), rows)
+    return Program(carry, advance, partial(_steps_in_words, run))
 
 
-def _chunk_size(s: State) -> int:
+def _accuracy(run: RunSpec, level: int) -> float | None:
+    """Accuracy of the run or a companion; None if its steps are equal."""
+    return None if run.accuracy is None else min(run.accuracy / FACTOR**level, 1.0)
+
+
+def _array(value: float | None, model: Model) -> Array | None:
+    return None if value is None else jnp.asarray(value, model.dtype)
+
+
+def _steps_in_words(run: RunSpec, level: int) -> str:
+    accuracy = _accuracy(run, level)
+    if accuracy is None:
+        return f"a run with steps of {run.step / 2.0**level:.4g} s"
+    return f"a run with accuracy {accuracy:.2g}"
+
+
+def _chunk_size(s: State, run: RunSpec) -> int:
+    """Maximum number of saves of a chunk."""
+    if run.accuracy is not None:
+        return max(size for size in CHUNK_SIZES if size == 1 or size * MIN_CHUNKS <= run.rows)
     size = _bytes((s.r, s.v, s.tension, s.work, s.parted, s.own))
     return max(1, min(MOST_SAVES, 2 ** int(np.log2(max(CHUNK_BYTES / max(size, 1), 1.0)))))
 
@@ -237,8 +223,8 @@ def run_chunks(run: Program, saves: int, say: Callable[[float, str], None], rows
         while at[1] < saves and not at[0].has_failed:
             chunk_started = time.perf_counter()
             carry, piece = run.go_on(at[0], min(count, saves - at[1]))
-            rows.append(at[1], (jax.tree.map(np.asarray, piece), name_leaves(Last(last_row(piece[0]), carry))))
-            at = carry, at[1] + len(piece[0].r)
+            rows.append(at[1], (jax.tree.map(np.asarray, piece), name_leaves(Last(last_row(piece), carry))))
+            at = carry, at[1] + len(piece.r)
             say(min(at[1] / saves, 1.0), f"t = {float(carry.t):.3g} s")
             longer = SECONDS / max(time.perf_counter() - chunk_started, 1e-9)
             count = min(max(1, int(count * min(longer, LONGER))), max(1, saves // MIN_CHUNKS))
@@ -249,5 +235,4 @@ def run_chunks(run: Program, saves: int, say: Callable[[float, str], None], rows
         if isinstance(error, OSError):
             refused = f"stopped: {error.strerror or error}"
     run_s = time.perf_counter() - started
-    joined, beside = rows.read(at[1])
-    return RunOutcome(joined, beside, at[0], run_s, interrupted, refused)
+    return RunOutcome(rows.read(at[1]), at[0], run_s, interrupted, refused)

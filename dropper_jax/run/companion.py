@@ -35,8 +35,7 @@ from dropper_jax.run.chunks import FACTOR, Companion, Program, RunOutcome
 from dropper_jax.run.row_store import Rows
 from dropper_jax.run.samples import TOO_LONG, Kind, Samples, is_finished
 from dropper_jax.scene import RunSpec, whole_lines
-from dropper_jax.stepping.adaptive import Within
-from dropper_jax.stepping.integrate import Trajectory
+from dropper_jax.stepping.progress import Trajectory
 
 #: Travel as a fraction of the longest line below which nodes are at rest.
 TRAVEL_AT_REST = 1e-3
@@ -73,12 +72,12 @@ class Tensions(NamedTuple):
     maximum: np.ndarray
 
     @classmethod
-    def of(cls, rows: Trajectory, within: Within | None) -> Tensions:
+    def of(cls, rows: Trajectory) -> Tensions:
         """Those of saved states."""
         tension = np.asarray(rows.tension)
         square = tension**2
-        if within is not None:
-            square = np.asarray(within.square)
+        if rows.within is not None:
+            square = np.asarray(rows.within.square)
         top = tension
         if rows.extremes is not None:
             top = np.asarray(rows.extremes.largest[:, : tension.shape[1]])
@@ -157,8 +156,8 @@ def state_errors(solution: Samples, companion: Companion, outcome: RunOutcome) -
     distance = []
     turned = []
     done = 0
-    for piece, within in companion.go(len(rows.r)):
-        parts.append(Tensions.of(piece, within))
+    for piece in companion.go(len(rows.r)):
+        parts.append(Tensions.of(piece))
         shared = piece.r[(stride - 1 - done) % stride :: stride]
         first = done // stride
         apart = np.asarray(shared - run[first : first + len(shared)])
@@ -186,7 +185,7 @@ def state_errors(solution: Samples, companion: Companion, outcome: RunOutcome) -
     interval = solution.settings["dt"] * solution.settings["save_every"] * every
     return StatedErrors(
         companion=companion.words,
-        lines=_lines(solution, Tensions.of(rows, outcome.beside), _together(parts), factor),
+        lines=_lines(solution, Tensions.of(rows), _together(parts), factor),
         positions=positions,
         chaotic_from_s=chaotic_from_s,
         angles_rad=estimate * _angle_error(solution, np.concatenate(turned)[:chaos], interval),

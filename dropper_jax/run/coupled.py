@@ -26,7 +26,6 @@ from dropper_jax.run.coupled_lines import (
     coupled_points,
 )
 from dropper_jax.run.end_of_run import name_leaves, restore_carry, same_scene
-from dropper_jax.stepping.adaptive import Adaptive
 
 _step = cached_jit(kernel=True)(CoupledLines.step)
 _follow = cached_jit(kernel=True)(CoupledLines.follow)
@@ -185,8 +184,8 @@ class Coupled:
     @property
     def unresolved(self) -> int:
         """Number of inner steps so far of the shortest length, whose error is larger than the accuracy allows."""
-        progress = self._state().progress
-        return int(progress.shortest) if isinstance(progress, Adaptive) else 0
+        control = self._state().progress.control
+        return 0 if control is None else int(control.shortest)
 
     @property
     def forces(self) -> np.ndarray:

@@ -20,8 +20,9 @@ from dropper_jax.model import Displacement, Model, State
 from dropper_jax.residual import Stepper
 from dropper_jax.run.build import SceneLike, build_model, initial_state, stepper_of
 from dropper_jax.run.coupled_forces import half_link_mass, point_forces
-from dropper_jax.stepping.adaptive import Adaptive, adaptive_start, advance_adaptively
-from dropper_jax.stepping.integrate import Progress, begin, next_progress
+from dropper_jax.stepping.adaptive import follow_and_save
+from dropper_jax.stepping.equal_steps import next_progress
+from dropper_jax.stepping.progress import Progress, begin
 
 Array = Array | np.ndarray
 Vectors = Sequence[Sequence[float]] | Array
@@ -38,7 +39,7 @@ class PointMotion(NamedTuple):
 class CoupledState(NamedTuple):
     """The whole state of a coupling: the lines, the points at the end of the last step, forces (c, 3) [N] on them."""
 
-    progress: Progress | Adaptive
+    progress: Progress
     motion: PointMotion
     forces: Array
 
@@ -81,9 +82,7 @@ class CoupledLines:
             follows: for `follow`; otherwise for `step`.
         """
         motion = self._motion
-        progress = begin(self.stepper, self.model, self.start if start is None else start)
-        if follows:
-            progress = adaptive_start(self.stepper, self.model, progress)
+        progress = begin(self.stepper, self.model, self.start if start is None else start, follows)
         at_rest = PointMotion(motion.home, motion.velocities[0], jnp.zeros_like(motion.home))
         return CoupledState(progress, at_rest, _forces(self, progress.state))
 
@@ -132,9 +131,9 @@ class CoupledLines:
         dt = jnp.asarray(dt, self.model.dtype)
         accuracy = jnp.asarray(accuracy, self.model.dtype)
 
-        def advance(lines: CoupledLines) -> tuple[Adaptive, Array, Array]:
-            after, (rows, _) = advance_adaptively(lines.stepper, lines.model, state.progress, dt, accuracy, saves=1)
-            return after, rows.residual[0], rows.retried[0]
+        def advance(lines: CoupledLines) -> tuple[Progress, Array, Array]:
+            after, row = follow_and_save(lines.stepper, lines.model, state.progress, dt, accuracy)
+            return after, row.residual, row.retried
 
         return self._over(state, inputs, dt, advance)
 

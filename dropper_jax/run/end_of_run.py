@@ -21,14 +21,17 @@ from dropper_jax.base.read import Plain
 from dropper_jax.base.store import differences
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Frozen, Parted, State
-from dropper_jax.stepping.adaptive import Adaptive
-from dropper_jax.stepping.integrate import Progress, Trajectory
+from dropper_jax.stepping.progress import Progress, Trajectory
 
 #: Prefix of the names of all leaves.
 LAST = "last_"
 #: Units of leaves by the last part of their names; others have no unit.
 UNITS = {"r": "m", "v": "m s-1", "tension": "N", "t": "s", "acceleration": "m s-2", "work": "J", "h": "s", "a": "m s-2"}
 UNITS |= {"wanted": "s", "before": "s", "level": "N", "speed": "m s-1"}
+#: Start of the names of the leaves of a carry, of a run and of a coupling.
+CARRIES = (f"{LAST}carry_", f"{LAST}progress_")
+#: Leaves of the controller that were not part of it in earlier versions.
+COUNTS = ("refused", "shortest", "changed")
 #: Name of the run in error messages.
 RUN = "the run to continue"
 #: Keys of `[run]` that may change when a run continues.
@@ -56,7 +59,7 @@ class Last(NamedTuple):
     """The end of a run: its last row and its last carry."""
 
     row: Row
-    carry: Progress | Adaptive
+    carry: Progress
 
 
 def last_row(trajectory: Trajectory) -> Row:
@@ -88,6 +91,7 @@ def restore_carry(kind: End, last: dict[str, np.ndarray]) -> End:
     """
     if not last:
         raise SceneError(f"{RUN} has no final state, as files of earlier versions. Use a run made by this version")
+    last = {_present_name(name): leaf for name, leaf in last.items()}
     leaves, tree = jax.tree_util.tree_flatten_with_path(kind)
     found = []
     for way, like in leaves:
@@ -107,6 +111,17 @@ def restore_carry(kind: End, last: dict[str, np.ndarray]) -> End:
 
 def _name(key_path: tuple[Any, ...]) -> str:
     return LAST + jax.tree_util.keystr(key_path, simple=True, separator="_")
+
+
+def _present_name(name: str) -> str:
+    """The name of a leaf, which this version or an earlier one has given."""
+    for carry in CARRIES:
+        if name.startswith(carry):
+            field = name.removeprefix(carry).removeprefix("progress_")
+            if field in COUNTS:
+                return f"{carry}control_{field}"
+            return carry + field
+    return name
 
 
 def same_scene(scene: Scene, before: Scene) -> None:

@@ -33,7 +33,8 @@ from dropper_jax.run.end_links import load_on_fixed_point
 from dropper_jax.run.statistics import NAMES, OVER_STEPS, PERIOD, START, statistic
 from dropper_jax.statics.modes import natural_periods
 from dropper_jax.stepping.extremes import Extremes
-from dropper_jax.stepping.integrate import Trajectory, observe
+from dropper_jax.stepping.observe import observe
+from dropper_jax.stepping.progress import Trajectory
 
 #: Signals in time: unit, what WHERE names, meaning.
 SIGNALS = {

@@ -16,9 +16,9 @@ from dropper_jax.run.build import build_model, stepper_of
 from dropper_jax.run.chunks import RunOutcome
 from dropper_jax.run.row_store import OnDisk, read_mark
 from dropper_jax.run.simulate import Solution, initial_carry, restore_end, stepper_fields
-from dropper_jax.stepping.adaptive import Adaptive, Within
 from dropper_jax.stepping.extremes import Extremes
 from dropper_jax.stepping.integrate import empty_trajectory
+from dropper_jax.stepping.progress import Within
 
 
 def recover(path: Path) -> list[str]:
@@ -64,17 +64,14 @@ def killed_run(folder: Path) -> Solution:
     else:
         first, since = initial_carry(stepper, model, scene, None)
         carry = first.carry
-    progress = first.carry
-    beside = None
-    if isinstance(progress, Adaptive):
-        beside = Within(progress.t, progress.t, progress.t)
-        progress = progress.progress
-    plain = empty_trajectory(progress, 0)
+    like = empty_trajectory(first.carry, 0)
+    if scene.run.accuracy is not None:
+        like = like._replace(within=Within(0.0, 0.0, 0.0))
     # rows by an earlier version have no extremes
-    if len(rows.about["kinds"]) > len(jax.tree.leaves((plain, beside))):
-        plain = plain._replace(extremes=Extremes(*(0.0,) * len(Extremes._fields)))
-    rows.with_structure((plain, beside))
-    outcome = RunOutcome(*rows.read(scene.run.rows), carry, 0.0, interrupted=True)
+    if len(rows.about["kinds"]) > len(jax.tree.leaves(like)):
+        like = like._replace(extremes=Extremes(*(0.0,) * len(Extremes._fields)))
+    rows.with_structure(like)
+    outcome = RunOutcome(rows.read(scene.run.rows), carry, 0.0, interrupted=True)
     solution = build_solution(Solution, PreparedRun(scene, stepper, model, first, since, rows, settings), outcome)
     return solution if rows.last else replace(solution, last={})
 

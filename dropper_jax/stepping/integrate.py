@@ -1,9 +1,9 @@
-"""Many steps as one compiled program, the functional core under `simulate`, and observed quantities of their states."""
+"""Many steps as one compiled program, the functional core under `simulate`."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, NamedTuple, TypeVar
 
@@ -13,130 +13,22 @@ import numpy as np
 from jax import Array
 
 from dropper_jax.backend.one_kernel import forbids_callbacks
-from dropper_jax.base.numerics import safe_norm
-from dropper_jax.integrators.consistent import consistent
-from dropper_jax.model import Frozen, Model, Parted, State, as_parted, state
+from dropper_jax.model import Model, State
 from dropper_jax.residual import Stepper, step
-from dropper_jax.stepping.control import Interval, advance_over, attempt, begin_interval
-from dropper_jax.stepping.extremes import Extremes, Watch, no_extremes, with_step
+from dropper_jax.stepping.adaptive import find_lengths, follow_and_save, interval_ends
+from dropper_jax.stepping.equal_steps import advance_and_save
+from dropper_jax.stepping.extremes import Watch
 from dropper_jax.stepping.growth_watch import SEGMENTS, start_meter, watch
+from dropper_jax.stepping.halving import attempt, begin_interval
+from dropper_jax.stepping.progress import Progress, Trajectory, begin
 from dropper_jax.stepping.step_change import with_step_changed
 
 Carry = TypeVar("Carry")
 Rows = TypeVar("Rows")
 #: The state of a loop between two of its rounds.
 Loop = tuple[Any, ...]
-
-
-class Observed(NamedTuple):
-    """One instant as reported: all nodes' positions and velocities (n + 1, 3), energies [J], length error [m]."""
-
-    positions: Array
-    velocities: Array
-    kinetic: Array
-    potential: Array
-    closure: Array
-
-
-def consistent_velocity(model: Model, s: State) -> Array:
-    """Velocities (nodes, 3) [m/s] projected to the constraints, about which those of a midpoint scheme oscillate
-    slightly.
-
-    For output, restart and hand-over only: a projection inside the steps would dissipate energy.
-    """
-    if model.line.axial.elastic:
-        return s.v
-    return consistent(model.kinematics(s.r, s.v, s.t))[0]
-
-
-def observe(
-    model: Model,
-    r: Array,
-    v: Array,
-    t: Array,
-    parted: Parted | None = None,
-    internal: Mapping[str, Frozen] | None = None,
-) -> Observed:
-    """Observe one instant; energies are those of the raw velocities, which the scheme conserves."""
-    model = as_parted(model, parted).with_internal_state(internal or {}).with_lengths(t)
-    k = model.instant(r, v, t)
-    line = model.line
-    rigid = np.flatnonzero(line.axial.rigid(line.links))
-    closure = jnp.max(jnp.abs(safe_norm(k.links) - line.length)[rigid], initial=0.0)
-    return Observed(
-        positions=k.nodes,
-        velocities=model.nodes(consistent_velocity(model, state(model, r, v, t=t)), k.ends, rates=True),
-        kinetic=model.kinetic_energy(k),
-        potential=model.potential_energy(k),
-        closure=closure,
-    )
-
-
-class Trajectory(NamedTuple):
-    """Saved states of a run (k saved times), the start not included.
-
-    Attributes:
-        r, v: free nodes (k, nodes, 3) [m], [m/s]; v is the scheme's raw velocity.
-        tension: (k, n) [N].
-        work: (k, w) [J], see `work_names`.
-        residual: maximum scaled residual since the last saved time (k,).
-        retried: steps repeated by the fallback solvers since then (k,).
-        failed: steps since then that ended above tolerance (k,).
-        first_bad: number of the first failed step of the run, -1 before any failure (k,).
-        parted: broken links, each (k, m), if the scene has failures.
-        own: internal states of effects, by effect, each leaf (k, ...).
-        extremes: of the watched signals over the steps since the last saved time (k, m), if signals are watched.
-    """
-
-    r: Array
-    v: Array
-    tension: Array
-    work: Array
-    residual: Array
-    retried: Array
-    failed: Array
-    first_bad: Array
-    parted: Parted | None = None
-    own: dict[str, Frozen] | None = None
-    extremes: Extremes | None = None
-
-
-class Progress(NamedTuple):
-    """State of a run: the dynamic state, steps done, the first failed step (-1: no failure)."""
-
-    state: State
-    done: Array
-    first_bad: Array
-
-    @property
-    def steps_done(self) -> Array:
-        """Steps done, as of other carries; restart files have the field's name."""
-        return self.done
-
-    @property
-    def t(self) -> Array:
-        """Time reached [s]."""
-        return self.state.t
-
-    @property
-    def has_failed(self) -> Array:
-        """Whether a step failed."""
-        return self.first_bad >= 0
-
-
-def begin(stepper: Stepper, model: Model, s: State) -> Progress:
-    """The carry of a run that starts from `s`."""
-    s = stepper.integrator.begin(model.with_internal_state(s.own), s)
-    if not stepper.track_work:
-        s = replace(s, work=jnp.zeros(0, model.dtype))
-    return Progress(s, jnp.zeros((), jnp.int32), jnp.asarray(np.int32(-1)))
-
-
-def next_progress(stepper: Stepper, model: Model, progress: Progress, dt: Array) -> tuple[Progress, Interval]:
-    """The progress after one step of dt [s], and how it was taken."""
-    taken = advance_over(stepper, model, progress.state, dt, progress.first_bad < 0)
-    first_bad = jnp.where(taken.failed & (progress.first_bad < 0), progress.done, progress.first_bad)
-    return Progress(taken.state, progress.done + 1, first_bad), taken
+#: Capacity for the steps of a run that follows an accuracy.
+MOST_CHOSEN = 100_000
 
 
 def scan_steps(
@@ -163,6 +55,14 @@ def empty_rows(row: Rows, capacity: int) -> Rows:
     return jax.tree.map(lambda a: jnp.zeros((capacity, *jnp.shape(a)), a.dtype), row)
 
 
+def empty_trajectory(progress: Progress, capacity: int) -> Trajectory:
+    """A trajectory with `capacity` rows of zeros, of equal steps from states like this one."""
+    s = progress.state
+    number = jnp.zeros((), jnp.int32)
+    counts = jnp.zeros((), s.r.dtype), number, number, number
+    return empty_rows(Trajectory(s.r, s.v, s.tension, s.work, *counts, s.parted, s.own), capacity)
+
+
 def advance(
     stepper: Stepper,
     model: Model,
@@ -170,74 +70,25 @@ def advance(
     dt: Array,
     saves: int,
     save_every: int = 1,
+    accuracy: Array | None = None,
     count: Array | np.integer | None = None,
     watch: Watch | None = None,
 ) -> tuple[Progress, Trajectory]:
-    """Advance by `saves * save_every` steps of dt [s], saved every `save_every`.
+    """Advance to `saves` saved times, each after `save_every` steps of dt [s].
 
-    With a `count` only this number of saves is computed, and of `saves` rows the first are filled: one program runs
-    chunks of any length, which allows progress reports and interruption.
+    With an accuracy dt is the interval between saved times, and the steps follow the accuracy. With a `count` only this
+    number of saves is computed, and of `saves` rows the first are filled: one program runs chunks of any length, which
+    allows progress reports and interruption.
     """
 
     def save(carry: Progress, _: Array | None) -> tuple[Progress, Trajectory]:
-        return advance_and_save(stepper, model, carry, dt, save_every, watch)
+        if accuracy is None:
+            return advance_and_save(stepper, model, carry, dt, save_every, watch)
+        return follow_and_save(stepper, model, carry, dt, accuracy, watch)
 
     if count is None:
         return jax.lax.scan(save, progress, None, length=saves)
-    return scan_steps(
-        save, progress, count, empty_trajectory(progress, saves, no_extremes(watch, model, progress.state))
-    )
-
-
-def empty_trajectory(progress: Progress, capacity: int, extremes: Extremes | None = None) -> Trajectory:
-    """A trajectory with `capacity` rows of zeros for states like this one."""
-    s = progress.state
-    number = jnp.zeros((), jnp.int32)
-    counts = jnp.zeros((), s.r.dtype), number, number, number
-    return empty_rows(Trajectory(s.r, s.v, s.tension, s.work, *counts, s.parted, s.own, extremes), capacity)
-
-
-def advance_and_save(
-    stepper: Stepper,
-    model: Model,
-    carry: Progress,
-    dt: Array,
-    save_every: int,
-    watch: Watch | None = None,
-    before: Array | None = None,
-) -> tuple[Progress, Trajectory]:
-    """Advance by `save_every` steps of dt [s], scalar or (save_every,), and save the result.
-
-    Args:
-        before: the step before each of them (save_every,) [s], 0 for none; None if all are equal.
-    """
-
-    def one(both: Loop, sizes: tuple[Array | None, ...]) -> tuple[Loop, tuple[Array, ...]]:
-        carry, extremes = both
-        size, last = sizes
-        if size is None:
-            size = dt
-        if last is not None:
-            s, _ = with_step_changed(stepper, model, carry.state, last, size)
-            carry = carry._replace(state=s)
-        after, taken = next_progress(stepper, model, carry, size)
-        extremes = with_step(extremes, watch, model, carry.state, after.state)
-        return (after, extremes), (taken.row, taken.retried, taken.failed)
-
-    sizes = (dt if jnp.ndim(dt) else None), before
-    both = carry, no_extremes(watch, model, carry.state)
-    if save_every == 1:
-        (carry, extremes), (residual, retried, bad) = one(both, jax.tree.map(lambda a: a[0], sizes))
-        retried = retried.astype(jnp.int32)
-        bad = bad.astype(jnp.int32)
-    else:
-        (carry, extremes), (residual, retried, bad) = jax.lax.scan(one, both, sizes, length=save_every)
-        residual = jnp.max(residual)
-        retried = jnp.sum(retried)
-        bad = jnp.sum(bad)
-    s = carry.state
-    counts = residual, retried, bad, carry.first_bad
-    return carry, Trajectory(s.r, s.v, s.tension, s.work, *counts, s.parted, s.own, extremes)
+    return scan_steps(save, progress, count, empty_rows(jax.eval_shape(save, progress, None)[1], saves))
 
 
 class Steps(NamedTuple):
@@ -246,7 +97,8 @@ class Steps(NamedTuple):
     Attributes:
         length: lengths (most,) [s], 0 after the last one.
         ends: number of steps up to the end of each interval (k,).
-        residual, retried, failed: of each interval (k,), see `Trajectory`.
+        residual, retried, failed: of each interval (k,), see `Trajectory`; of steps that follow an accuracy `failed` is
+            that of the whole run.
     """
 
     length: Array
@@ -257,16 +109,37 @@ class Steps(NamedTuple):
 
 
 def step_lengths(
-    stepper: Stepper, model: Model, s: State, dt: float | Array, intervals: int, most: int | None = None
+    stepper: Stepper,
+    model: Model,
+    s: State,
+    dt: float | Array,
+    intervals: int,
+    accuracy: float | Array | None = None,
+    most: int | None = None,
 ) -> Steps:
     """The steps of a run over `intervals` of dt [s], scalar or (intervals,), from s; not differentiated.
 
+    A run along them, `integrate(stepper, model, s, steps.length[:number], number)` with `number = steps.ends[-1]`, has
+    derivatives in both modes with the steps held constant.
+
     Args:
-        most: capacity for steps; default: half more than the intervals, and 64. What exceeds it counts as failed.
+        accuracy: that the steps follow, as `run.accuracy` of a scene; by default a step covers an interval, or parts
+            of it where it does not converge.
+        most: capacity for steps; default: half more than the intervals, and 64; `MOST_CHOSEN` with an accuracy. What
+            exceeds it counts as failed.
     """
     model, s, dt = jax.lax.stop_gradient((model, s, jnp.asarray(dt, model.dtype)))
-    if most is None:
-        most = intervals + max(64, intervals // 2)
+    if accuracy is None:
+        return _halved_steps(stepper, model, s, dt, intervals, most or intervals + max(64, intervals // 2))
+    accuracy = jnp.asarray(accuracy, model.dtype)
+    length, _, failed = find_lengths(stepper, model, s, dt, intervals, accuracy, most or MOST_CHOSEN)
+    none = jnp.zeros(intervals, jnp.int32)
+    of_run = jnp.broadcast_to(failed, (intervals,))
+    return Steps(length, interval_ends(length, dt, intervals), jnp.zeros(intervals, model.dtype), none, of_run)
+
+
+def _halved_steps(stepper: Stepper, model: Model, s: State, dt: Array, intervals: int, most: int) -> Steps:
+    """One step for each interval, or halves of it where it does not converge."""
 
     def one(carry: Loop, size: Array) -> tuple[Loop, tuple[Array, ...]]:
         s, number, lengths, alive = carry
@@ -298,19 +171,25 @@ def integrate(
     dt: float | Array,
     steps: int,
     save_every: int = 1,
+    accuracy: float | Array | None = None,
+    most: int | None = None,
     checkpoint: bool = False,
     warn: bool = True,
 ) -> tuple[State, Trajectory]:
     """Run `steps` steps of `dt` from `s`: a pure function to `jit`, `grad`, `jacfwd` and `vmap` over model, s and dt.
 
-    With `stepper.halvings` the accepted steps are found first (`step_lengths`), and the run repeats them, so that
-    derivatives exist in both modes. `stepper.plain` takes the steps as they are given, in half of the time; one that
-    does not converge is reported in the trajectory (`failed`, `first_bad`).
+    With an accuracy, or with `stepper.halvings`, the accepted steps are found first (`step_lengths`), and the run
+    repeats them. Derivatives exist in both modes, with the steps held constant: they are those of runs of which all
+    take the same steps, as `dropper sensitivity` takes them. `stepper.plain` takes equal steps as they are given, in
+    half of the time; one that does not converge is reported in the trajectory (`failed`, `first_bad`).
 
     Args:
         stepper: from `make_stepper`; static.
-        dt: step [s], or one for each step (steps,).
-        steps: a multiple of `save_every`.
+        dt: step [s], or one for each step (steps,); with an accuracy the time between saved states.
+        steps: a multiple of `save_every`; with an accuracy the number of saved states.
+        accuracy: that the steps follow, as `run.accuracy` of a scene. The tensions saved are then means over the
+            interval before, and `failed` and `first_bad` are those of the whole run.
+        most: capacity for these steps, for which reverse mode has memory; see `step_lengths`. A run of more has failed.
         checkpoint: for long reverse-mode runs: store states at about sqrt(steps) times only and repeat the steps from
             there in the backward pass (one more forward run, memory ~ sqrt(steps)). Not needed in forward mode.
         warn: whether a derivative in reverse mode that has grown by more than e^10 gives a `RuntimeWarning`, once. It
@@ -319,16 +198,36 @@ def integrate(
 
     Returns:
         The last state, and the saved ones.
+
+    Raises:
+        ValueError: `save_every` that does not divide the steps, or is given together with an accuracy.
     """
     if not isinstance(steps, int | np.integer) or steps < 1:
         raise ValueError(f"steps: {steps!r} is not a number of steps; allowed: a whole number >= 1")
     if steps % save_every:
         raise ValueError(f"steps: {steps} is not a multiple of save_every = {save_every}")
+    if accuracy is not None and save_every != 1:
+        raise ValueError(f"save_every: {save_every} counts equal steps; allowed: 1 with an accuracy. Use a larger dt")
     dt = jnp.asarray(dt, model.dtype)
     meter = growth_meter(model, s, dt) if warn else None
-    if stepper.halvings and stepper.integrator.implicit:
-        found = step_lengths(stepper, model, s, dt, steps)
-        return along_accepted_steps(stepper.plain, model, s, found, save_every, checkpoint, meter)
+    follows = accuracy is not None
+    if follows or (stepper.halvings and stepper.integrator.implicit):
+        found = step_lengths(stepper, model, s, dt, steps, accuracy, most)
+        return along_accepted_steps(stepper.plain, model, s, found, save_every, checkpoint, meter, follows)
+    return _equal_steps(stepper.plain, model, s, dt, steps, save_every, checkpoint, meter)
+
+
+def _equal_steps(
+    stepper: Stepper,
+    model: Model,
+    s: State,
+    dt: Array,
+    steps: int,
+    save_every: int,
+    checkpoint: bool,
+    meter: Array | None,
+) -> tuple[State, Trajectory]:
+    """The run in steps as they are given."""
     saves = steps // save_every
     sizes = jnp.broadcast_to(dt, steps).reshape(saves, save_every)
     before = None
@@ -339,7 +238,7 @@ def integrate(
     def save(carry: Loop, row: tuple[Any, ...]) -> tuple[Loop, Trajectory]:
         progress, meter = carry
         sizes, before, measured = row
-        progress, saved = advance_and_save(stepper.plain, model, progress, sizes, save_every, before=before)
+        progress, saved = advance_and_save(stepper, model, progress, sizes, save_every, before=before)
         s, meter = _watch_growth(progress.state, meter, measured)
         return (progress._replace(state=s), meter), saved
 

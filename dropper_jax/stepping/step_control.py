@@ -72,6 +72,9 @@ class Control(NamedTuple):
         rejected: whether the last step was rejected.
         level: largest tension of the line of each link so far (n,) [N].
         speed: largest speed of a node so far [m/s].
+        refused: number of rejected steps.
+        shortest: number of steps of the shortest length that were accepted with a larger error.
+        changed: energy that changes of the step have added so far [J], see `Integrator.change_step`.
     """
 
     wanted: Array
@@ -80,12 +83,16 @@ class Control(NamedTuple):
     rejected: Array
     level: Array
     speed: Array
+    refused: Array
+    shortest: Array
+    changed: Array
 
 
 def start_control(stepper: Stepper, model: Model, s: State) -> Control:
     """The controller at the start of a run. The first step is the shortest: it gives the first acceleration."""
     model, s = jax.lax.stop_gradient((model, s))
     zero = jnp.zeros((), model.dtype)
+    none = jnp.zeros((), jnp.int32)
     level = _line_maximum(model.geometry, jnp.abs(s.tension))
     # a line without tension anywhere is going to carry its weights
     largest = jnp.where(jnp.max(level) > 0.0, jnp.max(level), GRAVITY * jnp.max(model.node_mass))
@@ -97,6 +104,9 @@ def start_control(stepper: Stepper, model: Model, s: State) -> Control:
         rejected=jnp.zeros((), bool),
         level=jnp.maximum(level, SMALL * largest),
         speed=jnp.maximum(still, _largest(s.v)),
+        refused=none,
+        shortest=none,
+        changed=zero,
     )
 
 
@@ -177,7 +187,7 @@ def next_length(h: Array, excess: Array, control: Control, accepted: Array) -> A
 def after_step(model: Model, s1: State, h: Array, excess: Array, wanted: Array, control: Control) -> Control:
     """The controller after an accepted step of h [s] to s1."""
     h, s1 = jax.lax.stop_gradient((h, s1))
-    return Control(
+    return control._replace(
         wanted=wanted,
         before=h,
         excess=jnp.clip(excess, LEAST, MOST),

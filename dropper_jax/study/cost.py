@@ -22,7 +22,8 @@ from dropper_jax.model import Effect, Kinematics, Model, State, state
 from dropper_jax.residual import Linear, Solver, Stepper, StepProblem, Unknowns
 from dropper_jax.run.build import build, build_model, stepper_of
 from dropper_jax.scene import RunSpec
-from dropper_jax.stepping.integrate import Progress, advance, begin
+from dropper_jax.stepping.integrate import advance
+from dropper_jax.stepping.progress import Progress, begin
 from dropper_jax.stepping.stepper import make_stepper
 
 #: Timed runs of each model.

@@ -14,8 +14,9 @@ from jax.dtypes import float0
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.model import Model, State
 from dropper_jax.residual import GRAVITY_SCALE, Stepper
-from dropper_jax.stepping.control import advance_over
-from dropper_jax.stepping.integrate import begin, consistent_velocity
+from dropper_jax.stepping.halving import advance_over
+from dropper_jax.stepping.observe import consistent_velocity
+from dropper_jax.stepping.progress import begin
 
 
 class Lyapunov(NamedTuple):

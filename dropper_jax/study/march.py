@@ -14,8 +14,9 @@ from dropper_jax.analysis.angles import link_angles
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.model import Model, State
 from dropper_jax.residual import Stepper
-from dropper_jax.stepping.adaptive import adaptive_start, advance_adaptively
-from dropper_jax.stepping.integrate import Progress, begin, empty_rows, next_progress, scan_steps
+from dropper_jax.stepping.equal_steps import next_progress
+from dropper_jax.stepping.integrate import advance, empty_rows, scan_steps
+from dropper_jax.stepping.progress import Progress, begin
 
 #: Rows of a run, traced or on the host.
 Rows = Array | np.ndarray
@@ -139,15 +140,15 @@ def march_with_accuracy(
 ) -> MarchResult:
     """`march` in steps that follow an accuracy, on a grid [s]; `path` by the trapezoidal rule, tensions are means."""
     grid = jnp.asarray(grid, model.dtype)
-    start = adaptive_start(stepper, model, begin(stepper, model, s))
-    end, (found, within) = advance_adaptively(stepper, model, start, grid, jnp.asarray(accuracy, model.dtype), saves)
+    start = begin(stepper, model, s, follows=True)
+    end, found = advance(stepper, model, start, grid, saves, accuracy=jnp.asarray(accuracy, model.dtype))
     both = jnp.stack([found.tension, jnp.roll(found.tension, 1, axis=0)], axis=1)
     speed = jnp.sum(jnp.square(found.v), axis=(1, 2))
     # a loop, not `cumsum`, which would prevent one kernel
     passed = jax.lax.scan(lambda total, x: (total + x, total + x), jnp.zeros((), model.dtype), speed)[1]
     path = grid * (passed - 0.5 * speed)
     run = Marched(found.r, found.v, both, found.work, found.residual, found.first_bad, found.retried, path)
-    return MarchResult(run, jnp.sum(within.steps), end.refused)
+    return MarchResult(run, jnp.sum(found.within.steps), end.control.refused)
 
 
 def spare_rows(saves: int) -> int:

@@ -22,9 +22,9 @@ from dropper_jax.integrators.rattle_4 import Rattle4
 from dropper_jax.model import Model, State
 from dropper_jax.residual import Embedded, Stepper
 from dropper_jax.solvers import SOLVERS
-from dropper_jax.stepping.adaptive import adaptive_start, advance_adaptively
-from dropper_jax.stepping.control import advance_over
-from dropper_jax.stepping.integrate import begin, scan_steps
+from dropper_jax.stepping.halving import advance_over
+from dropper_jax.stepping.integrate import advance, scan_steps
+from dropper_jax.stepping.progress import begin
 from dropper_jax.stepping.stepper import make_stepper
 from fitting.estimate.normal_equations import Evaluation, drop_wild
 from fitting.estimate.release import LEAST_STRETCH, Release, ReleaseState
@@ -443,8 +443,8 @@ def march(
             model = model_at(x)
             finer = jnp.asarray(substeps, model.dtype) ** -stepper.integrator.order
             accuracy = jax.lax.stop_gradient(ACCURACY_PER_LENGTH * jnp.min(model.line.length) * finer)
-            first = adaptive_start(stepper, model, begin(stepper, model, start.state))
-            end, (found, _) = advance_adaptively(stepper, model, first, start.h, accuracy, capacity)
+            first = begin(stepper, model, start.state, follows=True)
+            end, found = advance(stepper, model, first, start.h, capacity, accuracy=accuracy)
             return (found.r, found.v), end.has_failed.astype(jnp.int32)
 
         found = vary(adapt, x, directions, start)

@@ -22,8 +22,9 @@ from dropper_jax.base.errors import Progress, SceneError, silent
 from dropper_jax.model import Model, State, state
 from dropper_jax.run.build import initial_state
 from dropper_jax.run.chunks import FACTOR
-from dropper_jax.stepping.control import ROUNDING
-from dropper_jax.stepping.integrate import Steps, Trajectory
+from dropper_jax.stepping.halving import ROUNDING
+from dropper_jax.stepping.integrate import Steps
+from dropper_jax.stepping.progress import Trajectory
 from dropper_jax.study.lyapunov import lyapunov
 from fitting.parameters.parameter import apply
 from fitting.parameters.varied import Varied, floats_of

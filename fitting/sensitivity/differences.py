@@ -30,15 +30,14 @@ from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import Progress, SceneError, silent
 from dropper_jax.base.parallel_runs import run_parallel
 from dropper_jax.model import Model, State
-from dropper_jax.residual import Stepper
 from dropper_jax.run.build import initial_state, stepper_of
-from dropper_jax.run.chunks import FACTOR, Carry, Companion, Program, compile_run, run_chunks
+from dropper_jax.run.chunks import FACTOR, Companion, Program, compile_run, run_chunks
 from dropper_jax.run.quantities import OVER_STEPS, Quantity
 from dropper_jax.run.statistics import IN_TIME, NOT_GAUSSIAN, excess_kurtosis
 from dropper_jax.scene import RunSpec
-from dropper_jax.stepping.adaptive import Record, adaptive_start
-from dropper_jax.stepping.integrate import Progress as RunProgress
-from dropper_jax.stepping.integrate import Trajectory, begin
+from dropper_jax.stepping.progress import Progress as RunProgress
+from dropper_jax.stepping.progress import Trajectory, begin
+from dropper_jax.stepping.record import Record
 from fitting.parameters.parameter import Parameter, apply
 from fitting.sensitivity.problem import Study, measure_rows
 from fitting.sensitivity.result import (
@@ -130,7 +129,7 @@ class StudyRuns:
         """The error of the quantity by a run with four times the accuracy; NaN if a step fails, or steps are equal."""
         if self.settings.accuracy is None or not np.isfinite(self.value):
             return np.nan
-        pieces = [rows for rows, _ in companion.go(len(self.rows.r))]
+        pieces = list(companion.go(len(self.rows.r)))
         if sum(len(rows.r) for rows in pieces) < len(self.rows.r) // 2 or not pieces:
             return np.nan
         rows = jax.tree.map(lambda *parts: np.concatenate(parts), *pieces)
@@ -139,15 +138,14 @@ class StudyRuns:
     def program(self, model: Model, s: State, record: Record | None) -> Program:
         """The run of a model from a start, along the recorded steps if there are any."""
         settings = self.settings
-        stepper: Stepper = stepper_of(model, settings, track_work=settings.accuracy is None)
-        carry = begin(stepper, model, s)
-        watch = None
-        if settings.accuracy is not None:
-            if record is None:
-                record = Record.empty(model)
-            carry = adaptive_start(stepper, model, carry, record)
-            watch = self.problem.plan.watch(s)
-        return compile_run(stepper, model, carry, settings, watch)
+        if settings.accuracy is None:
+            stepper = stepper_of(model, settings)
+            return compile_run(stepper, model, begin(stepper, model, s), settings)
+        if record is None:
+            record = Record.empty(model)
+        stepper = stepper_of(model, settings, track_work=False)
+        carry = begin(stepper, model, s, follows=True, record=record)
+        return compile_run(stepper, model, carry, settings, self.problem.plan.watch(s))
 
     def model_at(self, values: np.ndarray) -> Model:
         """The model with these values (p,)."""
@@ -211,11 +209,11 @@ class StudyRuns:
         return run_parallel(self.run, list(values), say_done, alone=0)
 
 
-def _recorded(carry: Carry, of: Quantity) -> Record | None:
+def _recorded(carry: RunProgress, of: Quantity) -> Record | None:
     """The steps of a run, for others to repeat; None if all are equal."""
-    if isinstance(carry, RunProgress) or carry.record is None:
-        return None
     record = carry.record
+    if record is None:
+        return None
     if int(record.number) >= len(record.length):
         raise SceneError(f"{of.name}: the run takes more than {len(record.length)} steps. Use a shorter run.duration")
     return record.to_repeat()

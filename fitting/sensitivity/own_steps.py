@@ -10,8 +10,9 @@ from jax import Array
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.model import Model, State
 from dropper_jax.residual import Stepper
-from dropper_jax.stepping.adaptive import MOST_STEPS, find_lengths
+from dropper_jax.stepping.adaptive import find_lengths
 from dropper_jax.stepping.integrate import Steps
+from dropper_jax.stepping.record import MOST_STEPS
 from dropper_jax.study.march import spare_rows
 
 

@@ -26,8 +26,10 @@ from dropper_jax.run.statistics import OF_SAMPLES, PERIOD
 from dropper_jax.scene import RunSpec, StartSpec
 from dropper_jax.statics.host_stiffness import free_motion
 from dropper_jax.statics.static_pose import release_loads
-from dropper_jax.stepping.adaptive import MOST_STEPS, adaptive_start, advance_adaptively, interval_ends
-from dropper_jax.stepping.integrate import Steps, Trajectory, advance, along_accepted_steps, begin, integrate
+from dropper_jax.stepping.adaptive import interval_ends
+from dropper_jax.stepping.integrate import Steps, advance, along_accepted_steps, integrate
+from dropper_jax.stepping.progress import Trajectory, begin
+from dropper_jax.stepping.record import MOST_STEPS
 from fitting.parameters.names import full_names
 from fitting.parameters.of_scene import find_parameters
 from fitting.parameters.parameter import Parameter, apply, with_effects
@@ -101,12 +103,11 @@ class Plan:
         """Saved states of a run from s along steps of its own, and their times."""
         rows = self.run.rows
         interval = jnp.asarray(self.run.interval, model.dtype)
-        first = begin(self.stepper, model, s)
+        first = begin(self.stepper, model, s, self.is_adaptive)
         if self.is_adaptive:
-            march = one_kernel(partial(advance_adaptively, self.stepper, saves=rows))
+            march = one_kernel(partial(advance, self.stepper, saves=rows))
             accuracy = jnp.asarray(self.run.accuracy, model.dtype)
-            first = adaptive_start(self.stepper, model, first)
-            _, (run, _) = march(model, first, interval, accuracy, watch=self.watch(s))
+            _, run = march(model, first, interval, accuracy=accuracy, watch=self.watch(s))
         else:
             march = one_kernel(partial(advance, self.stepper, saves=rows, save_every=self.run.save_every))
             _, run = march(model, first, jnp.asarray(self.run.step, model.dtype))

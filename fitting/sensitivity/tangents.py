@@ -19,15 +19,9 @@ from dropper_jax.statics.host_stiffness import follow_parameters
 from dropper_jax.statics.rest_problem import rest, unbalanced_at
 from dropper_jax.statics.search import outward
 from dropper_jax.statics.static_pose import release_loads
-from dropper_jax.stepping.integrate import (
-    Progress,
-    Steps,
-    Trajectory,
-    advance_and_save,
-    begin,
-    empty_trajectory,
-    scan_steps,
-)
+from dropper_jax.stepping.equal_steps import advance_and_save
+from dropper_jax.stepping.integrate import Steps, empty_trajectory, scan_steps
+from dropper_jax.stepping.progress import Progress, Trajectory, begin
 from fitting.parameters.parameter import Parameter, apply
 from fitting.parameters.varied import Varied, floats_of, split, stack_rows, vary
 from fitting.sensitivity.own_steps import padded, saved_times
@@ -96,9 +90,9 @@ def _take_step(
     """One step of h [s] after one of `before` [s], to the time `since` the last saved one [s]; and the row to save
     after it, of steps that follow an accuracy with mean tensions."""
     if not is_adaptive:
-        progress, row = advance_and_save(stepper, model, run.progress, h, 1)
+        progress, row = advance_and_save(stepper, model, run.progress, h)
         return run._replace(progress=progress), row
-    progress, row = advance_and_save(stepper, model, run.progress, h[None], 1, before=before[None])
+    progress, row = advance_and_save(stepper, model, run.progress, h[None], before=before[None])
     impulse = run.impulse + h * row.tension
     return _RunBetween(progress, impulse), row._replace(tension=impulse / since)
 

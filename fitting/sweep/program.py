@@ -25,8 +25,9 @@ from dropper_jax.residual import Stepper
 from dropper_jax.run.build import build
 from dropper_jax.run.quantities import quantity_signals
 from dropper_jax.run.statistics import statistic
-from dropper_jax.stepping.adaptive import Adaptive, adaptive_start, advance_adaptively
-from dropper_jax.stepping.integrate import Progress, Trajectory, advance, begin, observe
+from dropper_jax.stepping.integrate import advance
+from dropper_jax.stepping.observe import observe
+from dropper_jax.stepping.progress import Progress, Trajectory, begin
 from fitting.parameters.parameter import apply
 from fitting.parameters.paths import resolve
 from fitting.sweep.plan import STATUS, Plan
@@ -51,7 +52,7 @@ class Tally(NamedTuple):
     residual: Array
 
 
-Carry = tuple[Progress | Adaptive, Tally]
+Carry = tuple[Progress, Tally]
 #: A pytree of arrays.
 Tree = TypeVar("Tree")
 #: Structure and shapes of a model's arrays: models with the same one share a program.
@@ -252,17 +253,13 @@ def run_case(plan: Plan, stepper: Stepper, model: Model, start: State, values: A
     watch = None
     if run.save_every > 1 or plan.is_adaptive:
         watch = quantity_signals(named, start.r)
-
-    def continue_to_save(progress: Progress | Adaptive) -> tuple[Progress | Adaptive, Trajectory]:
-        if isinstance(progress, Progress):
-            return advance(stepper, model, progress, dt, saves=1, save_every=run.save_every, watch=watch)
+    accuracy = None
+    if plan.is_adaptive:
         accuracy = jnp.asarray(run.accuracy, model.dtype)
-        progress, (row, _) = advance_adaptively(stepper, model, progress, dt, accuracy, saves=1, watch=watch)
-        return progress, row
 
     def save(carry: Carry, _: None) -> tuple[Carry, dict[str, Array]]:
         progress, tally = carry
-        progress, row = continue_to_save(progress)
+        progress, row = advance(stepper, model, progress, dt, 1, run.save_every, accuracy, watch=watch)
         tally = _add_row(model, start, progress.state, tally, row)
         s = progress.state
         extremes = {}
@@ -278,12 +275,8 @@ def run_case(plan: Plan, stepper: Stepper, model: Model, start: State, values: A
             saved |= {"positions": s.r, "tension": s.tension}
         return (progress, tally), saved
 
-    first: Progress | Adaptive = begin(stepper, model, start)
-    if plan.is_adaptive:
-        first = adaptive_start(stepper, model, first)
+    first = begin(stepper, model, start, plan.is_adaptive)
     (progress, tally), saved = jax.lax.scan(save, (first, _empty_tally(start)), None, length=run.rows)
-    if isinstance(progress, Adaptive):
-        progress = progress.progress
     for one in named:
         saved[one.name] = statistic(one.statistic, saved[one.name], run.interval, over_steps=watch is not None)
     for name, value in _known_quantities(model, progress.state, tally, run.rows).items():

@@ -15,7 +15,8 @@ from dropper_jax.base.errors import Progress, SceneError
 from dropper_jax.model import Model, State
 from dropper_jax.residual import Stepper
 from dropper_jax.run.build import SceneLike, build
-from dropper_jax.stepping.integrate import Trajectory, advance, begin
+from dropper_jax.stepping.integrate import advance
+from dropper_jax.stepping.progress import Trajectory, begin
 from fitting.traces.trace import Convention, Trace
 
 

@@ -12,7 +12,7 @@ from dropper_jax import build_model, equilibrium, integrate, load_scene, make_st
 from dropper_jax.axial import LinkStart, Rope, Tabulated
 from dropper_jax.axial.force_table import ForceTable, stack_tables
 from dropper_jax.model import work_names
-from dropper_jax.stepping.integrate import observe
+from dropper_jax.stepping.observe import observe
 
 STRAIN, TENSION = [0.02, 0.05, 0.10, 0.12, 0.20], [0.0, 300.0, 1300.0, 1300.0, 4500.0]
 EVEN = {"law": "tabulated", "strain": [0.0, 0.05, 0.10, 0.15], "tension": [0.0, 300.0, 1000.0, 2500.0]}

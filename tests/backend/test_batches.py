@@ -9,7 +9,8 @@ import dropper_jax as dj
 from dropper_jax.backend.batches import map_members
 from dropper_jax.backend.one_kernel import one_kernel
 from dropper_jax.lanes import lanes
-from dropper_jax.stepping.integrate import advance, begin, integrate
+from dropper_jax.stepping.integrate import advance, integrate
+from dropper_jax.stepping.progress import begin
 
 X = np.linspace(0.3, 2.0, 5 * 4).reshape(5, 4)
 #: Steps [s]: the third one is halved, the last is not a number.

@@ -21,7 +21,8 @@ from dropper_jax.backend import stored
 from dropper_jax.backend.programs import compile_program, store_programs
 from dropper_jax.backend.stored import ABANDONED, UNFINISHED, Folder, NoStableText, StoredPrograms, stable_text
 from dropper_jax.base.numerics import components, inverse_rows
-from dropper_jax.stepping.integrate import advance, begin
+from dropper_jax.stepping.integrate import advance
+from dropper_jax.stepping.progress import begin
 from dropper_jax.study.doctor import loads_stored_programs
 
 MATRICES = jnp.asarray(np.random.default_rng(1).normal(size=(4, 3, 3)) + 3.0 * np.eye(3))

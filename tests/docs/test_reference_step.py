@@ -13,7 +13,7 @@ from jax.flatten_util import ravel_pytree
 
 import dropper_jax as dj
 from dropper_jax import build_model, load_scene, make_stepper, state
-from dropper_jax.stepping.integrate import begin
+from dropper_jax.stepping.progress import begin
 
 PAGE = Path(__file__).parents[2] / "docs" / "physics.md"
 BLOCKS = re.findall(r"^```python\n(.*?)^```", PAGE.read_text(), re.M | re.S)

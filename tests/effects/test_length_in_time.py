@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 
 import dropper_jax as dj
 from dropper_jax.model import work_names
-from dropper_jax.stepping.integrate import observe
+from dropper_jax.stepping.observe import observe
 
 MASS = 20.0  # [kg]
 EA = 4000.0  # [N]

@@ -10,7 +10,7 @@ import pytest
 
 import dropper_jax as dj
 from dropper_jax import Effect, build, component, integrate, load_scene, make_stepper, parameter
-from dropper_jax.stepping.control import advance_over
+from dropper_jax.stepping.halving import advance_over
 
 G = 9.81
 

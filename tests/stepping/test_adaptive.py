@@ -13,8 +13,9 @@ from dropper_jax.evaluation.record import record
 from dropper_jax.evaluation.settings import Settings
 from dropper_jax.evaluation.tension import line_tensions
 from dropper_jax.plots.run import readable
-from dropper_jax.stepping.adaptive import Record, adaptive_start, advance_adaptively
-from dropper_jax.stepping.integrate import begin
+from dropper_jax.stepping.integrate import advance
+from dropper_jax.stepping.progress import begin
+from dropper_jax.stepping.record import Record
 
 #: The rope is taut for some 4 ms, within an interval of 20 ms.
 CASE = {"period": 0.008, "dt": 0.02, "duration": 0.5}
@@ -25,9 +26,9 @@ PEAK = MASS * (2 * np.pi / 0.008 * np.sqrt(2 * 9.81 * 0.2 + (9.81 * 0.008 / (2 *
 
 def accepted_steps(stepper, model, start, intervals):
     """Lengths of the steps that follow an accuracy of 1 % over intervals of 20 ms."""
-    find = jax.jit(partial(dj.adaptive_step_lengths, stepper, intervals=intervals, most=2000))
-    lengths, number = find(model, start, dt=0.02, accuracy=0.01)
-    return lengths[: int(number)]
+    find = jax.jit(partial(dj.step_lengths, stepper, intervals=intervals, most=2000))
+    steps = find(model, start, dt=0.02, accuracy=0.01)
+    return steps.length[: int(steps.ends[-1])]
 
 
 def stiffened(model, stiffer):
@@ -249,7 +250,7 @@ def test_a_run_that_finds_its_steps_in_one_program_is_the_same_and_has_derivativ
     lengths = accepted_steps(stepper, model, start, 25)
 
     def together(stiffer):
-        last, rows = dj.integrate_adaptively(stepper, stiffened(model, stiffer), start, 0.02, 25, 0.01, 2000)
+        last, rows = dj.integrate(stepper, stiffened(model, stiffer), start, 0.02, 25, accuracy=0.01, most=2000)
         return last.r[0, 2], rows
 
     def along(stiffer):
@@ -261,7 +262,7 @@ def test_a_run_that_finds_its_steps_in_one_program_is_the_same_and_has_derivativ
     np.testing.assert_allclose(rows.tension, followed.tension[1:], rtol=1e-7, atol=1e-6)
     np.testing.assert_allclose(rows.r[:, 0], followed.positions[1:, 1], atol=1e-9)
     assert int(rows.first_bad[-1]) == -1
-    few = dj.integrate_adaptively(stepper, model, start, 0.02, 25, 0.01, 20)[1]
+    few = dj.integrate(stepper, model, start, 0.02, 25, accuracy=0.01, most=20)[1]
     assert int(few.first_bad[-1]) >= 0
 
 
@@ -269,12 +270,12 @@ def test_repeated_steps_that_are_far_too_long_are_divided(followed, falling):
     model, start = dj.build(falling(**CASE))
     stepper = dj.make_stepper(model, track_work=False)
     across = Record.empty(model, 32)._replace(length=jnp.full(32, 0.02)).to_repeat()  # five times the snap
-    carry = adaptive_start(stepper, model, begin(stepper, model, start), across)
-    run = jax.jit(partial(advance_adaptively, stepper, saves=25))
-    after, (rows, within) = run(model, carry, jnp.asarray(0.02), jnp.asarray(0.01))
+    carry = begin(stepper, model, start, follows=True, record=across)
+    run = jax.jit(partial(advance, stepper, saves=25))
+    after, rows = run(model, carry, jnp.asarray(0.02), accuracy=jnp.asarray(0.01))
     assert int(after.record.number) == 25
-    assert int(within.steps.max()) > 5
-    assert int(within.steps.min()) == 1
+    assert int(rows.within.steps.max()) > 5
+    assert int(rows.within.steps.min()) == 1
     np.testing.assert_allclose(rows.r[:, 0], followed.positions[1:, 1], atol=0.01 * 0.2)
 
 

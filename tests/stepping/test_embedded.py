@@ -10,8 +10,8 @@ from release_by_scipy import release
 from scipy.integrate import solve_ivp
 
 import dropper_jax as dj
-from dropper_jax.stepping.adaptive import adaptive_start, advance_adaptively
-from dropper_jax.stepping.integrate import begin
+from dropper_jax.stepping.integrate import advance
+from dropper_jax.stepping.progress import begin
 
 SCHEMES = ("tsit5", "dop853")
 
@@ -229,8 +229,9 @@ def changed(model, p):
 @pytest.mark.check
 def test_a_run_along_the_steps_that_it_took_has_derivatives_in_both_modes(slopes_of):
     model, start = dj.build(PENDULUM)
-    lengths, number = dj.adaptive_step_lengths(STEPPER, model, start, jnp.asarray(0.05), 20, jnp.asarray(0.01), 128)
-    number = int(number)
+    steps = dj.step_lengths(STEPPER, model, start, 0.05, 20, accuracy=0.01, most=128)
+    lengths = steps.length
+    number = int(steps.ends[-1])
     assert 20 < number < 128
     ends = np.cumsum(lengths[:number])
     for corner in (MOVES, LET_GO, STOPS):
@@ -249,8 +250,8 @@ def test_a_run_that_chooses_its_steps_has_derivatives_by_damping_and_by_the_time
 
     def end(p, accuracy):
         other = changed(model, p)
-        carry = adaptive_start(STEPPER, other, begin(STEPPER, other, start))
-        path = advance_adaptively(STEPPER, other, carry, jnp.asarray(0.05), jnp.asarray(accuracy), 20)[1][0]
+        carry = begin(STEPPER, other, start, follows=True)
+        path = advance(STEPPER, other, carry, jnp.asarray(0.05), 20, accuracy=jnp.asarray(accuracy))[1]
         return path.r[-1, 0, 0] + path.work[-1, 0]
 
     slope = jax.jit(lambda p, way: jax.jvp(lambda p: end(p, 1e-6), (p,), (way,))[1])

@@ -12,7 +12,7 @@ import dropper_jax as dj
 from dropper_jax import INTEGRATORS, build_model, load_scene, make_stepper, state
 from dropper_jax.integrators.projected import ProjectedRungeKutta
 from dropper_jax.residual import Implicit
-from dropper_jax.stepping.integrate import begin
+from dropper_jax.stepping.progress import begin
 
 GEOMETRY = (".length", ".position", ".r", ".angles")
 H = 0.01

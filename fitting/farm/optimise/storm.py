@@ -32,14 +32,9 @@ from dropper_jax.model import Model, State
 from dropper_jax.residual import Stepper
 from dropper_jax.run.model_slopes import shift_model
 from dropper_jax.sea import Sea
-from dropper_jax.stepping.integrate import (
-    Progress,
-    Trajectory,
-    advance_and_save,
-    begin,
-    empty_trajectory,
-    scan_steps,
-)
+from dropper_jax.stepping.equal_steps import advance_and_save
+from dropper_jax.stepping.integrate import empty_trajectory, scan_steps
+from dropper_jax.stepping.progress import Progress, Trajectory, begin
 from dropper_jax.stepping.stepper import make_stepper
 from dropper_jax.study.march import spare_rows
 from fitting.farm.optimise.models import in_waves, numbered_slopes
@@ -208,7 +203,7 @@ def _advance_along(stepper: Stepper, model: Model, s: State, length: Array) -> t
 
     def take(progress: Progress, i: Array) -> tuple[Progress, Trajectory]:
         before = jnp.where(i > 0, length[i - 1], 0.0)
-        return advance_and_save(stepper, model, progress, length[i][None], 1, before=before[None])
+        return advance_and_save(stepper, model, progress, length[i][None], before=before[None])
 
     first = begin(stepper, model, s)
     return scan_steps(take, first, jnp.sum(length > 0.0), empty_trajectory(first, len(length)))

@@ -3,7 +3,7 @@
     python benchmarks/tangents.py --seeds 1 2 --out benchmarks/results/tangents.json
 
 Each kind of scene draws its sizes, sea and ropes from the seed. The derivatives of a mean tension by five numbers are
-those of `dj.integrate` with an accuracy and `stepper.tangent`, over 60 s. Differences are those of `dropper sensitivity`:
+those of `dj.integrate` with an accuracy and `stepper.tangent`, over 60 s. Differences are as in `dropper sensitivity`:
 runs of the same steps at 1 % of a number (0.6 % of a length), with an error from 0.3 % (0.2 %). s and tau of the law
 were chosen on other scenes.
 """

@@ -58,6 +58,23 @@ def test_two_halves_are_the_whole_to_the_bit(scene, suffix, settings, tmp_path):
         np.testing.assert_array_equal(second.last[name], values, err_msg=name)
 
 
+def test_a_run_with_an_accuracy_from_an_earlier_version_continues():
+    """Its carry had the state under `progress`, and the counts of steps apart from the controller."""
+    first = dj.simulate(ROPE)
+    earlier = {}
+    for name, values in first.last.items():
+        field = name.removeprefix("last_carry_")
+        if field.startswith("control_") and field.removeprefix("control_") in ("refused", "shortest", "changed"):
+            name = name.replace("control_", "")
+        elif field != name and not field.startswith("control_"):
+            name = f"last_carry_progress_{field}"
+        earlier[name] = values
+    assert "last_carry_progress_state_r" in earlier
+    assert "last_carry_refused" in earlier
+    again = dataclasses.replace(first, last=earlier).continued()
+    np.testing.assert_array_equal(again.positions, first.continued().positions)
+
+
 @pytest.fixture(scope="module")
 def half():
     return dj.simulate(PENDULUM, dt=0.01, duration=0.5)

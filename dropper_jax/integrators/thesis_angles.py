@@ -35,7 +35,7 @@ class ThesisAngles(Implicit):
     local_rows = False
     point_masses = True
     gamma: float = parameter(
-        "weight of the new time, 1 for implicit Euler", unit="-", low=0.0, high=1.0, open_low=True, default=0.51
+        "weight of the new time, 1 for implicit Euler", unit="-", above=0.0, high=1.0, default=0.51
     )
 
     @property

@@ -57,12 +57,12 @@ class LineType:
     """
 
     name: str = option("name", type=str)
-    mass: float = parameter("mass per metre", unit="kg/m", low=0.0, open_low=True)
-    diameter: float = parameter("diameter of the displaced volume", unit="m", low=0.0, open_low=True)
+    mass: float = parameter("mass per metre", unit="kg/m", above=0.0)
+    diameter: float = parameter("diameter of the displaced volume", unit="m", above=0.0)
     outer_diameter: float | None = parameter(
-        "diameter for drag and added mass (default: `diameter`)", unit="m", low=0.0, open_low=True, default=None
+        "diameter for drag and added mass (default: `diameter`)", unit="m", above=0.0, default=None
     )
-    EA: float | None = parameter("axial stiffness", unit="N", low=0.0, open_low=True, default=None)
+    EA: float | None = parameter("axial stiffness", unit="N", above=0.0, default=None)
     strain: np.ndarray | None = parameter("strains of a table, rising", unit="-", shape="table", default=None)
     tension: np.ndarray | None = parameter("tensions at those strains", unit="N", shape="table", default=None)
     law: str = option("axial law", choices=tuple(LAWS), default="rope")
@@ -71,7 +71,7 @@ class LineType:
         "damping ratio (internal damping over critical), per link", unit="-", low=0.0, default=None
     )
     EI: float | None = parameter("bending stiffness", unit="N m^2", low=0.0, default=None)
-    breaking_load: float | None = parameter("breaking load", unit="N", low=0.0, open_low=True, default=None)
+    breaking_load: float | None = parameter("breaking load", unit="N", above=0.0, default=None)
     cdn: float | None = parameter("drag coefficient across", unit="-", low=0.0, default=None)
     cdt: float | None = parameter("drag coefficient along", unit="-", low=0.0, default=None)
     can: float | None = parameter("added mass coefficient across", unit="-", low=0.0, default=None)
@@ -136,7 +136,7 @@ class Section(DeclaredSection):
     """A section of a line: its type, unstretched length [m] and number of links."""
 
     type: str = option("name of a [[line_type]]", type=str)
-    length: float = parameter("length", unit="m", low=0.0, open_low=True)
+    length: float = parameter("length", unit="m", above=0.0)
     links: int = count("number of links", high=LINK_LIMIT)
     kind: LineType = field(kw_only=True)
 

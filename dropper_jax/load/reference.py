@@ -157,10 +157,9 @@ def _schema(about: Values) -> Table:
         kinds = {int: {"type": ["integer", "string"]}, bool: {"type": "boolean"}, tuple: LIST, list: LIST}
         return kinds.get(about.get("type"), TEXT)
     number: Table = {"type": ["number", "string"]}
-    if about.get("low") is not None:
-        number["exclusiveMinimum" if about.get("open_low") else "minimum"] = about["low"]
-    if about.get("high") is not None:
-        number["maximum"] = about["high"]
+    for key, word in (("low", "minimum"), ("above", "exclusiveMinimum"), ("high", "maximum")):
+        if about.get(key) is not None:
+            number[word] = about[key]
     several = {"type": "array", "items": number}
     shapes = {
         "number": number,

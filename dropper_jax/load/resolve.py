@@ -205,7 +205,7 @@ def _written_out(point: Values, types: Mapping[str, Values], path: str) -> Table
         raise SceneError(f"{path}.float_density: is only used together with `float`, its volume [m^3]")
     if "float" not in found:
         return found
-    volume = read_number(found.pop("float"), f"{path}.float", {"low": 0.0, "open_low": True, "unit": "m^3"})
+    volume = read_number(found.pop("float"), f"{path}.float", {"above": 0.0, "unit": "m^3"})
     given = found.pop("float_density", FLOAT_DENSITY)
     density = read_number(given, f"{path}.float_density", {"low": 0.0, "unit": "kg/m^3"})
     return {**float_of(volume, density), **found}

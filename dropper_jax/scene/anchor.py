@@ -44,30 +44,18 @@ class AnchorSpec(DeclaredSection):
 
     point: str = option("name of the fixed point", type=str)
     kind: str = option("how it holds", choices=tuple(KINDS), default="dead_weight")
-    weight: float | None = parameter("weight in water", unit="N", low=0.0, open_low=True, default=None)
-    friction: float | None = parameter(
-        "coefficient of friction on the seabed", unit="-", low=0.0, open_low=True, default=None
-    )
-    capacity: float | None = parameter("tested load", unit="N", low=0.0, open_low=True, default=None)
-    plates: np.ndarray | None = parameter(
-        "diameters of the plates", unit="m", shape="table", low=0.0, open_low=True, default=None
-    )
+    weight: float | None = parameter("weight in water", unit="N", above=0.0, default=None)
+    friction: float | None = parameter("coefficient of friction on the seabed", unit="-", above=0.0, default=None)
+    capacity: float | None = parameter("tested load", unit="N", above=0.0, default=None)
+    plates: np.ndarray | None = parameter("diameters of the plates", unit="m", shape="table", above=0.0, default=None)
     depths: np.ndarray | None = parameter(
-        "depths of the plates below the seabed, rising", unit="m", shape="table", low=0.0, open_low=True, default=None
+        "depths of the plates below the seabed, rising", unit="m", shape="table", above=0.0, default=None
     )
-    strength: float | None = parameter("undrained strength of clay", unit="Pa", low=0.0, open_low=True, default=None)
-    friction_angle: float | None = parameter(
-        "friction angle of sand", unit="rad", low=0.0, open_low=True, high=0.87, default=None
-    )
-    soil_weight: float | None = parameter(
-        "weight of the soil in water", unit="N/m^3", low=0.0, open_low=True, default=None
-    )
-    bearing_factor: float | None = parameter(
-        "N_q of sand in place of Reissner's", unit="-", low=0.0, open_low=True, default=None
-    )
-    lateral: float | None = parameter(
-        "horizontal capacity of an upright anchor", unit="N", low=0.0, open_low=True, default=None
-    )
+    strength: float | None = parameter("undrained strength of clay", unit="Pa", above=0.0, default=None)
+    friction_angle: float | None = parameter("friction angle of sand", unit="rad", above=0.0, high=0.87, default=None)
+    soil_weight: float | None = parameter("weight of the soil in water", unit="N/m^3", above=0.0, default=None)
+    bearing_factor: float | None = parameter("N_q of sand in place of Reissner's", unit="-", above=0.0, default=None)
+    lateral: float | None = parameter("horizontal capacity of an upright anchor", unit="N", above=0.0, default=None)
     safety_factor: float = parameter("required ratio of capacity to load", unit="-", low=1.0, default=1.5)
     behind: str | None = option(
         "fixed point in line with this one whose anchor takes the load above this one's capacity",

@@ -29,11 +29,10 @@ class FailureSpec(DeclaredSection):
     load: float | None = parameter(
         "tension at which it breaks; the line's breaking load by default",
         unit="N",
-        low=0.0,
-        open_low=True,
+        above=0.0,
         default=None,
     )
-    time: float | None = parameter("time at which it breaks", unit="s", low=0.0, open_low=True, default=None)
+    time: float | None = parameter("time at which it breaks", unit="s", above=0.0, default=None)
 
     def line_checks(self, lines: dict[str, LineSpec]) -> Iterator[Check]:
         """Checks against the lines by name: one that stretches, the link, and a load or a time."""

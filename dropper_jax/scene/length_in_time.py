@@ -35,8 +35,7 @@ class WinchSpec(DeclaredSection):
         "shortest and longest length of the links",
         unit="m",
         shape="table",
-        low=0.0,
-        open_low=True,
+        above=0.0,
         rising=2,
         entries=2,
     )
@@ -66,8 +65,7 @@ class LengthInTimeSpec(DeclaredSection):
         "total unstretched length of the links at those times",
         unit="m",
         shape="table",
-        low=0.0,
-        open_low=True,
+        above=0.0,
         default=None,
     )
     between: str = option("length between the rows", choices=("linear", "smooth"), default="linear")

@@ -44,8 +44,8 @@ class LineSpec(DeclaredSection):
     start: str = option("name of the point where the line starts", type=str, key="from")
     end: str = option("name of the point where the line ends", type=str, key="to")
     links: int = count("number of links", high=LINK_LIMIT)
-    length: np.ndarray = parameter("length of each link", unit="m", shape="link", low=0.0, open_low=True)
-    mass: np.ndarray = parameter("mass of each link", unit="kg", shape="link", low=0.0, open_low=True)
+    length: np.ndarray = parameter("length of each link", unit="m", shape="link", above=0.0)
+    mass: np.ndarray = parameter("mass of each link", unit="kg", shape="link", above=0.0)
     centre_of_mass: np.ndarray | None = parameter(
         "distance of the centre of mass from the link's first node", unit="m", shape="link", low=0.0, default=None
     )
@@ -53,19 +53,16 @@ class LineSpec(DeclaredSection):
         "moment of inertia about the centre of mass", unit="kg m^2", shape="link", low=0.0, default=None
     )
     diameter: np.ndarray | None = parameter(
-        "diameter of the displaced volume", unit="m", shape="link", low=0.0, open_low=True, default=None
+        "diameter of the displaced volume", unit="m", shape="link", above=0.0, default=None
     )
     outer_diameter: np.ndarray | None = parameter(
         "diameter for drag and added mass (default: `diameter`)",
         unit="m",
         shape="link",
-        low=0.0,
-        open_low=True,
+        above=0.0,
         default=None,
     )
-    breaking_load: np.ndarray | None = parameter(
-        "breaking load", unit="N", shape="link", low=0.0, open_low=True, default=None
-    )
+    breaking_load: np.ndarray | None = parameter("breaking load", unit="N", shape="link", above=0.0, default=None)
     nodes: str | None = option(
         "nodes of a link's mass and water forces: its far node, or half at both; default: `far` for a line "
         "defined by the link that shares no point with a line, buoy or body and does not start at a free point, "

@@ -35,22 +35,20 @@ SOLVERS = ("auto", "dense", "banded", "condensed", "network")
 class RunSpec(SectionValues):
     """`[run]`: how the scene is simulated unless the caller specifies otherwise."""
 
-    duration: float = parameter("simulated time", unit="s", low=0.0, open_low=True)
+    duration: float = parameter("simulated time", unit="s", above=0.0)
     accuracy: float | None = parameter(
         "required relative accuracy, which the steps follow; 0.01 without `dt`",
         unit="-",
-        low=0.0,
-        open_low=True,
+        above=0.0,
         high=1.0,
         default=None,
     )
-    save_interval: float | None = parameter("time between saved states", unit="s", low=0.0, open_low=True, default=None)
-    dt: float | None = parameter("time step, if all are equal", unit="s", low=0.0, open_low=True, default=None)
+    save_interval: float | None = parameter("time between saved states", unit="s", above=0.0, default=None)
+    dt: float | None = parameter("time step, if all are equal", unit="s", above=0.0, default=None)
     source_dt: float | None = parameter(
         "time step of the source of the scene, of studies that take equal steps",
         unit="s",
-        low=0.0,
-        open_low=True,
+        above=0.0,
         default=None,
     )
     integrator: str = option("integrator", type=str, default="energy_momentum")

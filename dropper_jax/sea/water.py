@@ -20,9 +20,9 @@ from dropper_jax.sea.waves import Motion
 class Sea:
     """Water of constant depth below z = 0, the mean surface, with waves and current if given."""
 
-    depth: Scalar = parameter("depth of the water", unit="m", low=0.0, open_low=True)
-    density: Scalar = parameter("density of the water", unit="kg/m^3", low=0.0, open_low=True, default=SEA_WATER)
-    gravity: Scalar = parameter("acceleration of gravity", unit="m/s^2", low=0.0, open_low=True, default=GRAVITY)
+    depth: Scalar = parameter("depth of the water", unit="m", above=0.0)
+    density: Scalar = parameter("density of the water", unit="kg/m^3", above=0.0, default=SEA_WATER)
+    gravity: Scalar = parameter("acceleration of gravity", unit="m/s^2", above=0.0, default=GRAVITY)
     waves: Any = None
     current: Current | None = None
     level: Level | None = None

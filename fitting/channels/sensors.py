@@ -165,12 +165,12 @@ def read_camera(table: Values, path: str) -> CameraSpec:
         ahead = look_at - position
         if np.hypot(ahead[0], ahead[1]) < 1e-9:
             raise SceneError(f"{path}.look_at: directly above or below the camera. Use another point, or `projection`")
-        limits = {"unit": "px", "low": 0.0, "open_low": True}
+        limits = {"unit": "px", "above": 0.0}
         focal = read_number(value_of(table, path, "focal", "focal length [px]"), f"{path}.focal", limits)
         matrix = projection(position, look_at, focal, vector_of(table, path, "centre", 2))
     return CameraSpec(
         name_of(table, path),
         tuple(map(tuple, matrix.tolist())),
         number_of(table, path, "delay", 0.0),
-        number_of(table, path, "rate", 1.0, low=0.0, open_low=True),
+        number_of(table, path, "rate", 1.0, above=0.0),
     )

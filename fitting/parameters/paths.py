@@ -180,6 +180,6 @@ OFF_BOUND = 1e-3
 def _parameter(name: str, where: ModelPlace, value: float, meta: Mapping[str, Any]) -> Parameter:
     low = -np.inf if meta["low"] is None else float(meta["low"])
     high = np.inf if meta["high"] is None else float(meta["high"])
-    if meta["open_low"]:
-        low += OFF_BOUND * abs(value)
+    if meta["above"] is not None:
+        low = float(meta["above"]) + OFF_BOUND * abs(value)
     return Parameter(name, where, value, low, high, meta["unit"])

@@ -33,8 +33,8 @@ def read_types(deck: Deck) -> dict[str, Table]:
         kind: Table = {
             "name": name,
             "row": row.number,
-            "diameter": row.value(1, "Diam", 0.0, open_low=True),
-            "mass": row.value(2, "Mass/m", 0.0, open_low=True),
+            "diameter": row.value(1, "Diam", above=0.0),
+            "mass": row.value(2, "Mass/m", above=0.0),
             **_stiffness(row),
             **_damping(row),
         }
@@ -86,7 +86,7 @@ def _stiffness(row: Row) -> Table:
         text = static
     if not is_number(text):
         return {"law": "tabulated", **_table(row, text)}
-    return {"EA": row.read(text, "EA", 0.0, open_low=True)}
+    return {"EA": row.read(text, "EA", above=0.0)}
 
 
 def _table(row: Row, text: str) -> dict[str, list[float]]:

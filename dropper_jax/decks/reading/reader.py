@@ -164,7 +164,7 @@ def _lines(deck: Deck, types: Table, names: dict[str, str]) -> list[DeckLine]:
             start=names[start.upper()],
             end=names[end.upper()],
             type=kind,
-            length=row.value(length, "UnstrLen", 0.0, open_low=True),
+            length=row.value(length, "UnstrLen", above=0.0),
             links=row.integer(links, "NumSegs"),
             row=row.number,
         )

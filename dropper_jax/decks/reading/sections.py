@@ -132,18 +132,20 @@ class Row:
         if len(self.words) < least:
             self.refuse(f"{what}: has {len(self.words)} values; allowed: {least}")
 
-    def read(self, text: str, what: str, low: float = -math.inf, open_low: bool = False) -> float:
-        """The finite number of a text, at least (or above) `low`."""
-        value = float(text) if is_number(text) else math.nan
-        if not math.isfinite(value):
+    def read(self, text: str, what: str, low: float = -math.inf, above: float = -math.inf) -> float:
+        """The finite number of a text, at least `low` and greater than `above`."""
+        if not is_number(text) or not math.isfinite(float(text)):
             self.refuse(f"{what}: {text!r} is not a number")
-        if value < low or (open_low and value == low):
-            self.refuse(f"{what}: {text} is out of range; allowed: {'>' if open_low else '>='} {low:g}")
+        value = float(text)
+        if value < low:
+            self.refuse(f"{what}: {text} is out of range; allowed: >= {low:g}")
+        if value <= above:
+            self.refuse(f"{what}: {text} is out of range; allowed: > {above:g}")
         return value
 
-    def value(self, at: int, what: str, low: float = -math.inf, open_low: bool = False) -> float:
+    def value(self, at: int, what: str, low: float = -math.inf, above: float = -math.inf) -> float:
         """The number of a word."""
-        return self.read(self.words[at], what, low, open_low)
+        return self.read(self.words[at], what, low, above)
 
     def values(self, first: int, end: int, what: str, low: float = -math.inf) -> list[float]:
         """The numbers of several words."""

@@ -201,7 +201,7 @@ def read_goals(site: Site) -> Goals:
             continue
         key = "minimum" if kind == "clearance" else "maximum"
         unit = "N or m" if kind == "quantity" else "m"
-        limit = read_number(table.get(key), f"{path}.{key}", {"low": 0.0, "open_low": True, "unit": unit})
+        limit = read_number(table.get(key), f"{path}.{key}", {"above": 0.0, "unit": unit})
         if kind == "quantity":
             of = read_text(table.get("of"), f"{path}.of")
             named_quantity(of, bare_model(overgrown(site.scene)), f"{path}.of", limit)

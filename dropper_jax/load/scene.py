@@ -50,9 +50,11 @@ STRETCHED = 2.0
 
 
 def given_pose(scene: SceneData) -> tuple[str, np.ndarray] | None:
-    """The path of a given start of one line, and its nodes (n + 1, 3) [m]; None for a static start."""
+    """The path of a given start of one line, and its nodes (n + 1, 3) [m]; None for a static start or a system."""
     line = scene.lines[0]
     start = scene.start
+    if scene.branched:
+        return None
     if start.positions is not None:
         return "start.positions", start.positions
     if start.polar is None or start.azimuth is None or start.zero is None:
@@ -198,9 +200,8 @@ class Scene(SceneData):
         start = scene.start.of_lines(scene.lines, held, branched)
         scene = replace(scene, start=start, effects=_read_effects(scene))
         check_scene(scene)
-        if not branched:
-            scene = replace(scene, start=closed_start(scene))
-        pose = None if branched else given_pose(scene)
+        scene = replace(scene, start=closed_start(scene))
+        pose = given_pose(scene)
         if pose is not None:
             check_pose(scene, scene.lines[0], *pose)
         else:
@@ -219,12 +220,11 @@ class Scene(SceneData):
         rows = [
             ("run", f"{self.run.integrator}, {self.run.steps_in_words} to {self.run.duration:g} s"),
             ("points", ", ".join(f"{point.name} ({point.kind})" for point in self.points[:SHOWN])),
-            *(
-                (f"line {line.name}", f"{line.links} links, {line.total:.4g} m, {np.sum(line.mass):.4g} kg")
-                for line in self.lines[:SHOWN]
-            ),
-            ("effects", ", ".join(self.effects) or "none"),
         ]
+        for line in self.lines[:SHOWN]:
+            size = f"{line.links} links, {line.total:.4g} m, {np.sum(line.mass):.4g} kg"
+            rows.append((f"line {line.name}", size))
+        rows.append(("effects", ", ".join(self.effects) or "none"))
         return html_table(f"Scene {self.name}: {len(self.lines)} lines, {len(self.points)} points", rows)
 
     def with_values(self, values: Values) -> Scene:
@@ -286,8 +286,9 @@ class Scene(SceneData):
         if given:
             scene = Scene.from_dict(template.table, self.name)
             changes = template.changes
-        scene = replace(scene, template=None)
-        return replace(scene.with_values(changes) if changes else scene, template=template)
+        if changes:
+            scene = replace(scene, template=None).with_values(changes)
+        return replace(scene, template=template)
 
     @property
     def parameter_paths(self) -> list[str]:

@@ -189,8 +189,10 @@ class Model:
         t = jnp.asarray(t, self.dtype)
         return Ends(*jax.jvp(self._held_positions, (t,), (jnp.ones_like(t),)))
 
-    def end_acceleration(self, t: Array) -> Array:
-        """Accelerations (held, 3) [m/s^2] of moving ends at time t."""
+    def end_acceleration(self, t: Array) -> Array | None:
+        """Accelerations (held, 3) [m/s^2] of moving ends at time t; None if all ends are at rest."""
+        if not self.moving:
+            return None
         return jax.jvp(lambda time: self.ends(time).velocities, (t,), (jnp.ones_like(t),))[1]
 
     def kinematics(

@@ -65,11 +65,13 @@ class AnchorSpec(DeclaredSection):
 
     def checks(self) -> Iterator[Check]:
         needed = KINDS[self.kind]
-        optional = OPTIONAL if self.kind == "screw" else ()
+        used = needed
+        if self.kind == "screw":
+            used = (*needed, *OPTIONAL)
         takes = f"kind {self.kind!r} takes {' and '.join(needed)}"
         for key in (*chain.from_iterable(KINDS.values()), *OPTIONAL):
             given = getattr(self, key) is not None
-            yield given and key not in (*needed, *optional), f"{key}: is not used; {takes}"
+            yield given and key not in used, f"{key}: is not used; {takes}"
             yield not given and key in needed, f"{key}: missing; {takes}"
         if self.kind == "screw":
             yield from self._screw_checks()
@@ -138,8 +140,9 @@ class AnchorSpec(DeclaredSection):
             return self.friction * self.weight, self.weight, False
         if self.lateral is not None:
             return self.lateral, self.screw_capacity, False
-        own = self.screw_capacity if self.capacity is None else self.capacity
-        return own, own, True
+        if self.capacity is not None:
+            return self.capacity, self.capacity, True
+        return self.screw_capacity, self.screw_capacity, True
 
 
 def utilisations(

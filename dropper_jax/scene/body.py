@@ -136,10 +136,14 @@ class BodySpec(DeclaredSection):
     @property
     def extent(self) -> float:
         """Longest side of the box around its shapes [m]."""
-        positions = [p for c in self.cylinders for p in (c.start, c.end)]
-        positions += [s.centre + 0.5 * s.diameter * sign for s in self.spheres for sign in (-1.0, 1.0)]
-        sides = np.ptp(positions, axis=0) if positions else ()
-        return max([*sides, *(s.diameter for s in self.shapes)], default=0.0)
+        if not self.shapes:
+            return 0.0
+        positions = []
+        for cylinder in self.cylinders:
+            positions += [cylinder.start, cylinder.end]
+        for sphere in self.spheres:
+            positions += [sphere.centre - 0.5 * sphere.diameter, sphere.centre + 0.5 * sphere.diameter]
+        return max(*np.ptp(positions, axis=0), *(shape.diameter for shape in self.shapes))
 
     @property
     def rotation(self) -> np.ndarray:

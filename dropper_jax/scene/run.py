@@ -115,14 +115,16 @@ class RunSpec(SectionValues):
                 found[key] = read_number(own.pop(key), f"{path}.{key}", declared)
         spec = cls(**read_fields(cls, own, path, {}), options=found)
         raise_first(spec._checks(), path)
-        return spec._normal(path)
+        return spec._normalise(path)
 
-    def _normal(self, path: str) -> RunSpec:
+    def _normalise(self, path: str) -> RunSpec:
         """The same without keys that follow from others."""
         if self.dt is None:
             return replace(self, accuracy=self.accuracy or DEFAULT_ACCURACY)
+        if self.accuracy is None and self.save_interval is None:
+            return self
         if self.accuracy is None:
-            return self if self.save_interval is None else self._with_whole_steps(path)
+            return self._with_whole_steps(path)
         interval = self.save_interval or self.dt * self.save_every
         return replace(self, dt=None, source_dt=self.source_dt or self.dt, save_every=1, save_interval=interval)
 

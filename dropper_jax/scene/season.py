@@ -63,11 +63,10 @@ class SeasonSpec(DeclaredSection):
             f"month: {self.month} is out of range; allowed: {self.months[0]:g} to {self.months[-1]:g} months, "
             "as `months`",
         )
-        yield (
-            (self.attachment is None) != (self.mussel_mass is None),
-            f"{'attachment' if self.mussel_mass else 'mussel_mass'}: missing; a drop-off needs both "
-            "`attachment` and `mussel_mass`",
-        )
+        drop_off = ("attachment", "mussel_mass")
+        missing = [key for key in drop_off if getattr(self, key) is None]
+        for key in missing:
+            yield len(missing) == 1, f"{key}: missing; a drop-off needs both `attachment` and `mussel_mass`"
         for key in ("lines", "harvested_lines"):
             yield (
                 not getattr(self, key),
@@ -89,7 +88,8 @@ class SeasonSpec(DeclaredSection):
 
     def over(self, depth: np.ndarray, month: float | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Thickness [m] and density [kg/m^3] at depths [m] and a month (default: its own), before any harvest."""
-        month = self.month if month is None else month
+        if month is None:
+            month = self.month
         row = np.array([np.interp(month, self.months, column) for column in self.thickness.T])
         density = np.broadcast_to(self.density, self.depth.shape)
         return np.interp(depth, self.depth, row), np.interp(depth, self.depth, density)

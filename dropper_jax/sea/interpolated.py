@@ -78,9 +78,11 @@ class GridWaves(Waves):
         ns, nz, width = self.shapes.shape
         i, wi = self._locate(s, 0, ns)
         j, wj = self._locate(z, 1, nz)
-        patch = jax.vmap(lambda i, j: jax.lax.dynamic_slice(self.shapes, (i, j, jnp.zeros_like(i)), (4, 4, width)))(
-            i, j
-        )
+
+        def cut_patch(i: Array, j: Array) -> Array:
+            return jax.lax.dynamic_slice(self.shapes, (i, j, jnp.zeros_like(i)), (4, 4, width))
+
+        patch = jax.vmap(cut_patch)(i, j)
         weight = wi[:, :, None] * wj[:, None, :]
         local = jnp.einsum("nijm,nij->nm", patch, weight).reshape(-1, 2, width // 2)
         level, rising = jnp.einsum("ndm,qm->dqn", local, c)
@@ -224,6 +226,10 @@ class BoundWaves(Waves):
         return density * (self.head - 0.5 * (u**2 + w**2))
 
 
+#: Uniform flow [m/s] below which that of a wave is rounding, and adds no computation.
+RESTING_DRIFT = 1e-12
+
+
 def bound_waves(
     wave: SteadyWave, phase: float, direction: float, current: float, ramp: float | None = None
 ) -> BoundWaves:
@@ -241,7 +247,9 @@ def bound_waves(
     counts = (size > small * size[0]) | (np.abs(wave.surface) > small * wave.height)
     kept = max(int(np.max(order[counts])), 2)
     order = order[:kept]
-    drift = wave.eulerian - current
+    drift = None
+    if abs(wave.eulerian - current) >= RESTING_DRIFT:
+        drift = jnp.asarray(wave.eulerian - current)
     return BoundWaves(
         amplitude=jnp.asarray(wave.surface[:kept]),
         omega=jnp.asarray(2.0 * np.pi / wave.period * order),
@@ -251,7 +259,7 @@ def bound_waves(
         ramp=ramp,
         stretching="none",
         speed=jnp.asarray(speed[:kept]),
-        drift=None if abs(drift) < 1e-12 else jnp.asarray(drift),
+        drift=drift,
         flow=jnp.asarray(wave.flow),
         head=jnp.asarray(wave.head),
         theory=wave.theory,

@@ -137,7 +137,9 @@ class WaveSpec(DeclaredSection):
         """Amplitude [m], one or one per component; zero of a spectrum."""
         if self.height is not None:
             return 0.5 * self.height
-        return 0.0 if self.amplitude is None else self.amplitude
+        if self.amplitude is None:
+            return 0.0
+        return self.amplitude
 
     def table(self) -> Table:
         # keys that linear waves do not have are written only if given
@@ -168,7 +170,8 @@ class CurrentSpec(Current, DeclaredSection):
     def read(cls, table: Plain, path: str) -> CurrentSpec:
         values = read_fields(cls, table, path, {})
         if values["kind"] == "power":
-            values["exponent"] = 1.0 / 7.0 if values["exponent"] is None else values["exponent"]
+            if values["exponent"] is None:
+                values["exponent"] = 1.0 / 7.0
             values["reference"] = values["reference"] or 0.0
         _check_pair(values, path, "heights", "velocities", values["kind"] == "table")
         _check_pair(values, path, "time", "factor")

@@ -69,13 +69,11 @@ def stream_function(
     """
     speed = np.sqrt(gravity * depth)
     time = np.sqrt(depth / gravity)
-    problem = _Problem(
-        depth,
-        None if period is None else period / time,
-        None if length is None else length / depth,
-        current / speed,
-        criterion,
-    )
+    if period is not None:
+        period = period / time
+    if length is not None:
+        length = length / depth
+    problem = _Problem(depth, period, length, current / speed, criterion)
     orders = ORDERS
     if order is not None:
         orders = (*(n for n in ORDERS if n < order), order)
@@ -249,7 +247,9 @@ def _climb(problem: _Problem, height: float, order: int) -> np.ndarray:
         if x is None:
             step *= 0.5
             if step < SMALLEST_STEP:
-                number = past[-1][1][0] if past else problem.linear_number()
+                number = problem.linear_number()
+                if past:
+                    number = past[-1][1][0]
                 raise problem.not_solved(done * height, number)
             continue
         if share * height > SPURIOUS * highest(2.0 * np.pi / x[0], 1.0):

@@ -98,11 +98,14 @@ class Sea:
     def corners(self) -> list[Numbers]:
         """Times (k,) [s] at which the motion of the water is not smooth: table times of the current, both ends of a
         ramp."""
-        tables = [part.time for part in (self.current, self.level) if part is not None and part.time is not None]
-        ramp = None if self.waves is None else self.waves.ramp
-        if ramp is None:
-            return tables
-        return [*tables, jnp.stack([jnp.zeros_like(ramp), ramp])]
+        found = []
+        for part in (self.current, self.level):
+            if part is not None and part.time is not None:
+                found.append(part.time)
+        if self.waves is not None and self.waves.ramp is not None:
+            ramp = self.waves.ramp
+            found.append(jnp.stack([jnp.zeros_like(ramp), ramp]))
+        return found
 
     def without_waves(self) -> Sea:
         """The same water without waves."""
@@ -113,12 +116,13 @@ class Sea:
 
         Du/Dt with `material`, the velocity of the current alone with `current`.
         """
-        motion = self.at(r, t)
+        water = Water(self.at(r, t), None, tangents)
         if material:
-            change = motion.acceleration + self.convective(r, t, motion)
-        else:
-            change = None
-        return Water(motion, change, tangents, self.stream(r, t) if current else None)
+            motion = water.motion
+            water = water._replace(material=motion.acceleration + self.convective(r, t, motion))
+        if current:
+            water = water._replace(current=self.stream(r, t))
+        return water
 
 
 class Water(NamedTuple):

@@ -24,7 +24,9 @@ class Layout:
     """Packing of unknowns into blocks: block i contains node i and link i, with `width` nodes per block."""
 
     def __init__(self, nodes: int, links: int, width: int) -> None:
-        self.nodes, self.links, self.width = nodes, links, width
+        self.nodes = nodes
+        self.links = links
+        self.width = width
         self.blocks = -(-links // width)
         self.size = 4 * width
         used = np.zeros((self.blocks * width, 4), bool)
@@ -103,7 +105,8 @@ def _substitute(beside: Array, inverse: Array | None, rhs: Array, reverse: bool 
     def one(x: Array, row: tuple[Array, Array | None, Array]) -> tuple[Array, Array]:
         block, own, b = row
         x = b - apply(block, x)
-        x = x if own is None else apply(own, x)
+        if own is not None:
+            x = apply(own, x)
         return x, x
 
     return jax.lax.scan(one, jnp.zeros_like(rhs[0]), (beside, inverse, rhs), reverse=reverse)[1]

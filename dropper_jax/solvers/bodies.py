@@ -23,7 +23,7 @@ from dropper_jax.base.indexed_sums import scatter_add, scatter_add_many
 from dropper_jax.model import Graph, HolonomicConstraint
 from dropper_jax.residual import StepProblem, Unknowns
 from dropper_jax.solvers.coupling import Coupling
-from dropper_jax.solvers.elimination import Pair, apply, optimization_barrier
+from dropper_jax.solvers.elimination import apply, optimization_barrier
 from dropper_jax.solvers.links import LinkParts
 from dropper_jax.solvers.saddle import Saddle, Stretching, factor_lines
 
@@ -69,7 +69,9 @@ class BodyNodeMap:
     @property
     def size(self) -> int:
         """Number of unknowns of one body."""
-        return BODY_COORDINATES + EDGES + (PIN if self.pinned.size else 0)
+        if self.pinned.size:
+            return BODY_COORDINATES + EDGES + PIN
+        return BODY_COORDINATES + EDGES
 
     def sums(self, along: Array) -> Array:
         """Sum of link forces (n, 3) on the free nodes, with the sign of the rows."""
@@ -87,15 +89,16 @@ class BodyNodeMap:
         if between is None:
             return None, None
         pairs = np.array(between.pairs, int).reshape(-1, 2)
-        inside = np.isin(pairs, self.retained_nodes).all(axis=1)
+        inside = np.all(np.isin(pairs, self.retained_nodes), axis=1)
         own = np.searchsorted(self.retained_nodes, pairs[inside])
-        within = Coupling(_as_pairs(own), between.blocks[np.flatnonzero(inside)])
-        others = Coupling(_as_pairs(pairs[~inside]), between.blocks[np.flatnonzero(~inside)])
-        return within if within.pairs else None, others if others.pairs else None
+        return _blocks_at(own, between, inside), _blocks_at(pairs[~inside], between, ~inside)
 
 
-def _as_pairs(nodes: np.ndarray) -> tuple[Pair, ...]:
-    return tuple((row, column) for row, column in nodes.tolist())
+def _blocks_at(pairs: np.ndarray, coupling: Coupling, chosen: np.ndarray) -> Coupling | None:
+    """The chosen blocks of a coupling, at these (row, column); None if there are none."""
+    if not len(pairs):
+        return None
+    return Coupling(tuple((row, column) for row, column in pairs.tolist()), coupling.blocks[np.flatnonzero(chosen)])
 
 
 @lru_cache(maxsize=64)
@@ -122,7 +125,7 @@ class Lines:
     def transpose(self) -> Lines:
         others = self.others
         if others is not None:
-            others = Coupling(tuple((j, i) for i, j in others.pairs), others.blocks.mT)
+            others = others.transpose()
         solver = self.solver.transpose()
         return replace(self, links=self.links.transpose(), solver=solver, block=self.block.mT, others=others)
 
@@ -138,8 +141,10 @@ class Lines:
         d = graph.differences(moved, None)
         rows = -nodes.sums(apply(links.turn, d)) - self._by_pieces(moved)
         own = -jnp.sum(links.gradient * d, axis=-1)
-        rows = rows if force is None else force + rows
-        own = own if stretch is None else stretch + own
+        if force is not None:
+            rows = force + rows
+        if stretch is not None:
+            own = stretch + own
         x, y = self.solver.solve(rows[nodes.retained_nodes], own)
         x = scatter_add(nodes.retained_nodes, x, graph.free)
         d = d + graph.differences(x, None)
@@ -169,16 +174,17 @@ class BodyFactor:
     def solve(self, force: Array, stretch: Array, gaps: Array) -> tuple[Array, Array, Array]:
         """Displacements (free, 3), tensions (n,) and multipliers (rows,) for r_x, r_y and the rows of the gaps."""
         lines = self.lines
-        nodes = self.lines.nodes
-        bodies = len(self.lines.nodes.corners)
-        seats, edges, off, pins = len(nodes.seats), *parts(gaps, nodes)
+        nodes = lines.nodes
+        bodies = len(nodes.corners)
+        seats = len(nodes.seats)
+        edges, off, pins = parts(gaps, nodes)
         off = nodes.pad_seats(off)
         link_force = nodes.pad_seats(force[nodes.seats])
         right = force[nodes.corners].reshape(bodies, 4, 3)
         if nodes.edge.size:
             right = right + (self.shares.T @ (link_force - lines.answer(off, force, stretch)[2])).reshape(bodies, 4, 3)
         rows = jnp.concatenate([right.reshape(bodies, BODY_COORDINATES), edges, *pins], axis=1)
-        found = lu_solve(self.bodies, rows.ravel(), trans=1 if self.turned else 0).reshape(bodies, -1)
+        found = lu_solve(self.bodies, rows.ravel(), trans=int(self.turned)).reshape(bodies, -1)
         corner = found[:, :BODY_COORDINATES].reshape(-1, 3)
         moved = off
         if nodes.edge.size:
@@ -196,11 +202,10 @@ def parts(gaps: Array, nodes: BodyNodeMap) -> tuple[Array, Array, list[Array]]:
     bodies = len(nodes.corners)
     seats = len(nodes.seats)
     edges, off, pins = jnp.split(gaps, [EDGES * bodies, EDGES * bodies + 3 * seats])
+    own_pins = []
     if nodes.pinned.size:
-        pins = [scatter_add(nodes.pinned, pins.reshape(-1, 3), bodies)]
-    else:
-        pins = []
-    return edges.reshape(bodies, EDGES), off.reshape(seats, 3), pins
+        own_pins.append(scatter_add(nodes.pinned, pins.reshape(-1, 3), bodies))
+    return edges.reshape(bodies, EDGES), off.reshape(seats, 3), own_pins
 
 
 def factor_bodies(

@@ -12,9 +12,7 @@ from jax import Array
 from dropper_jax.base.indexed_sums import scatter_add_many
 from dropper_jax.model import ElementForce, at_pieces
 from dropper_jax.residual import StepProblem, Unknowns
-from dropper_jax.solvers.elimination import (
-    Pair,
-)
+from dropper_jax.solvers.elimination import Pair
 
 
 class Coupling(NamedTuple):
@@ -22,6 +20,9 @@ class Coupling(NamedTuple):
 
     pairs: tuple[Pair, ...]
     blocks: Array
+
+    def transpose(self) -> Coupling:
+        return Coupling(tuple((column, row) for row, column in self.pairs), self.blocks.mT)
 
 
 def coupling(problem: StepProblem, u: Unknowns) -> Coupling | None:

@@ -171,7 +171,7 @@ def _tensions(model: Model, r: Array, v: Array, t: Array) -> Array:
         k = model.instant(r, v, t)
         if model.line.axial.elastic:  # accelerations are not needed
             return model.tension_by_law(k)
-        return instant(k, model.end_acceleration(t) if model.moving else None)[1]
+        return instant(k, model.end_acceleration(t))[1]
 
     return jax.vmap(one)(r, v, t)
 

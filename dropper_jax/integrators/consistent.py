@@ -158,7 +158,7 @@ def after_change_of_step(
     """The same after a step of another length.
 
     The smooth rates `d . d' = h^2 d' . d''/4` belong to a length of steps. With those of a step h0 rates along rigid
-    links change sign at every step, and tensions alternate by `m (h0^2 - h^2)/h d' . d''/2` for ever. The energy of
+    links change sign at every step, and tensions alternate by `m (h0^2 - h^2)/h d' . d''/2` indefinitely. The energy of
     the change is of fourth order in the steps.
 
     Args:

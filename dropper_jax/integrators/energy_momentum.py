@@ -210,8 +210,8 @@ class MidpointProblem(StepProblem):
             v, impulse = after_jump(k, model.end_acceleration(t1), self.h)
             return v, impulse, model.kinetic_energy(k.with_velocity(v)) - model.kinetic_energy(k)
 
-        kept = v1, jnp.zeros_like(self.s.tension), jnp.zeros((), v1.dtype)
-        v, impulse, gained = jax.lax.cond(jumped, project, lambda: kept)
+        unchanged = v1, jnp.zeros_like(self.s.tension), jnp.zeros((), v1.dtype)
+        v, impulse, gained = jax.lax.cond(jumped, project, lambda: unchanged)
         name = MOVING_ENDS
         if not model.moving:  # it is the work of what excites the sawtooth
             name = turning(model.having(AddedMass)[0])

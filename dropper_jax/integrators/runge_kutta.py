@@ -108,6 +108,6 @@ class RungeKutta(Explicit):
 
 def _weigh_slopes(weights: tuple[float, ...], slopes: list[Rates]) -> Rates:
     """The weighted sum of slopes; zero weights are skipped."""
-    kept = [weight for weight in weights if weight]
+    factors = [weight for weight in weights if weight]
     used = itertools.compress(slopes, weights)
-    return jax.tree.map(lambda *k: sum(map(operator.mul, kept, k)), *used)
+    return jax.tree.map(lambda *k: sum(map(operator.mul, factors, k)), *used)

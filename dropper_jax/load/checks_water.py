@@ -63,26 +63,26 @@ def check_growth(scene: SceneData) -> Iterator[Check]:
         if line.growth is None and not season:
             continue
         path = f"line.{i}"
-        said = f"{path}.growth"
+        source = f"{path}.growth"
         if season:
-            said = "growth"
+            source = "growth"
         yield (
             line.growth is not None and season,
             f"{path}.growth: given, but [growth] lists {line.name!r} too; allowed: one of them",
         )
-        yield scene.sea is None, f"{said}: {NEEDS_WATER}"
-        yield line.diameter is None, f"{path}.diameter: missing; {said} needs the diameter of the bare rope, > 0 m"
+        yield scene.sea is None, f"{source}: {NEEDS_WATER}"
+        yield line.diameter is None, f"{path}.diameter: missing; {source} needs the diameter of the bare rope, > 0 m"
         yield (
             line.outer_diameter is not None,
-            f"{path}.outer_diameter: {said} changes the diameter; allowed: one of them",
+            f"{path}.outer_diameter: {source} changes the diameter; allowed: one of them",
         )
         yield (
             line.centre_of_mass is not None,
-            f"{said}: needs point masses at the nodes, but the line has compound links. Remove it",
+            f"{source}: needs point masses at the nodes, but the line has compound links. Remove it",
         )
         yield (
             scene.effects.get("buoyancy", {}).get("wet_weight") is not None,
-            f"effects.buoyancy.wet_weight: is that of the bare line, but {said} changes it. Remove it",
+            f"effects.buoyancy.wet_weight: is that of the bare line, but {source} changes it. Remove it",
         )
 
 
@@ -131,9 +131,9 @@ def _check_shelter(scene: SceneData, current: Current | None) -> Iterator[str]:
     kinds = [(line.links, line.total) for line in scene.lines]
     alike = [i for i, kind in enumerate(kinds) if kind == kinds[weakest]]
     strongest = max(alike, key=lambda i: each[i])
-    way = (_middle(scene, weakest) - _middle(scene, strongest))[:2]
-    size = np.hypot(*way)
-    along = way @ [np.cos(current.direction), np.sin(current.direction)]
+    across = (_middle(scene, weakest) - _middle(scene, strongest))[:2]
+    size = np.hypot(*across)
+    along = across @ [np.cos(current.direction), np.sin(current.direction)]
     # minimum cosine between a current and the direction in which lines shelter each other, about 60 degrees
     if each[strongest] > each[weakest] and size > 0.0 and along <= 0.5 * size:
         yield (

@@ -121,14 +121,14 @@ class LineType:
     def checks(self) -> Iterator[Check]:
         """Checks for `EA`, a table if the law is `tabulated`, or neither if it is `rigid`; at most one kind of
         damping."""
-        wanted = {"tabulated": ("strain", "tension"), "rigid": ()}.get(self.law, ("EA",))
-        used = wanted
+        needed = {"tabulated": ("strain", "tension"), "rigid": ()}.get(self.law, ("EA",))
+        used = needed
         if self.law != "rigid":
-            used = (*wanted, "damping", "damping_ratio")
-        takes = " and ".join(wanted) or "no stiffness and no damping"
+            used = (*needed, "damping", "damping_ratio")
+        takes = " and ".join(needed) or "no stiffness and no damping"
         for key in ("EA", "strain", "tension", "damping", "damping_ratio"):
             given = getattr(self, key) is not None
-            yield not given and key in wanted, f"{key}: missing; law {self.law!r} needs {takes}"
+            yield not given and key in needed, f"{key}: missing; law {self.law!r} needs {takes}"
             yield given and key not in used, f"{key}: not used by law {self.law!r}, which takes {takes}"
         both = self.damping is not None and self.damping_ratio is not None
         yield both, ": `damping` and `damping_ratio` are both given; allowed: one of the two"
@@ -303,12 +303,12 @@ def _split(
 def _between(sections: Sequence[Section], low: float, high: float) -> list[Section]:
     """The part of the sections from arc length `low` to `high` [m]."""
     found = []
-    begin = 0.0
+    start = 0.0
     for section in sections:
-        length = min(high, begin + section.length) - max(low, begin)
+        length = min(high, start + section.length) - max(low, start)
         if length > 1e-9 * section.length:
             found.append(section.cut(length))
-        begin += section.length
+        start += section.length
     return found
 
 

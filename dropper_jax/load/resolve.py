@@ -134,15 +134,15 @@ def with_library_lines(table: Values) -> Table:
         items[f"line.{i}"] = line
         for k, section in enumerate(line.get("sections", ())):
             items[f"line.{i}.sections.{k}"] = section
-    wanted = {}
+    from_library = {}
     for path, item in items.items():
         name = item.get("type")
         if isinstance(name, str) and name.startswith(PREFIX) and name not in own:
-            wanted.setdefault(name, f"{path}.type")
-    if not wanted:
+            from_library.setdefault(name, f"{path}.type")
+    if not from_library:
         return dict(table)
     types = list(types)
-    for name, path in wanted.items():
+    for name, path in from_library.items():
         types.append(_part_for(path, name, "line_type", "a rope, a chain or a crop"))
     return {**table, "line_type": types}
 

@@ -230,10 +230,10 @@ class Model:
             return self.geometry.nodes(r, ends.velocities)
         return self.geometry.nodes(r, ends.positions)
 
-    def gather(self, pull: Array) -> Array:
+    def gather(self, link_force: Array) -> Array:
         """Sum on the free nodes (nodes, ...) of the links' tension forces (n, ...): + on their first node, - on their
         last."""
-        return self.geometry.gather(pull)
+        return self.geometry.gather(link_force)
 
     def node(self, line: str | int, j: int) -> int:
         """Number among the free nodes of node j of a line (see `Kinematics.node`)."""
@@ -275,14 +275,14 @@ class Model:
             own = self.node_mass[:, None] * a
         return sum((e.coupled(self, a) for e in self.having(CoupledMass)), own)
 
-    def end_powers(self, pull: Array, rates: Ends, k: Kinematics | None = None) -> dict[str, Array]:
-        """Power [W], by name, that moving ends put into link forces `pull` (n, 3) [N]; empty if the ends are at rest.
+    def end_powers(self, link_force: Array, rates: Ends, k: Kinematics | None = None) -> dict[str, Array]:
+        """Power [W], by name, that moving ends put into `link_force` (n, 3) [N]; empty if the ends are at rest.
 
         With an instant k also the power into potentials that couple nodes, as for lines with bending stiffness.
         """
         if rates.velocities is None:
             return {}
-        power = -jnp.sum(self.geometry.held_force(pull) * rates.velocities)
+        power = -jnp.sum(self.geometry.held_force(link_force) * rates.velocities)
         bent = tuple(e for e in self.having(Potential) if isinstance(e, ElementForce))
         if k is None or not bent:
             return {MOVING_ENDS: power}

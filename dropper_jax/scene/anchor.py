@@ -84,11 +84,11 @@ class AnchorSpec(DeclaredSection):
             len(plates) == 0 or len(plates) != len(depths),
             f"depths: has {len(depths)} entries; allowed: one for each entry of `plates`, >= 1",
         )
-        least = SCREW_DEPTH * plates[0]
+        shallowest = SCREW_DEPTH * plates[0]
         yield (
-            depths[0] < least,
+            depths[0] < shallowest,
             f"depths.0: {depths[0]:g} m is too shallow, the soil above would break out; allowed: >= "
-            f"{least:g} m, 5 diameters",
+            f"{shallowest:g} m, 5 diameters",
         )
         spacing = SPACING * np.maximum(plates[:-1], plates[1:])
         for i in np.flatnonzero(np.diff(depths) < spacing * (1.0 - 1e-9)):

@@ -117,7 +117,7 @@ SMALLEST_SHAPE = 2e-5
 def on_grid(waves: Waves, depth: float, low: np.ndarray, high: np.ndarray) -> GridWaves:
     """Shapes and grid for long-crested `waves` between `low` and `high` (2,) [m] in s and z; runs once, on the host."""
     k = np.asarray(waves.wave_number, float)
-    asked = low
+    requested_low = low
     highest = 1.5 * float(waves.significant_height)
     low = np.array([low[0], max(low[1] - highest, -depth)])  # stretching moves positions under a crest downwards
     count = np.maximum(np.ceil((high - low) * k.max() / GRID_STEP).astype(int), 4) + 4
@@ -144,7 +144,7 @@ def on_grid(waves: Waves, depth: float, low: np.ndarray, high: np.ndarray) -> Gr
         surface=jnp.asarray(left[2 * points :, :rank]),
         projection=jnp.asarray(values[:rank, None] * right[:rank]),
     )
-    return replace(made, error=_measure_error(waves, made, depth, asked, high))
+    return replace(made, error=_measure_error(waves, made, depth, requested_low, high))
 
 
 def _measure_error(exact: Waves, found: GridWaves, depth: float, low: np.ndarray, high: np.ndarray) -> Array:
@@ -245,20 +245,20 @@ def bound_waves(
     speed = wave.speed * np.tanh(order * k * wave.depth)
     size = np.abs(wave.speed) * np.exp(order * k * wave.crest)
     counts = (size > small * size[0]) | (np.abs(wave.surface) > small * wave.height)
-    kept = max(int(np.max(order[counts])), 2)
-    order = order[:kept]
+    count = max(int(np.max(order[counts])), 2)
+    order = order[:count]
     drift = None
     if abs(wave.eulerian - current) >= RESTING_DRIFT:
         drift = jnp.asarray(wave.eulerian - current)
     return BoundWaves(
-        amplitude=jnp.asarray(wave.surface[:kept]),
+        amplitude=jnp.asarray(wave.surface[:count]),
         omega=jnp.asarray(2.0 * np.pi / wave.period * order),
         wave_number=jnp.asarray(k * order),
         phase=jnp.asarray(phase * order, float),
         direction=jnp.asarray(direction, float),
         ramp=ramp,
         stretching="none",
-        speed=jnp.asarray(speed[:kept]),
+        speed=jnp.asarray(speed[:count]),
         drift=drift,
         flow=jnp.asarray(wave.flow),
         head=jnp.asarray(wave.head),

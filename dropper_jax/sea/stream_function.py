@@ -74,27 +74,8 @@ def stream_function(
     if length is not None:
         length = length / depth
     problem = _Problem(depth, period, length, current / speed, criterion)
-    orders = ORDERS
-    if order is not None:
-        orders = (*(n for n in ORDERS if n < order), order)
-    found = _climb_orders(problem, height / depth, orders)
-    error = problem.between(found)
-    for n in orders:
-        if n <= _order(found):
-            continue
-        if order is None and error < ACCURATE:
-            break
-        finer = _newton(problem, _refine_harmonics(found, n), height / depth)
-        if finer is not None:
-            found = finer
-            error = problem.between(finer)
-    if order is None:
-        failed = error > UNUSABLE
-    else:
-        failed = _order(found) < order
+    found = _solve(problem, height / depth, order)
     wave = _parts(found)
-    if failed:
-        raise problem.not_solved(height / depth, wave.number)
     eulerian = problem.eulerian(wave)
     celerity = wave.flow + eulerian
     return SteadyWave(
@@ -111,8 +92,35 @@ def stream_function(
         flux=speed * depth * wave.flux,
         surface=depth * _cosines(wave.surface),
         speed=speed * wave.harmonics,
-        error=error,
+        error=problem.between(found),
     )
+
+
+def _solve(problem: _Problem, height: float, order: int | None) -> np.ndarray:
+    """The unknowns of a wave of a height in units of depth, with `order` harmonics or as many as its surface needs.
+
+    Raises:
+        NotSolved: the error is too large, or Newton's method fails with the given harmonics.
+    """
+    orders = ORDERS
+    if order is not None:
+        orders = (*(n for n in ORDERS if n < order), order)
+    found = _climb_orders(problem, height, orders)
+    for n in orders:
+        if n <= _order(found):
+            continue
+        if order is None and problem.between(found) < ACCURATE:
+            break
+        finer = _newton(problem, _refine_harmonics(found, n), height)
+        if finer is not None:
+            found = finer
+    if order is None:
+        failed = problem.between(found) > UNUSABLE
+    else:
+        failed = _order(found) < order
+    if failed:
+        raise problem.not_solved(height, _parts(found).number)
+    return found
 
 
 class _Unknowns(NamedTuple):

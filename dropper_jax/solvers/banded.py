@@ -99,7 +99,7 @@ class Banded(Solver):
         return Blocks.of(layout, *_bands(problem, u, layout))
 
 
-def _substitute(beside: Array, inverse: Array | None, rhs: Array, reverse: bool = False) -> Array:
+def _substitute(coupling: Array, inverse: Array | None, rhs: Array, reverse: bool = False) -> Array:
     """x_i = D_i (b_i - B_i x_(i-1)) block by block, from the last one if `reverse`; D = 1 without an `inverse`."""
 
     def one(x: Array, row: tuple[Array, Array | None, Array]) -> tuple[Array, Array]:
@@ -109,7 +109,7 @@ def _substitute(beside: Array, inverse: Array | None, rhs: Array, reverse: bool 
             x = apply(own, x)
         return x, x
 
-    return jax.lax.scan(one, jnp.zeros_like(rhs[0]), (beside, inverse, rhs), reverse=reverse)[1]
+    return jax.lax.scan(one, jnp.zeros_like(rhs[0]), (coupling, inverse, rhs), reverse=reverse)[1]
 
 
 def _bands(problem: StepProblem, u: Unknowns, layout: Layout) -> tuple[Array, Array, Array]:

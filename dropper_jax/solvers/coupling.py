@@ -27,13 +27,13 @@ class Coupling(NamedTuple):
 
 def coupling(problem: StepProblem, u: Unknowns) -> Coupling | None:
     """Exact, from three directions of forward mode for each node of an element; None without elements."""
-    found = [_of(problem, u, effect) for effect in problem.pieces]
+    found = [_element_blocks(problem, u, effect) for effect in problem.pieces]
     if not found:
         return None
     return Coupling(sum((c.pairs for c in found), ()), jnp.concatenate([c.blocks for c in found]))
 
 
-def _of(problem: StepProblem, u: Unknowns, effect: ElementForce) -> Coupling:
+def _element_blocks(problem: StepProblem, u: Unknowns, effect: ElementForce) -> Coupling:
     model = problem.model
     k = problem.instant(u.x)
     graph = model.geometry
@@ -65,7 +65,7 @@ def _sum_blocks(nodes: np.ndarray, blocks: Array, free: int) -> Coupling:
     each = nodes.shape[1]
     row = np.broadcast_to(nodes[:, :, None], (len(nodes), each, each)).ravel()
     column = np.broadcast_to(nodes[:, None, :], (len(nodes), each, each)).ravel()
-    kept = np.flatnonzero((row < free) & (column < free))
-    codes, where = np.unique(row[kept] * free + column[kept], return_inverse=True)
+    free_pairs = np.flatnonzero((row < free) & (column < free))
+    codes, where = np.unique(row[free_pairs] * free + column[free_pairs], return_inverse=True)
     pairs = tuple(zip((codes // free).tolist(), (codes % free).tolist(), strict=True))
-    return Coupling(pairs, scatter_add_many(where, blocks[kept], len(codes)))
+    return Coupling(pairs, scatter_add_many(where, blocks[free_pairs], len(codes)))

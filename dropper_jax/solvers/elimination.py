@@ -86,9 +86,9 @@ def elimination_order(
         after: for some nodes, those that must be eliminated before them.
         most: maximum number of neighbours of a node that is eliminated together with others of fewer neighbours.
     """
-    kept = {pair for pair in blocks if max(pair) < count}
-    taken = _rounds(count, kept, after or {}, most)
-    present = kept | {(i, i) for i in range(count)}
+    nodal = {pair for pair in blocks if max(pair) < count}
+    taken = _rounds(count, nodal, after or {}, most)
+    present = nodal | {(i, i) for i in range(count)}
     nodes: list[int] = []
     following: list[list[Pair]] = []
     for neighbours, degree in taken:
@@ -130,11 +130,11 @@ def _rounds(
         # two neighbours do not add blocks; more neighbours add new blocks and are used only if nothing else remains
         most = max(few, min(len(near[i]) for i in ready))
         found: dict[int, list[int]] = {}
-        beside: set[int] = set()
+        adjacent: set[int] = set()
         for i in sorted(ready, key=lambda i: max(few, len(near[i]))):
-            if len(near[i]) <= most and i not in beside:
+            if len(near[i]) <= most and i not in adjacent:
                 found[i] = sorted(near[i])
-                beside |= near[i]
+                adjacent |= near[i]
         for i, others in found.items():
             for a in others:
                 near[a] |= near[i]
@@ -266,8 +266,8 @@ def _eliminate(table: Round, blocks: Array) -> tuple[Eliminated, Array]:
     width = table.width
     degree = table.degree
     k = blocks.shape[-1]
-    beside = blocks[width : (1 + 2 * degree) * width].reshape(2, degree, width, k, k)
-    done = Eliminated(inverse(blocks[:width]), beside[0], beside[1])
+    adjacent = blocks[width : (1 + 2 * degree) * width].reshape(2, degree, width, k, k)
+    done = Eliminated(inverse(blocks[:width]), adjacent[0], adjacent[1])
     after = with_zero_row(blocks)[table.keep]
     if table.change.size:
         products = multiply(done.upper[:, None], multiply(done.inverse, done.lower))

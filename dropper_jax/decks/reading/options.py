@@ -39,7 +39,10 @@ def read_types(deck: Deck) -> dict[str, Table]:
             **_damping(row),
         }
         second = _second_version(row)
-        for i, key in enumerate(SECOND if second else FIRST, 5 + second):
+        columns = enumerate(FIRST, 5)
+        if second:
+            columns = enumerate(SECOND, 6)
+        for i, key in columns:
             kind[key] = row.value(i, key, 0.0)
         if second:
             kind |= _bending(row)

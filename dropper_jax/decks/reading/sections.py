@@ -92,7 +92,10 @@ class Deck:
 
     def columns(self, section: str) -> list[str]:
         """Column names of a table, in small letters."""
-        return [word.lower() for words in self.heads[section][:1] for word in words]
+        heads = self.heads[section]
+        if not heads:
+            return []
+        return [word.lower() for word in heads[0]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,10 +130,10 @@ class Row:
         """Raise an error for this line."""
         self.deck.refuse(self.number, text)
 
-    def need(self, least: int, what: str) -> None:
+    def need(self, count: int, what: str) -> None:
         """Reject a row with too few words."""
-        if len(self.words) < least:
-            self.refuse(f"{what}: has {len(self.words)} values; allowed: {least}")
+        if len(self.words) < count:
+            self.refuse(f"{what}: has {len(self.words)} values; allowed: {count}")
 
     def read(self, text: str, what: str, low: float = -math.inf, above: float = -math.inf) -> float:
         """The finite number of a text, at least `low` and greater than `above`."""

@@ -102,7 +102,7 @@ def _scene(table: Table, depth: float | None) -> Table:
     types = _entries_by_name(mooring, "line_types", partial(_type, notes=notes))
     points = _entries_by_name(mooring, "points", partial(_point, notes=notes))
     lines = _entries_by_name(mooring, "lines", partial(_line, types=types, points=points, notes=notes))
-    ends = {line[key] for line in lines.values() for key in ("from", "to")}
+    ends = {line["from"] for line in lines.values()} | {line["to"] for line in lines.values()}
     notes += [f"point {name!r} is not represented: no line ends there" for name in points if name not in ends]
     notes.append(
         f"the file has no links, time step or duration: {LINKS_PER_LINE} links per line, {DEFAULT_STEP:g} s and "

@@ -56,9 +56,10 @@ def moving(model: Model, r: Array, v: Array, t: Array, track: bool) -> Moving:
     rhs = dot(unit, model.geometry.differences(loose, model.end_acceleration(t))) + dot(rate, rate) / model.line.length
     tension = solve_multipliers(unit, inverse, rhs)
     a = loose + model.tension_force(tension, unit) * inverse[:, None]
-    power = jnp.zeros(0, r.dtype)
     if track:
         power = powers(model, k, tension, a)
+    else:
+        power = jnp.zeros(0, r.dtype)
     return Moving(a, tension, power)
 
 

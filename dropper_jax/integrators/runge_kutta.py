@@ -28,9 +28,10 @@ def rates(model: Model, r: Array, v: Array, t: Array, track: bool) -> tuple[Rate
     force = model.force(k) + model.tension_force(tension, k.tangents) + sum(laws.values())
     a = accelerations(model, k, force, t)
     works = {name: jnp.sum(force * v) for name, force in laws.items()}
-    power = jnp.zeros(0, r.dtype)
     if track:
         power = powers(model, k, tension, a, works)
+    else:
+        power = jnp.zeros(0, r.dtype)
     return (v, a, power), tension
 
 

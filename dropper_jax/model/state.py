@@ -64,7 +64,10 @@ def book_works(model: Model, *tables: Works) -> Array:
     strangers = sorted(found.keys() - set(names))
     if strangers:
         raise ValueError(f"{strangers[0]!r} is not in the ledger of work; allowed: {', '.join(names) or 'nothing'}")
-    return jnp.stack([found.get(name, jnp.zeros((), model.dtype)) for name in names])
+    for name in names:
+        if name not in found:
+            found[name] = jnp.zeros((), model.dtype)
+    return jnp.stack([found[name] for name in names])
 
 
 @component

@@ -50,11 +50,9 @@ STRETCHED = 2.0
 
 
 def given_pose(scene: SceneData) -> tuple[str, np.ndarray] | None:
-    """The path of a given start of one line, and its nodes (n + 1, 3) [m]; None for a static start or a system."""
+    """The path of a given start of one line, and its nodes (n + 1, 3) [m]; None for a static start."""
     line = scene.lines[0]
     start = scene.start
-    if scene.branched:
-        return None
     if start.positions is not None:
         return "start.positions", start.positions
     if start.polar is None or start.azimuth is None or start.zero is None:
@@ -201,7 +199,9 @@ class Scene(SceneData):
         scene = replace(scene, start=start, effects=_read_effects(scene))
         check_scene(scene)
         scene = replace(scene, start=closed_start(scene))
-        pose = given_pose(scene)
+        pose = None
+        if not branched:
+            pose = given_pose(scene)
         if pose is not None:
             check_pose(scene, scene.lines[0], *pose)
         else:

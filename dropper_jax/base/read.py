@@ -363,7 +363,7 @@ def _describe_missing(field: dataclasses.Field) -> str:
     return f"{words}; allowed: {', '.join(choices)}"
 
 
-def _read_field(field: dataclasses.Field, value: Plain, path: str, counts: Mapping[str, int]) -> Any:
+def _read_field(field: dataclasses.Field, value: Plain, path: str, counts: Mapping[str, int]) -> object:
     if field.metadata["kind"] == "parameter":
         return read_parameter(value, path, field.metadata, counts)
     return read_option(value, path, field.metadata)

@@ -122,9 +122,8 @@ def _table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
 
 
 def _range(one: Mapping[str, object]) -> str:
-    low, high = one["low"], one["high"]
-    words = [f"{'above' if one['open_low'] else 'from'} {low:g}"] if low not in (None, -float("inf")) else []
-    return " ".join([*words, *([f"to {high:g}"] if high not in (None, float("inf")) else [])])
+    ends = {"from": one["low"], "above": one["above"], "to": one["high"]}
+    return " ".join(f"{word} {value:g}" for word, value in ends.items() if value is not None)
 
 
 def effects() -> str:

@@ -87,10 +87,13 @@ def angle_rates(
     rates = _links(velocities, "velocities")
     if links.shape != rates.shape:
         raise ValueError(f"velocities: shape {np.shape(velocities)}, must be that of positions, {np.shape(positions)}")
-    branch = _Branch(*(part.reshape(links.shape[:-1]) for part in _follow(links.reshape(-1, *links.shape[-2:]))))
+    branch = _follow(links.reshape(-1, *links.shape[-2:]))
+    shape = links.shape[:-1]
     with np.errstate(invalid="ignore", over="ignore"):
-        polar_rate, azimuth_rate = _rates(links, rates, branch)
-    return (polar_rate if zero == "horizontal" else -polar_rate), azimuth_rate
+        polar_rate, azimuth_rate = _rates(links, rates, _Branch(*(part.reshape(shape) for part in branch)))
+    if zero == "down":
+        polar_rate = -polar_rate
+    return polar_rate, azimuth_rate
 
 
 def _rates(links: np.ndarray, rates: np.ndarray, branch: _Branch) -> tuple[np.ndarray, np.ndarray]:

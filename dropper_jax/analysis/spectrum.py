@@ -61,7 +61,10 @@ def _uniform_step(t: np.ndarray) -> float:
         raise ValueError("t: has values that are not finite")
     steps = np.diff(t.astype(float))
     mean = steps.mean()
-    rounding = 4 * np.finfo(t.dtype if t.dtype.kind == "f" else float).eps * np.abs(t).max()
+    precision = np.dtype(float)
+    if t.dtype.kind == "f":
+        precision = t.dtype
+    rounding = 4 * np.finfo(precision).eps * np.abs(t).max()
     if mean <= 0 or np.abs(steps - mean).max() > UNEVEN * mean + rounding:
         raise ValueError(f"t: steps from {steps.min():g} to {steps.max():g} s, must be uniform and positive")
     return float(mean)
@@ -144,13 +147,16 @@ def energy_table(solution: Energies) -> Table:
     with np.errstate(invalid="ignore"):
         scale = float(max(kinetic.max(), np.ptp(potential)))
     largest = float(np.abs(drift).max())
+    relative = 0.0
+    if scale != 0.0:
+        relative = largest / scale
     return {
         "initial": _instant(kinetic[0], potential[0]),
         "final": _instant(kinetic[-1], potential[-1]),
         "work": dict(zip(solution.work_names, (work[-1] - work[0]).tolist(), strict=True)),
         "scale": scale,
         "drift": {"final": float(drift[-1]), "largest": largest},
-        "relative_drift": largest / scale if scale != 0 else 0.0,
+        "relative_drift": relative,
     }
 
 

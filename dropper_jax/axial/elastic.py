@@ -34,7 +34,7 @@ class Elastic(AxialLaw):
     """
 
     elastic = True
-    EA: Array = parameter("axial stiffness", unit="N", shape="link", low=0.0, open_low=True)
+    EA: Array = parameter("axial stiffness", unit="N", shape="link", above=0.0)
     damping: Array | None = parameter("internal damping BA", unit="N s", shape="link", low=0.0, default=None)
     intact: Array | None = None  # (n,): 0 if the link has broken (see `failure`), else 1
 

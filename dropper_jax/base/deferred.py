@@ -7,10 +7,8 @@ import os
 from collections.abc import Callable
 from typing import BinaryIO
 
-#: Number of bytes between two calls of the callback.
+#: Number of bytes between two calls of `release`.
 RELEASE_BYTES = 16_000_000
-
-
 #: Larger writes are data, which are not read back after a disk error; smaller ones are stored in memory.
 SMALL_WRITE = 65_536
 
@@ -19,17 +17,19 @@ class DeferredErrorFile(io.RawIOBase):
     """An open file that accepts all writes; after a disk error small writes are stored in memory.
 
     Args:
-        told: called after every `RELEASE_BYTES` bytes.
+        release: called after every `RELEASE_BYTES` bytes, to free what has been written.
 
     Attributes:
         refused: the error of the disk; None if there was none.
     """
 
-    def __init__(self, file: BinaryIO, on_error: Callable[[], None] = lambda: None) -> None:
+    def __init__(self, file: BinaryIO, release: Callable[[], None] = lambda: None) -> None:
         file.flush()
         self._file = file.fileno()
-        self._at, self._size = 0, 0
-        self._on_error, self._since = on_error, 0
+        self._at = 0
+        self._size = 0
+        self._release = release
+        self._since = 0
         self._pending: list[tuple[int, bytes]] = []
         self.refused: OSError | None = None
 
@@ -41,7 +41,7 @@ class DeferredErrorFile(io.RawIOBase):
             while left and self.refused is None:
                 wrote = os.pwrite(self._file, left, at)
                 left = left[wrote:]
-                at = at + wrote
+                at += wrote
         except OSError as error:
             self.refused = error
         if left and len(left) <= SMALL_WRITE:
@@ -50,7 +50,7 @@ class DeferredErrorFile(io.RawIOBase):
         self._size = max(self._size, self._at)
         self._since += size
         if self._since > RELEASE_BYTES:
-            self._on_error()
+            self._release()
             self._since = 0
         return size
 
@@ -71,7 +71,9 @@ class DeferredErrorFile(io.RawIOBase):
         return self._at
 
     def truncate(self, size: int | None = None) -> int:
-        self._size = self._at if size is None else size
+        if size is None:
+            size = self._at
+        self._size = size
         if self.refused is None:
             try:
                 os.ftruncate(self._file, self._size)

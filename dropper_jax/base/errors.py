@@ -24,14 +24,17 @@ class LocatedValues(dict[str, Any]):
 
     def __init__(self, values: Mapping[str, Any], file: str, lines: Mapping[str, int]) -> None:
         super().__init__(values)
-        self.file, self.lines = file, lines
+        self.file = file
+        self.lines = lines
 
     def with_line(self, error: SceneError) -> SceneError:
         """The error with the file name and the line number of the longest path that its message starts with."""
         path = str(error).partition(":")[0]
         while path and path not in self.lines:
             path = path.rpartition(".")[0]
-        return SceneError(f"{self.file}{f':{self.lines[path]}' if path else ''}: {error}")
+        if not path:
+            return SceneError(f"{self.file}: {error}")
+        return SceneError(f"{self.file}:{self.lines[path]}: {error}")
 
 
 class SimulationError(RuntimeError):
@@ -54,8 +57,9 @@ def raise_first(checks: Iterable[Check], path: str = "") -> None:
     """
     for wrong, message in checks:
         if wrong:
-            dot = "" if message.startswith(":") or not path else "."
-            raise SceneError(f"{path}{dot}{message}")
+            if path and not message.startswith(":"):
+                path += "."
+            raise SceneError(path + message)
 
 
 def raises_first(checks: Callable[Arguments, Iterator[Check]]) -> Callable[Arguments, None]:

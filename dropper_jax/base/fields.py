@@ -25,8 +25,8 @@ def parameter(
     unit: str,
     shape: str = "number",
     low: float | None = None,
+    above: float | None = None,
     high: float | None = None,
-    open_low: bool = False,
     rising: int = 0,
     entries: int | None = None,
     key: str | None = None,
@@ -39,7 +39,8 @@ def parameter(
         unit: SI unit as printed, `-` if dimensionless.
         shape: one of `SHAPES`: a number, one per node, link or joint, a 3-vector, a table (k,), vectors (k, 3), numbers
             (one, or a table).
-        low, high: allowed range, ends included; `open_low` excludes the lower end.
+        low, high: allowed range, ends included.
+        above: lower end of the range, not included; in place of `low`.
         rising: if not 0, each number of a table is above the one before, and there are at least this many.
         entries: length of a table; None: any.
         key: its name in a scene, if it differs from the attribute's.
@@ -55,8 +56,8 @@ def parameter(
             "unit": unit,
             "shape": shape,
             "low": low,
+            "above": above,
             "high": high,
-            "open_low": open_low,
             "rising": rising,
             "entries": entries,
             "key": key,

@@ -77,6 +77,8 @@ def atomic_write(path: str | Path, content: bytes | str | Callable[[BinaryIO], o
         OSError: the file cannot be written; the error contains its name.
     """
     path = Path(path)
+    if isinstance(content, str):
+        content = content.encode()
     temporary = path.with_name(f"{part_prefix(path)}{secrets.token_hex(4)}{PART}")
     try:
         remove_leftovers(path)
@@ -84,7 +86,7 @@ def atomic_write(path: str | Path, content: bytes | str | Callable[[BinaryIO], o
             if callable(content):
                 content(file)
             else:
-                file.write(content.encode() if isinstance(content, str) else content)
+                file.write(content)
             file.flush()
             if sync:
                 os.fsync(file.fileno())

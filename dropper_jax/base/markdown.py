@@ -11,15 +11,15 @@ Rows = list[tuple[str, ...]]
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A Markdown table from its heading and its rows."""
     return markdown_table([head, *rows])
 
 
 def markdown_table(rows: Sequence[Sequence[str]]) -> str:
     """Rows as a Markdown table; the first one is the heading."""
-    cells = []
-    for row in rows:
-        cells.append([literal(cell) for cell in row])
-    return "\n".join("| " + " | ".join(row) + " |" for row in (cells[0], ["---"] * len(cells[0]), *cells[1:]))
+    lines = [" | ".join(map(literal, row)) for row in rows]
+    lines.insert(1, " | ".join(["---"] * len(rows[0])))
+    return "\n".join(f"| {line} |" for line in lines)
 
 
 def bullets(rows: Iterable[object]) -> str:

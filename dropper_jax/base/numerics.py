@@ -32,7 +32,12 @@ def components(x: Array) -> Components:
 
     On the CPU a sum over an axis of three is a separate kernel. A sum of three arrays fuses with neighbouring
     operations.
+
+    Raises:
+        ValueError: vectors of another length, of which JAX would silently repeat the last component.
     """
+    if x.shape[-1] != 3:
+        raise ValueError(f"vectors of shape {x.shape}; needed: (..., 3)")
     return x[..., 0], x[..., 1], x[..., 2]
 
 
@@ -84,7 +89,7 @@ def dot(a: Array, b: Array) -> Array:
     Written out, because on the CPU a sum over an axis of three is a separate kernel, while three products fuse with the
     operations that use them.
     """
-    return a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1] + a[..., 2] * b[..., 2]
+    return dot_components(components(a), components(b))
 
 
 @trace_once
@@ -122,7 +127,7 @@ def time_just_after(t: Array, side: float = 1.0) -> Array:
 
 
 def horizontal_norm(x: Array) -> Array:
-    """The same of the horizontal parts of 3-vectors (..., 3)."""
+    """`safe_norm` of the horizontal parts of 3-vectors (..., 3)."""
     return safe_norm(x * jnp.array([1.0, 1.0, 0.0], x.dtype))
 
 

@@ -147,18 +147,26 @@ class ScenePath(str):
 def limits(declared: Values) -> str:
     """The allowed range in words, with the unit, such as `> 0 kg`; empty if there are no limits."""
     low = declared.get("low")
+    above = declared.get("above")
     high = declared.get("high")
-    unit = declared.get("unit", "-")
-    unit = "" if unit == "-" else f" {unit}"
     if declared.get("type") is int and high == MOST:  # not a physical limit
         high = None
     if low is not None and high is not None:
-        return f"{'above ' if declared.get('open_low') else ''}{low:g} to {high:g}{unit}"
-    if low is not None:
-        return f"{'>' if declared.get('open_low') else '>='} {low:g}{unit}"
-    if high is not None:
-        return f"<= {high:g}{unit}"
-    return ""
+        words = f"{low:g} to {high:g}"
+    elif above is not None and high is not None:
+        words = f"above {above:g} to {high:g}"
+    elif low is not None:
+        words = f">= {low:g}"
+    elif above is not None:
+        words = f"> {above:g}"
+    elif high is not None:
+        words = f"<= {high:g}"
+    else:
+        return ""
+    unit = declared.get("unit", "-")
+    if unit == "-":
+        return words
+    return f"{words} {unit}"
 
 
 def read_number(value: Plain, path: str, declared: Values, allowed: str | None = None) -> float:
@@ -172,8 +180,9 @@ def read_number(value: Plain, path: str, declared: Values, allowed: str | None =
     if not math.isfinite(number):
         raise refuse(path, value, "is not finite", allowed)
     low = declared.get("low")
+    above = declared.get("above")
     high = declared.get("high")
-    below = low is not None and (number < low or (declared.get("open_low") and number == low))
+    below = (low is not None and number < low) or (above is not None and number <= above)
     if below or (high is not None and number > high):
         raise refuse(path, value, "is out of range", allowed)
     return number
@@ -184,17 +193,21 @@ def _range(before: str, declared: Values) -> str:
     words = limits(declared)
     if not words and declared.get("unit", "-") != "-":
         words = f"in {declared['unit']}"
-    return before + words if words else ""
+    if words:
+        return before + words
+    return ""
 
 
-def rises(values: Sequence[float] | np.ndarray, least: int = 1) -> bool:
-    """Whether there are at least so many numbers, each above the one before."""
-    return len(values) >= least and bool(np.all(np.diff(values) > 0))
+def rises(values: Sequence[float] | np.ndarray, count: int = 1) -> bool:
+    """Whether there are at least `count` numbers, each above the one before."""
+    return len(values) >= count and bool(np.all(np.diff(values) > 0))
 
 
 def read_integer(value: Plain, path: str, low: int | None = None, high: int | None = None) -> int:
     """A whole number from `low` to `high`."""
-    allowed = "a whole number" + ("" if low is None else f" >= {low}")
+    allowed = "a whole number"
+    if low is not None:
+        allowed = f"a whole number >= {low}"
     if isinstance(value, bool) or not isinstance(value, numbers.Integral):
         raise refuse(path, value, "is not a whole number", allowed)
     if low is not None and value < low:
@@ -208,7 +221,10 @@ def read_text(value: Plain, path: str, choices: Iterable[str] | None = None) -> 
     """A text, one of `choices` where given."""
     longest_name = 200  # maximum length of a name: names are part of every message, table and file
     if not isinstance(value, str):
-        raise refuse(path, value, "is not a text", "one of " + ", ".join(choices) if choices else "a text")
+        allowed = "a text"
+        if choices:
+            allowed = "one of " + ", ".join(choices)
+        raise refuse(path, value, "is not a text", allowed)
     if choices is not None and value not in choices:
         raise SceneError(
             f"{path}: {short_text(value)} is unknown; {nearest(value, choices)}; allowed: {', '.join(choices)}"
@@ -243,12 +259,14 @@ def read_parameter(value: Plain, path: str, declared: Values, counts: Mapping[st
         return _read_numbers(value, path, declared, count, allowed)
     if shape == "vectors":
         return read_rows(value, path, declared, 3, f"3 numbers{each}")
-    count = 3 if shape == "vector" else declared.get("entries")
+    count = declared.get("entries")
+    if shape == "vector":
+        count = 3
     found = _read_numbers(value, path, declared, count, f"{count or 'a list of'} numbers{each}")
-    least = declared.get("rising", 0)
-    if least and not rises(found, least):
-        allowed = f"{'one' if least == 1 else 'two'} or more rising numbers" + _range(" ", declared)
-        raise refuse(path, plain(found), "does not rise", allowed)
+    needed = declared.get("rising", 0)
+    if needed and not rises(found, needed):
+        few = {1: "one", 2: "two"}.get(needed, needed)
+        raise refuse(path, plain(found), "does not rise", f"{few} or more rising numbers{_range(' ', declared)}")
     return found
 
 
@@ -258,14 +276,16 @@ def read_rows(
     """Rows of `count` numbers each (k, count), `many` rows where given."""
     rows = read_list(value, path, many, f"{many or 'a list of'} rows of {allowed}")
     found = [_read_numbers(row, f"{path}.{i}", declared, count, allowed) for i, row in enumerate(rows)]
-    return np.array(found).reshape(-1, count)
+    return np.array(found, float).reshape(len(found), count)
 
 
 def read_matrix(value: Plain, path: str, declared: Values) -> np.ndarray:
     """Rows of numbers (k, n), as many in each as in the first."""
     rows = read_list(value, path, None, "rows of numbers")
-    first = read_list(rows[0] if rows else [], f"{path}.0", None, "numbers")
-    return read_rows(rows, path, declared, len(first), f"{len(first)} numbers, as in the first row")
+    columns = 0
+    if rows:
+        columns = len(read_list(rows[0], f"{path}.0", None, "numbers"))
+    return read_rows(rows, path, declared, columns, f"{columns} numbers, as in the first row")
 
 
 def _read_numbers(value: Plain, path: str, declared: Values, count: int | None, allowed: str) -> np.ndarray:
@@ -318,8 +338,7 @@ def read_fields(cls: type, table: Plain, path: str, counts: Mapping[str, int]) -
     values = {}
     for key, field in declared.items():
         if key in table:
-            read = partial(read_parameter, counts=counts) if field.metadata["kind"] == "parameter" else read_option
-            values[field.name] = read(table[key], join(path, key), field.metadata)
+            values[field.name] = _read_field(field, table[key], join(path, key), counts)
         elif field.default is dataclasses.MISSING:
             raise SceneError(f"{join(path, key)}: missing; needed: {_describe_missing(field)}")
         elif field.metadata.get("shape") == "vector" and field.default is not None:
@@ -336,8 +355,18 @@ def read_fields(cls: type, table: Plain, path: str, counts: Mapping[str, int]) -
 
 
 def _describe_missing(field: dataclasses.Field) -> str:
-    """Meaning, unit and range of a missing field."""
-    return field.metadata["meaning"] + _range(", ", field.metadata)
+    """Meaning, unit and range, or choices, of a missing field."""
+    words = field.metadata["meaning"] + _range(", ", field.metadata)
+    choices = field.metadata.get("choices")
+    if choices is None:
+        return words
+    return f"{words}; allowed: {', '.join(choices)}"
+
+
+def _read_field(field: dataclasses.Field, value: Plain, path: str, counts: Mapping[str, int]) -> object:
+    if field.metadata["kind"] == "parameter":
+        return read_parameter(value, path, field.metadata, counts)
+    return read_option(value, path, field.metadata)
 
 
 def read_items(

@@ -20,9 +20,9 @@ from dropper_jax.base.numerics import positive_part, trace_once
 @trace_once
 def mean_positive_part(e0: Array, e1: Array) -> Array:
     """Mean of max(e, 0) between e0 and e1: `(s1^2 - s0^2)/(2 (e1 - e0))`, s = max(e, 0), without cancellation."""
-    pulled = positive_part(e0) + positive_part(e1)
-    way = jnp.abs(e0) + jnp.abs(e1)
-    return 0.5 * pulled * (pulled / jnp.where(way > 0.0, way, 1.0))
+    total = positive_part(e0) + positive_part(e1)
+    size = jnp.abs(e0) + jnp.abs(e1)
+    return 0.5 * total * (total / jnp.where(size > 0.0, size, 1.0))
 
 
 #: Stretch and depth [m per m] below which a spring counts as at rest.

@@ -17,7 +17,7 @@ import numpy as np
 
 from dropper_jax.base.errors import Progress
 from dropper_jax.base.files import atomic_write, unwritable
-from dropper_jax.base.read import Plain
+from dropper_jax.base.read import Plain, join
 
 Key = TypeVar("Key")
 Found = TypeVar("Found")
@@ -99,7 +99,10 @@ def write_archive(path: str | Path, arrays: Mapping[str, np.ndarray], meta: Plai
     Raises:
         OSError: the file cannot be written; the error contains its name.
     """
-    found: dict[str, Any] = {**arrays} if meta is None else {"meta": np.array(json.dumps(meta)), **arrays}
+    found: dict[str, Any] = {}
+    if meta is not None:
+        found["meta"] = np.array(json.dumps(meta))
+    found |= arrays
     return atomic_write(path, lambda file: np.savez_compressed(file, **found), sync)
 
 
@@ -133,7 +136,7 @@ def flat_items(value: Plain, path: str = "") -> Iterator[tuple[str, Plain]]:
         yield path, value
         return
     for key, item in value.items():
-        yield from flat_items(item, f"{path}.{key}" if path else str(key))
+        yield from flat_items(item, join(path, str(key)))
 
 
 def _short(value: Plain) -> str:

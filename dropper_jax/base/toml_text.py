@@ -87,10 +87,12 @@ def _check_depth(value: Plain, depth: int) -> None:
     """Reject values that are nested too deeply, and whole numbers of more than 64 bits."""
     if isinstance(value, int) and not -(2**63) <= value < 2**63:
         raise tomllib.TOMLDecodeError("a whole number of more than 64 bits")
-    if isinstance(value, dict | list):
+    if isinstance(value, dict):
+        value = [*value.values()]
+    if isinstance(value, list):
         if depth > DEEPEST:
             raise tomllib.TOMLDecodeError(f"nested more than {DEEPEST} deep")
-        for item in value.values() if isinstance(value, dict) else value:
+        for item in value:
             _check_depth(item, depth + 1)
 
 
@@ -131,9 +133,8 @@ def html_table(title: str, rows: Iterable[tuple[str, ...]]) -> str:
     """A table with a title and rows of cells, the first of each a heading."""
     lines = []
     for head, *cells in rows:
-        lines.append(
-            f"<tr><th style='text-align:left'>{escape(head)}</th>"
-            + "".join(f"<td style='text-align:left'>{escape(cell)}</td>" for cell in cells)
-            + "</tr>"
-        )
+        row = f"<th style='text-align:left'>{escape(head)}</th>"
+        for cell in cells:
+            row += f"<td style='text-align:left'>{escape(cell)}</td>"
+        lines.append(f"<tr>{row}</tr>")
     return f"<table><caption>{escape(title)}</caption>{''.join(lines)}</table>"

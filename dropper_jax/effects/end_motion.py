@@ -31,9 +31,9 @@ class EndMotion(HeldMotion):
 
     name = "end_motion"
     amplitude: Array | None = parameter("amplitude per axis", unit="m", shape="vector", default=None)
-    period: Array | None = parameter("period", unit="s", low=0.0, open_low=True, default=None)
+    period: Array | None = parameter("period", unit="s", above=0.0, default=None)
     phase: Array | None = parameter("phase", unit="rad", default=None)
-    ramp: Array | None = parameter("time to reach the full motion", unit="s", low=0.0, open_low=True, default=None)
+    ramp: Array | None = parameter("time to reach the full motion", unit="s", above=0.0, default=None)
     time: Array | None = parameter("times of the table", unit="s", shape="table", default=None)
     displacement: Array | None = parameter("displacement at those times", unit="m", shape="vectors", default=None)
     point: str = option("name of the point that moves", type=str, default="")

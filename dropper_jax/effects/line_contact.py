@@ -39,12 +39,10 @@ class LineContact(Effect):
 
     name = "line_contact"
     reach = 2
-    stiffness: Array = parameter("contact force per depth at first touch", unit="N/m", low=0.0, open_low=True)
+    stiffness: Array = parameter("contact force per depth at first touch", unit="N/m", above=0.0)
     damping: Array = parameter("contact force per speed of approach", unit="N s/m", low=0.0, default=0.0)
     friction: Array = parameter("coefficient of dry friction", unit="-", low=0.0, default=0.0)
-    slip: Array = parameter(
-        "sliding speed at which friction is 0.7 of its value", unit="m/s", low=0.0, open_low=True, default=0.01
-    )
+    slip: Array = parameter("sliding speed at which friction is 0.7 of its value", unit="m/s", above=0.0, default=0.01)
     radius: Array = parameter(
         "radius of the links; half the diameter if not given", unit="m", shape="link", low=0.0, default=None
     )

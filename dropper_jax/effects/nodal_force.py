@@ -31,7 +31,7 @@ class NodalForce(Effect):
     constant = True
     force_n: Array = parameter("force on each named node", unit="N", shape="vectors")
     start: Array | None = parameter("when the ramp starts", unit="s", low=0.0, default=None)
-    rise: Array | None = parameter("time from zero to the full force", unit="s", low=0.0, open_low=True, default=None)
+    rise: Array | None = parameter("time from zero to the full force", unit="s", above=0.0, default=None)
     release: Array | None = parameter("when the force is released", unit="s", low=0.0, default=None)
     time: Array | None = parameter("times of the table", unit="s", shape="table", default=None)
     scale: Array | None = parameter("factor at those times", unit="-", shape="table", default=None)

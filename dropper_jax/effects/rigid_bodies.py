@@ -41,7 +41,7 @@ class RigidBodies(HolonomicConstraint):
     """
 
     name = "rigid_bodies"
-    mass: Array = parameter("mass", unit="kg", shape="table", low=0.0, open_low=True)
+    mass: Array = parameter("mass", unit="kg", shape="table", above=0.0)
     centre_of_mass: Array = parameter("centre of mass in the body's axes", unit="m", shape="vectors")
     moments: Array = parameter("Ixx, Iyy, Izz, Ixy, Ixz, Iyz about the centre of mass", unit="kg m^2", shape="vectors")
     corner: Array = parameter("corners in the body's axes (bodies, 4, 3)", unit="m", shape="vectors")

@@ -27,9 +27,9 @@ class Seabed(Effect):
     """
 
     name = "seabed"
-    stiffness: Array = parameter("contact stiffness", unit="Pa/m", low=0.0, open_low=True, default=3e6)
+    stiffness: Array = parameter("contact stiffness", unit="Pa/m", above=0.0, default=3e6)
     damping: Array = parameter("contact damping", unit="Pa s/m", low=0.0, default=3e5)
-    depth: Array = parameter("depth of a flat bed", unit="m", low=0.0, open_low=True, default=None)
+    depth: Array = parameter("depth of a flat bed", unit="m", above=0.0, default=None)
     bed_x: Array | None = parameter("x of the depth grid", unit="m", shape="table", default=None)
     bed_y: Array | None = parameter("y of the depth grid", unit="m", shape="table", default=None)
     bed_depth: Array | None = parameter(

@@ -47,9 +47,7 @@ class SeabedFriction(Law):
     damping: Array = parameter(
         "MoorDyn's FricDamp: friction per speed and coefficient, of each node", unit="N s/m", low=0.0, default=200.0
     )
-    speed: Array = parameter(
-        "speed at which regularised friction reaches mu N", unit="m/s", low=0.0, open_low=True, default=0.01
-    )
+    speed: Array = parameter("speed at which regularised friction reaches mu N", unit="m/s", above=0.0, default=0.01)
     law: str = option(
         "Coulomb's law with sticking; regularised or MoorDyn's: both creep, and explicit schemes support them",
         choices=("coulomb", "regularised", "moordyn"),

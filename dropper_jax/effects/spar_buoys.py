@@ -40,9 +40,9 @@ class SparBuoys(Effect):
     """
 
     name = "spar_buoys"
-    mass: Array = parameter("mass", unit="kg", shape="table", low=0.0, open_low=True)
-    diameter: Array = parameter("diameter", unit="m", shape="table", low=0.0, open_low=True)
-    height: Array = parameter("height", unit="m", shape="table", low=0.0, open_low=True)
+    mass: Array = parameter("mass", unit="kg", shape="table", above=0.0)
+    diameter: Array = parameter("diameter", unit="m", shape="table", above=0.0)
+    height: Array = parameter("height", unit="m", shape="table", above=0.0)
     attachment: Array = parameter("height of the point above the base", unit="m", shape="table", low=0.0)
     cdn: Array = parameter("drag coefficient across", unit="-", shape="table", low=0.0)
     cdt: Array = parameter("drag coefficient of the base", unit="-", shape="table", low=0.0)

@@ -39,10 +39,8 @@ class Torsion(Effect):
 
     name = "torsion"
     reach = 1
-    GJ: Array = parameter("torsional stiffness", unit="N m^2", shape="link", low=0.0, open_low=True)
-    polar_inertia: Array = parameter(
-        "polar moment of inertia per length", unit="kg m", shape="link", low=0.0, open_low=True
-    )
+    GJ: Array = parameter("torsional stiffness", unit="N m^2", shape="link", above=0.0)
+    polar_inertia: Array = parameter("polar moment of inertia per length", unit="kg m", shape="link", above=0.0)
     damping: Array = parameter(
         "torque per rate of twist per length", unit="N m^2 s", shape="link", low=0.0, default=0.0
     )

@@ -11,8 +11,10 @@ from dropper_jax.base.read import Table, limits
 
 
 def _setting(meaning: str, unit: str, default: float | None, positive: bool = False) -> Any:
-    declared = {"meaning": meaning, "unit": unit, "low": 0.0, "open_low": positive}
-    return dataclasses.field(default=default, metadata=declared)
+    declared = {"meaning": meaning, "unit": unit}
+    if positive:
+        return dataclasses.field(default=default, metadata={**declared, "above": 0.0})
+    return dataclasses.field(default=default, metadata={**declared, "low": 0.0})
 
 
 @dataclasses.dataclass(frozen=True)
@@ -44,8 +46,8 @@ class Settings:
             value = getattr(self, field.name)
             if value is None:
                 continue
-            positive = value > 0.0 or (value == 0.0 and not field.metadata["open_low"])
-            if not (positive and math.isfinite(value)):
+            inside = value > 0.0 or (value == 0.0 and "low" in field.metadata)
+            if not (inside and math.isfinite(value)):
                 allowed = f"a number {limits(field.metadata)}"
                 raise SceneError(f"{option_of(field)}: {value:g} is out of range; allowed: {allowed}")
         if not 0 < self.confidence < 1:

@@ -39,12 +39,8 @@ class Options(Mapping[str, Mapping[str, Any]]):
 
     def __getitem__(self, name: str) -> Mapping[str, Any]:
         declared = [INTEGRATORS[scheme].options()[name] for scheme in TAKERS[name]]
-        return {
-            **declared[-1],
-            "low": min(one["low"] for one in declared),
-            "high": max(one["high"] for one in declared),
-            "open_low": all(one["open_low"] for one in declared),
-        }
+        low = min(one["low"] for one in declared if one["above"] is None)
+        return {**declared[-1], "low": low, "above": None, "high": max(one["high"] for one in declared)}
 
     def __iter__(self) -> Iterator[str]:
         return iter(TAKERS)

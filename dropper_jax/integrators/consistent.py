@@ -32,9 +32,13 @@ class ProjectionProblem(StepProblem):
     def __init__(self, k: Kinematics, added: bool) -> None:
         self.model = k.model
         self.h = jnp.ones((), k.r.dtype)
-        self.k, self.added = k.over(INSTANT) if added else k, added
+        self.k = k
+        self.added = added
         self.moved: Array | None = None
-        self.force: Array | float = self.model.inertia(self.k, jnp.zeros_like(k.r)) if added else 0.0
+        self.force: Array | float = 0.0
+        if added:
+            self.k = k.over(INSTANT)
+            self.force = self.model.inertia(self.k, jnp.zeros_like(k.r))
         self.link_direction = k.links / k.line.length[:, None]
         self.rigid = k.line.axial.rigid(k.line.links)
         #: Target rate of stretch per length of rigid links, and impulses of others.
@@ -53,7 +57,9 @@ class ProjectionProblem(StepProblem):
 
     def link_rows(self, d: Array, y: Array) -> tuple[Array, Array]:
         rows = jnp.sum(self.link_direction * d, axis=-1) - self.aim
-        return y[:, None] * self.link_direction, rows if self.rigid.all() else jnp.where(self.rigid, rows, self.law - y)
+        if not self.rigid.all():
+            rows = jnp.where(self.rigid, rows, self.law - y)
+        return y[:, None] * self.link_direction, rows
 
 
 class InstantProblem(ProjectionProblem):
@@ -65,7 +71,8 @@ class InstantProblem(ProjectionProblem):
     def __init__(self, k: Kinematics, end_acceleration: Array | None) -> None:
         super().__init__(k, bool(k.model.having(AddedMass)))
         line = k.line
-        self.moved, self.force = end_acceleration, k.model.force(k)
+        self.moved = end_acceleration
+        self.force = k.model.force(k)
         self.aim = -jnp.sum(k.link_velocities**2, axis=-1) / line.length
         if not self.rigid.all():
             self.law = line.axial.tension(k.links, k.link_velocities, line.length)
@@ -105,9 +112,12 @@ def _solve_projection(problem: ProjectionProblem) -> Unknowns:
     k = problem.k
     model = problem.model
     u = Unknowns(jnp.zeros_like(k.r), jnp.zeros_like(k.line.length))
-    coupled = k.line.compound or (problem.added and couples_inertia(model))
-    solver = SOLVERS["network" if not model.geometry.is_path else "banded" if coupled else "condensed"]
-    found = solver.linearise(problem, u).apply(problem.residual(u))
+    solver = "condensed"
+    if not model.geometry.is_path:
+        solver = "network"
+    elif k.line.compound or (problem.added and couples_inertia(model)):
+        solver = "banded"
+    found = SOLVERS[solver].linearise(problem, u).apply(problem.residual(u))
     return Unknowns(-found.x, -found.y)
 
 
@@ -134,7 +144,7 @@ def sawtooth_grows(model: Model) -> Array | None:
     return jnp.any(jnp.stack([e.gains() for e in turning]))
 
 
-def after_jump(k: Kinematics, end_acceleration: Array, h: Array) -> tuple[Array, Array]:
+def after_jump(k: Kinematics, end_acceleration: Array | None, h: Array) -> tuple[Array, Array]:
     """Velocities (nodes, 3) [m/s] from which midpoint steps of h continue smoothly, and impulses (n,) [N s] to them."""
     v, first = consistent(k, added=True)
     k = k.with_velocity(v)
@@ -148,7 +158,7 @@ def after_change_of_step(
     """The same after a step of another length.
 
     The smooth rates `d . d' = h^2 d' . d''/4` belong to a length of steps. With those of a step h0 rates along rigid
-    links change sign at every step, and tensions alternate by `m (h0^2 - h^2)/h d' . d''/2` for ever. The energy of
+    links change sign at every step, and tensions alternate by `m (h0^2 - h^2)/h d' . d''/2` indefinitely. The energy of
     the change is of fourth order in the steps.
 
     Args:
@@ -159,7 +169,7 @@ def after_change_of_step(
     return consistent(k, True, 0.25 * h**2 * bend / k.line.length)
 
 
-def consistent_velocity(model: Model, r: Array, v: Array, t: Array) -> Array:
+def initial_velocity(model: Model, r: Array, v: Array, t: Array) -> Array:
     """Velocities (nodes, 3) [m/s] at the start of a run: if ends move at once, velocities that the links can have."""
     if model.line.axial.elastic:
         return v

@@ -20,7 +20,7 @@ from dropper_jax.axial import LinkStart
 from dropper_jax.integrators.consistent import (
     after_change_of_step,
     after_jump,
-    consistent_velocity,
+    initial_velocity,
     jumps,
     sawtooth_grows,
 )
@@ -56,12 +56,11 @@ class EnergyMomentum(Implicit):
     def begin(self, model: Model, s: State) -> State:
         """The state with velocities that are consistent with links between moving ends."""
         if model.moving:
-            return replace(s, v=consistent_velocity(model, s.r, s.v, s.t))
+            return replace(s, v=initial_velocity(model, s.r, s.v, s.t))
         return s
 
     def change_step(self, model: Model, s: State, h: Array) -> State:
-        end_acceleration = model.end_acceleration(s.t) if model.moving else None
-        v, _ = after_change_of_step(model.instant(s.r, s.v, s.t), s.acceleration, end_acceleration, h)
+        v, _ = after_change_of_step(model.instant(s.r, s.v, s.t), s.acceleration, model.end_acceleration(s.t), h)
         return replace(s, v=v)
 
     def equations(self, model: Model, s: State, h: Array) -> MidpointProblem:
@@ -82,10 +81,13 @@ class MidpointProblem(StepProblem):
     def __init__(self, model: Model, s: State, h: Array, gamma: float | Array, alone: bool = True) -> None:
         super().__init__(model, s, h)
         model = self.model
-        self.gamma, self.alone = gamma, alone
+        self.gamma = gamma
+        self.alone = alone
         self.t_mid = s.t + gamma * h
-        self.ends0 = ends0 = model.ends(s.t)
-        self.ends1 = ends1 = model.ends(s.t + h)
+        ends0 = model.ends(s.t)
+        ends1 = model.ends(s.t + h)
+        self.ends0 = ends0
+        self.ends1 = ends1
         self.links0 = model.links(s.r, ends0)
         self.ends = ends1
         self.end_acceleration = None
@@ -160,7 +162,9 @@ class MidpointProblem(StepProblem):
         r1 = s.r + (h * s.v + u.x)
         v1, stopped = self._end_velocity(u, r1)
         v1, impulse, struck = self._after_jumps(r1, v1)
-        tension = u.y if impulse is None else u.y + impulse / h
+        tension = u.y
+        if impulse is not None:
+            tension = tension + impulse / h
         return self.end_state(
             r=r1,
             v=v1,
@@ -180,7 +184,9 @@ class MidpointProblem(StepProblem):
             return v1, {}
         middle = self.instant(u.x)
         after = model.kinematics(r1, v1, s.t + h, self.ends1, prepared=self.prepared)
-        stop = stop_held_nodes if all(law.node_local for law in model.laws) else stop_held_joints
+        stop = stop_held_joints
+        if all(law.node_local for law in model.laws):
+            stop = stop_held_nodes
         v1, taken = stop(model, u.z[: len(model.laws)], middle, after, h)
         return v1, {model.laws[0].name: taken}
 
@@ -192,7 +198,9 @@ class MidpointProblem(StepProblem):
         grows = sawtooth_grows(model)
         if grows is not None and self.alone and self.gamma == 0.5:  # a shifted midpoint damps it
             rings = grows & (self._sawtooth(r1, v1) > RINGING_SPEED**2)
-            jumped = rings if jumped is None else jumped | rings
+            if jumped is not None:
+                rings = jumped | rings
+            jumped = rings
         if jumped is None:
             return v1, None, {}
 
@@ -202,10 +210,11 @@ class MidpointProblem(StepProblem):
             v, impulse = after_jump(k, model.end_acceleration(t1), self.h)
             return v, impulse, model.kinetic_energy(k.with_velocity(v)) - model.kinetic_energy(k)
 
-        kept = v1, jnp.zeros_like(self.s.tension), jnp.zeros((), v1.dtype)
-        v, impulse, gained = jax.lax.cond(jumped, project, lambda: kept)
-        # work of moving ends, otherwise of what excites the sawtooth
-        name = MOVING_ENDS if model.moving else turning(model.having(AddedMass)[0])
+        unchanged = v1, jnp.zeros_like(self.s.tension), jnp.zeros((), v1.dtype)
+        v, impulse, gained = jax.lax.cond(jumped, project, lambda: unchanged)
+        name = MOVING_ENDS
+        if not model.moving:  # it is the work of what excites the sawtooth
+            name = turning(model.having(AddedMass)[0])
         return v, impulse, {name: gained}
 
     def _sawtooth(self, r1: Array, v1: Array) -> Array:

@@ -118,14 +118,15 @@ class GeneralizedAlphaProblem(StepProblem):
         super().__init__(model, s, h)
         self.new_a, self.new_f, self.gamma, self.beta, _ = Coefficients.of(rho)
         self.t_f = s.t + self.new_f * h
-        self.ends0, self.ends1 = model.ends(s.t), model.ends(s.t + h)
+        self.ends0 = model.ends(s.t)
+        self.ends1 = model.ends(s.t + h)
         self.links0 = model.links(s.r, self.ends0)
         at_f = model.ends(self.t_f)
         # fixed ends on the straight line between their positions, as for all nodes, so that links are blends of links
         before = self.ends0.positions
         after = self.ends1.positions
         self.ends = Ends(before + self.new_f * (after - before), at_f.velocities)
-        self.end_acceleration = model.end_acceleration(s.t + self.new_a * h) if model.moving else None
+        self.end_acceleration = model.end_acceleration(s.t + self.new_a * h)
         zero = jnp.zeros_like(s.r)
         predicted = self._kinematics(zero)
         self.prepared = model.prepare(predicted)

@@ -52,12 +52,14 @@ def moving(model: Model, r: Array, v: Array, t: Array, track: bool) -> Moving:
     unit = k.links / model.line.length[:, None]
     inverse = 1.0 / model.node_mass
     loose = model.force(k) * inverse[:, None]
-    ends = model.end_acceleration(t) if model.moving else None
     rate = k.link_velocities
-    rhs = dot(unit, model.geometry.differences(loose, ends)) + dot(rate, rate) / model.line.length
+    rhs = dot(unit, model.geometry.differences(loose, model.end_acceleration(t))) + dot(rate, rate) / model.line.length
     tension = solve_multipliers(unit, inverse, rhs)
     a = loose + model.tension_force(tension, unit) * inverse[:, None]
-    power = powers(model, k, tension, a) if track else jnp.zeros(0, r.dtype)
+    if track:
+        power = powers(model, k, tension, a)
+    else:
+        power = jnp.zeros(0, r.dtype)
     return Moving(a, tension, power)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import operator
 from dataclasses import dataclass, replace
 from typing import ClassVar
@@ -27,7 +28,10 @@ def rates(model: Model, r: Array, v: Array, t: Array, track: bool) -> tuple[Rate
     force = model.force(k) + model.tension_force(tension, k.tangents) + sum(laws.values())
     a = accelerations(model, k, force, t)
     works = {name: jnp.sum(force * v) for name, force in laws.items()}
-    power = powers(model, k, tension, a, works) if track else jnp.zeros(0, r.dtype)
+    if track:
+        power = powers(model, k, tension, a, works)
+    else:
+        power = jnp.zeros(0, r.dtype)
     return (v, a, power), tension
 
 
@@ -105,5 +109,6 @@ class RungeKutta(Explicit):
 
 def _weigh_slopes(weights: tuple[float, ...], slopes: list[Rates]) -> Rates:
     """The weighted sum of slopes; zero weights are skipped."""
-    kept, used = zip(*((weight, slope) for weight, slope in zip(weights, slopes, strict=True) if weight), strict=True)
-    return jax.tree.map(lambda *k: sum(map(operator.mul, kept, k)), *used)
+    factors = [weight for weight in weights if weight]
+    used = itertools.compress(slopes, weights)
+    return jax.tree.map(lambda *k: sum(map(operator.mul, factors, k)), *used)

@@ -47,7 +47,7 @@ def _stop_nodes(model: Model, held: PerLaw, z: PerLaw, after: Kinematics, h: Arr
     u, factor, over, aim = _solve(*jax.lax.stop_gradient((model, held, after.v, after.r, after.t, z, h)))
     rows = ravel_pytree(_rows(model, held, after, z, h, over, aim, u))[0]
     flat, unravel = ravel_pytree(u)
-    return _falling(model, after, unravel(flat - lu_solve(factor, rows)).x)
+    return _with_least_energy(model, after, unravel(flat - lu_solve(factor, rows)).x)
 
 
 def stop_held_nodes(model: Model, z: PerLaw, middle: Kinematics, after: Kinematics, h: Array) -> tuple[Array, Array]:
@@ -94,7 +94,7 @@ def _solve(
 
 
 def _beyond(law: Law, p: Array, q: Array, h: Array) -> Array:
-    """PerLaw (joints, 1) whose impulse exceeds its bound; within the bound both differ by rounding of p and h q.
+    """Joints (joints, 1) whose impulse exceeds its bound; within the bound both differ by rounding of p and h q.
 
     A joint wrongly classified as exceeding its bound would have a row of zeros.
     """
@@ -148,7 +148,7 @@ def _both_held(model: Model, held: tuple[Array, ...]) -> Array:
 NORMAL_NUMBERS = 1e3
 
 
-def _falling(model: Model, after: Kinematics, delta: Array) -> tuple[Array, Array]:
+def _with_least_energy(model: Model, after: Kinematics, delta: Array) -> tuple[Array, Array]:
     """`v + s delta` with the s in [0, 1] of minimum kinetic energy (1 if delta is a projection), and its change."""
     weight = jnp.sum(delta * model.inertia(after, delta))
     slope = jnp.sum(delta * model.inertia(after, after.v))

@@ -35,7 +35,7 @@ class ThesisAngles(Implicit):
     local_rows = False
     point_masses = True
     gamma: float = parameter(
-        "weight of the new time, 1 for implicit Euler", unit="-", low=0.0, high=1.0, open_low=True, default=0.51
+        "weight of the new time, 1 for implicit Euler", unit="-", above=0.0, high=1.0, default=0.51
     )
 
     @property
@@ -108,7 +108,8 @@ class AnglesProblem(StepProblem):
         super().__init__(model, s, h)
         self.gamma = gamma
         self.angles = angles_of_state(model, s)
-        self.ends0, self.ends1 = model.ends(s.t), model.ends(s.t + h)
+        self.ends0 = model.ends(s.t)
+        self.ends1 = model.ends(s.t + h)
         self.mass = model.line.mass[: model.free_nodes, None]
         self.old = self._motion(jnp.stack(self.angles, -1), s.t, self.ends0, s.tension)
 
@@ -165,7 +166,9 @@ class AnglesProblem(StepProblem):
 
     def finish(self, u: Unknowns) -> State:
         after = self._motion(u.x, self.s.t + self.h, self.ends1, u.y).k
-        angles = None if self.s.angles is None else tuple(u.x.T)
+        angles = None
+        if self.s.angles is not None:
+            angles = tuple(u.x.T)
         return self.end_state(after.r, after.v, u.y, lambda: self._work(self.old.k, after), angles=angles)
 
     def _work(self, before: Kinematics, after: Kinematics) -> Array:

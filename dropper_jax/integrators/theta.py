@@ -49,7 +49,8 @@ class ThetaProblem(SpeedProblem):
 
     def __init__(self, model: Model, s: State, h: Array, gamma: float | Array) -> None:
         super().__init__(model, s, h)
-        self.gamma, self.explicit = gamma, gamma == 0.0
+        self.gamma = gamma
+        self.explicit = gamma == 0.0
         self.before = model.instant(s.r, s.v, s.t, self.ends0)
         self.force0 = model.force(self.before)
         #: The end of the step at constant velocity.

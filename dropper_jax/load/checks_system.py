@@ -31,7 +31,8 @@ def check_layout(scene: SceneData) -> Iterator[Check]:
     for i, failure in enumerate(scene.failures):
         raise_first(failure.line_checks(lines), f"failure.{i}")
     if scene.season is not None:
-        raise_first(scene.season.line_checks([(line.name, line.piece_of) for line in scene.lines]), "growth")
+        lines_and_pieces = [(line.name, line.piece_of) for line in scene.lines]
+        raise_first(scene.season.line_checks(lines_and_pieces), "growth")
 
 
 def _name_checks(
@@ -49,12 +50,13 @@ def _check_ends(scene: SceneData) -> None:
     names = [point.name for point in scene.points]
     if not names:
         raise SceneError("point: missing; needed: one or more [[point]] tables")
-    used = {name for line in scene.lines for name in (line.start, line.end)}
-    if not used <= {*names}:
-        for i, line in enumerate(scene.lines):
-            for key, name in (("from", line.start), ("to", line.end)):
-                if name not in names:
-                    raise SceneError(f"line.{i}.{key}: {short_text(name)} is not a point; {nearest(name, names)}")
+    known = {*names}
+    used: set[str] = set()
+    for i, line in enumerate(scene.lines):
+        for key, name in (("from", line.start), ("to", line.end)):
+            if name not in known:
+                raise SceneError(f"line.{i}.{key}: {short_text(name)} is not a point; {nearest(name, names)}")
+            used.add(name)
     for i, point in enumerate(scene.points):
         if point.name not in used and point.on is None:
             raise refuse(f"point.{i}.name", point.name, "is not an end of any line", ", ".join(sorted(used)))
@@ -162,7 +164,8 @@ def _check_system_effects(scene: SceneData) -> Iterator[Check]:
             "the line written from its other end",
         )
     for name in scene.effects:
-        yield EFFECTS[name].single_line, f"effects.{name}: acts on the nodes of one line; allowed: scenes with one line"
+        single = EFFECTS[name].single_line and scene.branched
+        yield single, f"effects.{name}: acts on the nodes of one line; allowed: scenes with one line"
     for i, buoy in enumerate(scene.buoys):
         yield (
             scene.sea is None,
@@ -231,7 +234,9 @@ def _matters(scene: SceneData, speed: float, moved: set[str]) -> bool:
     """Whether the tension caused by a start at `speed`, speed times `sqrt(EA m)`, is significant compared with
     `mu w`."""
     friction = scene.effects["seabed_friction"]
-    mu = friction["kinetic"] if friction["static"] is None else friction["static"]
+    mu = friction["static"]
+    if mu is None:
+        mu = friction["kinetic"]
     for line in scene.lines:
         if not {line.start, line.end} & moved:
             continue
@@ -269,9 +274,9 @@ def attached_points(scene: SceneData) -> tuple[PointSpec, ...]:
 @raises_first
 def _check_bodies(scene: SceneData) -> Iterator[Check]:
     """Check that bodies hang on lines that stretch, and that bodies with shapes are in water."""
-    for i, line in enumerate(scene.lines if scene.bodies else ()):
+    for i, line in enumerate(scene.lines):
         yield (
-            line.rigid,
+            line.rigid and bool(scene.bodies),
             f"line.{i}.axial.law: 'rigid' in a scene with bodies. Use lines that stretch, such as 'rope'",
         )
     for i, body in enumerate(scene.bodies):
@@ -280,11 +285,11 @@ def _check_bodies(scene: SceneData) -> Iterator[Check]:
             f"body.{i}: {body.name!r} has cylinders or spheres, but the scene has no [sea]; needed: [sea] with "
             "`depth`, or no shapes",
         )
-        what = "[effects.seabed]" if body.shapes else "cylinders or spheres"
-        yield (
-            body.touches_bed and ("seabed" not in scene.effects or not body.shapes),
-            f"body.{i}.touches_bed: {body.name!r} lacks {what}; allowed: false, or a body and scene with both",
-        )
+        for what, given in (("cylinders or spheres", body.shapes), ("[effects.seabed]", "seabed" in scene.effects)):
+            yield (
+                body.touches_bed and not given,
+                f"body.{i}.touches_bed: {body.name!r} lacks {what}; allowed: false, or a body and scene with both",
+            )
 
 
 def body_warnings(scene: SceneData) -> Iterator[str]:
@@ -309,9 +314,8 @@ def check_changing_lengths_until(scene: SceneData, end: float) -> None:
 @raises_first
 def check_scene(scene: SceneData) -> Iterator[Check]:
     """Check the parts of a scene against each other: effects with bodies, vessels, water and growth."""
-    if scene.branched:
-        _check_system_effects(scene)
-        _check_bodies(scene)
+    _check_system_effects(scene)
+    _check_bodies(scene)
     for i, vessel in enumerate(scene.vessels):
         yield (
             vessel.rao is not None and (scene.sea is None or scene.sea.waves is None or scene.sea.ramp is None),

@@ -63,24 +63,26 @@ def check_growth(scene: SceneData) -> Iterator[Check]:
         if line.growth is None and not season:
             continue
         path = f"line.{i}"
-        said = "growth" if season else f"{path}.growth"
+        source = f"{path}.growth"
+        if season:
+            source = "growth"
         yield (
             line.growth is not None and season,
             f"{path}.growth: given, but [growth] lists {line.name!r} too; allowed: one of them",
         )
-        yield scene.sea is None, f"{said}: {NEEDS_WATER}"
-        yield line.diameter is None, f"{path}.diameter: missing; {said} needs the diameter of the bare rope, > 0 m"
+        yield scene.sea is None, f"{source}: {NEEDS_WATER}"
+        yield line.diameter is None, f"{path}.diameter: missing; {source} needs the diameter of the bare rope, > 0 m"
         yield (
             line.outer_diameter is not None,
-            f"{path}.outer_diameter: {said} changes the diameter; allowed: one of them",
+            f"{path}.outer_diameter: {source} changes the diameter; allowed: one of them",
         )
         yield (
             line.centre_of_mass is not None,
-            f"{said}: needs point masses at the nodes, but the line has compound links. Remove it",
+            f"{source}: needs point masses at the nodes, but the line has compound links. Remove it",
         )
         yield (
             scene.effects.get("buoyancy", {}).get("wet_weight") is not None,
-            f"effects.buoyancy.wet_weight: is that of the bare line, but {said} changes it. Remove it",
+            f"effects.buoyancy.wet_weight: is that of the bare line, but {source} changes it. Remove it",
         )
 
 
@@ -129,9 +131,9 @@ def _check_shelter(scene: SceneData, current: Current | None) -> Iterator[str]:
     kinds = [(line.links, line.total) for line in scene.lines]
     alike = [i for i, kind in enumerate(kinds) if kind == kinds[weakest]]
     strongest = max(alike, key=lambda i: each[i])
-    way = (_middle(scene, weakest) - _middle(scene, strongest))[:2]
-    size = np.hypot(*way)
-    along = way @ [np.cos(current.direction), np.sin(current.direction)]
+    across = (_middle(scene, weakest) - _middle(scene, strongest))[:2]
+    size = np.hypot(*across)
+    along = across @ [np.cos(current.direction), np.sin(current.direction)]
     # minimum cosine between a current and the direction in which lines shelter each other, about 60 degrees
     if each[strongest] > each[weakest] and size > 0.0 and along <= 0.5 * size:
         yield (
@@ -207,8 +209,9 @@ def _finite(depth: float, waves: BoundWaves) -> Iterator[str]:
         yield f"sea.waves: wave height {height:.4g} m is {height / limit:.2g} of the maximum, {limit:.4g} m"
     long = length >= STOKES_LENGTH * depth
     if waves.theory == "stokes5" and (long or height > STOKES_HEIGHT * limit):
-        of_length = f"its length is {length / depth:.3g} depths"
-        why = of_length if long else f"it is {height / limit:.2g} of the maximum height"
+        why = f"it is {height / limit:.2g} of the maximum height"
+        if long:
+            why = f"its length is {length / depth:.3g} depths"
         yield (
             f"sea.waves.theory: 'stokes5' is inaccurate for this wave, {why} (at most {STOKES_LENGTH:g} depths and "
             f"{STOKES_HEIGHT:g} of the maximum height). Use 'stream'"
@@ -226,7 +229,9 @@ def repeat_time(omega: np.ndarray) -> float:
     steps = steps[steps > 1e-9 * np.max(omega)]
     share = steps / np.min(steps, initial=np.inf)
     even = steps.size > 1 and np.max(np.abs(share - np.round(share))) < 1e-6
-    return (2 * np.pi / steps.min()) if even else float("inf")
+    if not even:
+        return float("inf")
+    return 2 * np.pi / steps.min()
 
 
 def _interpolation(sea: Sea) -> Iterator[str]:
@@ -250,7 +255,9 @@ def _shortest(sea: Sea) -> float:
     k = np.asarray(sea.waves.wave_number, float)
     longest_first = np.argsort(k)
     energy = np.cumsum(np.broadcast_to(np.asarray(sea.waves.amplitude, float), k.shape)[longest_first] ** 2)
-    last = int(np.searchsorted(energy, ENERGY_SHARE * energy[-1])) if energy[-1] > 0.0 else -1
+    last = -1
+    if energy[-1] > 0.0:
+        last = int(np.searchsorted(energy, ENERGY_SHARE * energy[-1]))
     return 2 * np.pi / k[longest_first[last]]
 
 
@@ -260,10 +267,13 @@ def _slenderness(scene: SceneData, sea: Sea) -> Iterator[str]:
         return
     diameter = drag_diameter(scene)
     shortest = _shortest(sea)
-    ends = np.cumsum([line.links for line in scene.lines])
-    line = int(np.searchsorted(ends, np.argmax(diameter), side="right")) if np.ndim(diameter) else 0
-    sizes = {f"line.{scene.lines[line].name if scene.branched else line}": np.max(diameter)}
-    for buoy in sorted(scene.buoys, key=lambda buoy: buoy.diameter)[-1:]:
+    path = "line.0"
+    if scene.branched:
+        thickest = np.argmax(np.broadcast_to(diameter, scene.line.links))
+        path = next(f"line.{line.name}" for line in line_slices(scene) if thickest < line.links.stop)
+    sizes = {path: np.max(diameter)}
+    if scene.buoys:
+        buoy = max(reversed(scene.buoys), key=lambda buoy: buoy.diameter)
         sizes[f"buoy.{buoy.name}"] = buoy.diameter
     for path, size in sizes.items():
         if size > slender * shortest:
@@ -286,7 +296,9 @@ class Surface:
         spec = self.scene.sea
         if spec is None or (spec.level is None and (spec.waves is None or not self.waves)):
             return None
-        return make_sea(spec if self.waves else replace(spec, waves=None), line_reach(self.scene))
+        if not self.waves:
+            spec = replace(spec, waves=None)
+        return make_sea(spec, line_reach(self.scene))
 
     @cached_property
     def lowest(self) -> float:
@@ -294,11 +306,15 @@ class Surface:
         spec = self.scene.sea
         if spec is None:
             return 0.0
-        level = 0.0 if spec.level is None else spec.level.lowest
+        level = 0.0
+        if spec.level is not None:
+            level = spec.level.lowest
         if spec.waves is None or not self.waves:
             return level
         # troughs stay above -hs, those of components above the sum of amplitudes; twice, for an opposing current
-        size = np.sum(np.abs(spec.waves.size)) if spec.waves.hs is None else spec.waves.hs
+        size = spec.waves.hs
+        if size is None:
+            size = np.sum(np.abs(spec.waves.size))
         return level - 2.0 * float(size)
 
     def over(self, positions: np.ndarray, times: np.ndarray) -> np.ndarray:
@@ -316,7 +332,7 @@ def _elevations(sea: Sea, positions: ArrayLike, times: ArrayLike) -> Array:
 
 
 def surface_over(scene: SceneData, positions: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """Height (k, m) [m] of the surface over positions (k, m, 3) [m] at times (k,) [s]: of its level and waves."""
+    """Height (k, m) [m] of the surface over positions (k, m, 3) [m] at times (k,) [s], that of level and waves."""
     return Surface(scene).over(positions, times)
 
 
@@ -326,7 +342,9 @@ def bed_height(scene: SceneData, positions: np.ndarray) -> np.ndarray | None:
         return None
     values = scene.effects["seabed"]
     if values["bed_x"] is None:
-        depth = scene.needed_sea.depth if values["depth"] is None else values["depth"]
+        depth = values["depth"]
+        if depth is None:
+            depth = scene.needed_sea.depth
         return np.full(positions.shape[:-1], -float(depth))
     height = Seabed.build(values, scene).bed_height(positions.reshape(-1, 3), rounded=0.0)
     return np.asarray(height).reshape(positions.shape[:-1])

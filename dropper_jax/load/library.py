@@ -191,8 +191,12 @@ def part(name: str) -> tuple[str, Table]:
     if not kind.low <= size <= kind.high:
         allowed = f"{kind.low:g} to {kind.high:g} {kind.unit}"
         raise SceneError(f"library: {name!r}: {kind.size} {size:g} {kind.unit} is out of range; allowed: {allowed}")
-    rounded = {key: float(f"{v:.6g}") if isinstance(v, float) else v for key, v in kind.make(size).items()}
-    return kind.section, {"name": PREFIX + name, **rounded}
+    values: Table = {"name": PREFIX + name}
+    for key, value in kind.make(size).items():
+        if isinstance(value, float):
+            value = float(f"{value:.6g}")
+        values[key] = value
+    return kind.section, values
 
 
 def crop_values() -> list[Table]:
@@ -225,7 +229,7 @@ def crop_values() -> list[Table]:
 def published_crops() -> list[Table]:
     """Published values of crops, rows of `data/crops.toml`; None for a number that is not at hand."""
     keys = ("crop", "like", "mass", "outer_diameter", "cdn", "can", "EI", "source", "read", "conditions")
-    return [{key: row.get(key) for key in keys} for row in _rows("crops.toml")["crop"]]
+    return [{**dict.fromkeys(keys), **row} for row in _rows("crops.toml")["crop"]]
 
 
 def _split_name(name: str) -> tuple[str, float]:

@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
+from typing import TypeVar
 
 import numpy as np
 
@@ -38,6 +39,8 @@ from dropper_jax.base.read import (
 from dropper_jax.scene.length_in_time import of_pieces
 from dropper_jax.scene.line import LINK_LIMIT
 
+Item = TypeVar("Item")
+
 #: Spacing of attached points, relative to the line's length, below which a piece would have no length.
 SAME_POSITION = 1e-9
 #: Keys of a section of a line, or of a line without sections.
@@ -57,12 +60,12 @@ class LineType:
     """
 
     name: str = option("name", type=str)
-    mass: float = parameter("mass per metre", unit="kg/m", low=0.0, open_low=True)
-    diameter: float = parameter("diameter of the displaced volume", unit="m", low=0.0, open_low=True)
+    mass: float = parameter("mass per metre", unit="kg/m", above=0.0)
+    diameter: float = parameter("diameter of the displaced volume", unit="m", above=0.0)
     outer_diameter: float | None = parameter(
-        "diameter for drag and added mass (default: `diameter`)", unit="m", low=0.0, open_low=True, default=None
+        "diameter for drag and added mass (default: `diameter`)", unit="m", above=0.0, default=None
     )
-    EA: float | None = parameter("axial stiffness", unit="N", low=0.0, open_low=True, default=None)
+    EA: float | None = parameter("axial stiffness", unit="N", above=0.0, default=None)
     strain: np.ndarray | None = parameter("strains of a table, rising", unit="-", shape="table", default=None)
     tension: np.ndarray | None = parameter("tensions at those strains", unit="N", shape="table", default=None)
     law: str = option("axial law", choices=tuple(LAWS), default="rope")
@@ -71,7 +74,7 @@ class LineType:
         "damping ratio (internal damping over critical), per link", unit="-", low=0.0, default=None
     )
     EI: float | None = parameter("bending stiffness", unit="N m^2", low=0.0, default=None)
-    breaking_load: float | None = parameter("breaking load", unit="N", low=0.0, open_low=True, default=None)
+    breaking_load: float | None = parameter("breaking load", unit="N", above=0.0, default=None)
     cdn: float | None = parameter("drag coefficient across", unit="-", low=0.0, default=None)
     cdt: float | None = parameter("drag coefficient along", unit="-", low=0.0, default=None)
     can: float | None = parameter("added mass coefficient across", unit="-", low=0.0, default=None)
@@ -82,14 +85,18 @@ class LineType:
     def read(cls, table: Plain, path: str) -> LineType:
         own = dict(read_table(table, path))
         law = own.get("law", "rope")
-        more = law_constants(law) if law in list(LAWS) else []  # an unknown law is rejected with the other fields
+        more: list[str] = []
+        if law in list(LAWS):  # an unknown law is rejected with the other fields
+            more = law_constants(law)
         given = {key: own.pop(key) for key in more if key in own}
         kind = cls(**read_fields(cls, own, path, {}))
-        values = read_fields(LAWS[law], {"EA": 1.0, **given}, path, {"link": 1}) if more else {}
+        if more:
+            values = read_fields(LAWS[law], {"EA": 1.0, **given}, path, {"link": 1})
+            kind = replace(kind, constants={key: values[key] for key in more if values[key] is not None})
         raise_first(kind.checks(), path)
         if law == "tabulated":
             ForceTable.read(kind.strain, kind.tension, path)
-        return replace(kind, constants={key: values[key] for key in more if values[key] is not None})
+        return kind
 
     @property
     def table(self) -> ForceTable | None:
@@ -114,21 +121,23 @@ class LineType:
     def checks(self) -> Iterator[Check]:
         """Checks for `EA`, a table if the law is `tabulated`, or neither if it is `rigid`; at most one kind of
         damping."""
-        wanted = {"tabulated": ("strain", "tension"), "rigid": ()}.get(self.law, ("EA",))
-        damped = () if self.law == "rigid" else ("damping", "damping_ratio")
-        takes = " and ".join(wanted) or "no stiffness and no damping"
+        needed = {"tabulated": ("strain", "tension"), "rigid": ()}.get(self.law, ("EA",))
+        used = needed
+        if self.law != "rigid":
+            used = (*needed, "damping", "damping_ratio")
+        takes = " and ".join(needed) or "no stiffness and no damping"
         for key in ("EA", "strain", "tension", "damping", "damping_ratio"):
             given = getattr(self, key) is not None
-            yield not given and key in wanted, f"{key}: missing; law {self.law!r} needs {takes}"
-            unused = given and key not in (*wanted, *damped)
-            yield unused, f"{key}: not used by law {self.law!r}, which takes {takes}"
+            yield not given and key in needed, f"{key}: missing; law {self.law!r} needs {takes}"
+            yield given and key not in used, f"{key}: not used by law {self.law!r}, which takes {takes}"
         both = self.damping is not None and self.damping_ratio is not None
         yield both, ": `damping` and `damping_ratio` are both given; allowed: one of the two"
 
 
 def law_constants(law: str) -> list[str]:
     """Constants that the class of an axial law declares besides those of every line type."""
-    return [key for key in declared_fields(LAWS[law]) if key not in declared_fields(LineType)]
+    common = declared_fields(LineType)
+    return [key for key in declared_fields(LAWS[law]) if key not in common]
 
 
 @dataclass(frozen=True)
@@ -136,7 +145,7 @@ class Section(DeclaredSection):
     """A section of a line: its type, unstretched length [m] and number of links."""
 
     type: str = option("name of a [[line_type]]", type=str)
-    length: float = parameter("length", unit="m", low=0.0, open_low=True)
+    length: float = parameter("length", unit="m", above=0.0)
     links: int = count("number of links", high=LINK_LIMIT)
     kind: LineType = field(kw_only=True)
 
@@ -294,18 +303,21 @@ def _split(
 def _between(sections: Sequence[Section], low: float, high: float) -> list[Section]:
     """The part of the sections from arc length `low` to `high` [m]."""
     found = []
-    begin = 0.0
+    start = 0.0
     for section in sections:
-        length = min(high, begin + section.length) - max(low, begin)
+        length = min(high, start + section.length) - max(low, start)
         if length > 1e-9 * section.length:
             found.append(section.cut(length))
-        begin += section.length
+        start += section.length
     return found
 
 
-def _each(sections: Sequence[Section], value: Callable[[Section], float | None]) -> list[float]:
+def _each(sections: Sequence[Section], value: Callable[[Section], Item]) -> list[Item]:
     """One value for each link."""
-    return np.repeat(np.array([value(s) for s in sections], float), [s.links for s in sections]).tolist()
+    found = []
+    for section in sections:
+        found += [value(section)] * section.links
+    return found
 
 
 def _axial(sections: Sequence[Section], path: str) -> Table:
@@ -315,12 +327,14 @@ def _axial(sections: Sequence[Section], path: str) -> Table:
         return {"law": "rigid"}
     if len(laws) > 1 and not laws <= {"rope", "tabulated"}:
         raise SceneError(f"{path}.sections: the types have different axial laws; allowed: one law per line")
-    damping = _each(sections, lambda s: s.kind.internal_damping(s.link))
+    damping = _each(sections, lambda s: float(s.kind.internal_damping(s.link)))
     if "tabulated" in laws:
-        tables = [s.kind.table or ForceTable.straight(s.kind.stiffness) for s in sections for _ in range(s.links)]
+        tables = _each(sections, lambda s: s.kind.table or ForceTable.straight(s.kind.stiffness))
         return {"law": "tabulated", **tables_of(tables), "damping": damping}
-    own = {key: _each(sections, lambda s, key=key: s.kind.constants[key]) for key in sections[0].kind.constants}
-    return {"law": laws.pop(), "EA": _each(sections, lambda s: s.kind.stiffness), "damping": damping, **own}
+    found = {"law": laws.pop(), "EA": _each(sections, lambda s: s.kind.stiffness), "damping": damping}
+    for key in sections[0].kind.constants:
+        found[key] = _each(sections, lambda s, key=key: s.kind.constants[key])
+    return found
 
 
 def _per_link(sections: Sequence[Section], path: str) -> Table:

@@ -42,9 +42,10 @@ def _files() -> dict[str, Traversable]:
 
 def scene_names() -> tuple[str, ...]:
     """Names of the packaged scenes."""
-    files = _files()
-    variants = (name + suffix for name in files for suffix in variants_of(name))
-    return tuple(sorted((*files, *variants)))
+    names = list(_files())
+    for name in _files():
+        names += [name + suffix for suffix in variants_of(name)]
+    return tuple(sorted(names))
 
 
 def scene_titles() -> dict[str, dict[str, str]]:
@@ -128,7 +129,9 @@ def _read_mooring(path: Path, depth: float | None) -> Table:
     from dropper_jax.decks.reading.reader import read_moordyn  # noqa: PLC0415 - 0.5 s that starting does not need
     from dropper_jax.decks.reading.yaml_mooring import SUFFIXES, read_yaml_mooring  # noqa: PLC0415
 
-    return (read_yaml_mooring if path.suffix.lower() in SUFFIXES else read_moordyn)(path, depth)
+    if path.suffix.lower() in SUFFIXES:
+        return read_yaml_mooring(path, depth)
+    return read_moordyn(path, depth)
 
 
 def _read_file(path: Path) -> bytes:

@@ -108,7 +108,8 @@ def describe(path: str) -> Values:
     for pattern, _, cls in declared_sections():
         if cls is not None and re.fullmatch(re.escape(pattern).replace(r"\*", r"[^.]+"), section):
             declared = declared_fields(cls)
-            return declared[key].metadata if key in declared else {}
+            if key in declared:
+                return declared[key].metadata
     return {}
 
 
@@ -125,22 +126,35 @@ def locate(table: Values, paths: Iterable[str] | None = None) -> dict[str, Steps
         effects = named.union(table.get("effects", ()))
     for pattern, _, cls in declared_sections(effects):
         if pattern not in (*WITHOUT_PATHS, *BY_NAME) and (pattern != "growth" or "growth" in table):
-            keys = declared_fields if pattern in KEYS_ALONE else section_keys
-            found |= _steps(table, pattern, (*(keys(cls) if cls else ()), *MORE_KEYS.get(pattern, ())))
+            found |= _steps(table, pattern, _keys_with_paths(pattern, cls))
     for pattern in BY_NAME:
         found |= _steps(table, pattern)
     return found
+
+
+def _keys_with_paths(pattern: str, cls: type | None) -> list[str]:
+    """Keys of a section that have paths, declared or read by hand."""
+    if cls is None:
+        return list(MORE_KEYS.get(pattern, ()))
+    if pattern in KEYS_ALONE:
+        return list(declared_fields(cls))
+    return [*section_keys(cls), *MORE_KEYS.get(pattern, ())]
 
 
 def locate_written(table: Values) -> dict[str, Steps]:
     """The same for types and lines of a table in its original form; empty without types."""
     if not table.get("line_type"):
         return {}
-    own = [key for law in LAWS for key in law_constants(law)]
+    of_types = [*declared_fields(LineType)]
+    for law in LAWS:
+        of_types += law_constants(law)
     lines = _steps(table, "line.*", ("name", "from", "to", "shelter", *OF_SECTIONS))
+    for path, to in list(lines.items()):
+        if to[-1] in OF_SECTIONS and "sections" in table["line"][to[1]]:
+            del lines[path]
     return {
-        **_steps(table, "line_type.*", (*declared_fields(LineType), *own)),
-        **{p: to for p, to in lines.items() if to[-1] not in OF_SECTIONS or "sections" not in table["line"][to[1]]},
+        **_steps(table, "line_type.*", of_types),
+        **lines,
         **_steps(table, "line.*.sections.*", OF_SECTIONS),
         **_steps(table, "line.*.attach.*", ("point", "at")),
         **_steps(table, "line.*.growth", declared_fields(GrowthSpec)),
@@ -151,8 +165,14 @@ def locate_written(table: Values) -> dict[str, Steps]:
 
 def _steps(table: Values, pattern: str, keys: Iterable[str] | None = None) -> dict[str, Steps]:
     """Steps to these keys of every table at a pattern; without `keys`, to those that it has."""
-    tables = _tables(table, pattern.split(".") if pattern else [])
-    return {join(path, key): (*to, key) for path, to, own in tables for key in (own if keys is None else keys)}
+    found = {}
+    for path, to, own in _tables(table, list(filter(None, pattern.split(".")))):
+        named = keys
+        if named is None:
+            named = own
+        for key in named:
+            found[join(path, key)] = (*to, key)
+    return found
 
 
 def _tables(
@@ -185,7 +205,9 @@ def set_value(
     Raises:
         SceneError: the path (with the nearest) or the entry does not exist.
     """
-    parent, key = _find_parent(table, path, locate(table, [path]) if steps is None else steps, candidates)
+    if steps is None:
+        steps = locate(table, [path])
+    parent, key = _find_parent(table, path, steps, candidates)
     parent[key] = value
 
 
@@ -195,7 +217,9 @@ def get(table: Table, path: str, steps: Mapping[str, Steps] | None = None) -> Pl
     Raises:
         SceneError: the path or entry does not exist, or no value is given there.
     """
-    parent, key = _find_parent(copy.deepcopy(table), path, locate(table, [path]) if steps is None else steps, ())
+    if steps is None:
+        steps = locate(table, [path])
+    parent, key = _find_parent(copy.deepcopy(table), path, steps, ())
     if isinstance(parent, dict) and key not in parent:
         raise SceneError(f"{path}: is not given in the scene")
     return parent[key]
@@ -214,9 +238,15 @@ def _find_parent(
     stem, entries = found
     *parents, key = steps[stem]
     for step in parents:
-        table = table[step] if isinstance(table, list) else table.setdefault(step, {})
+        if isinstance(table, list):
+            table = table[step]
+        else:
+            table = table.setdefault(step, {})
     for number in entries:
-        items = table.get(key) if isinstance(table, dict) else table[key]
+        if isinstance(table, dict):
+            items = table.get(key)
+        else:
+            items = table[key]
         if not isinstance(items, list):
             raise SceneError(
                 f"{path}: has no entries, its value is {items!r}; use the path without a number at its end"
@@ -248,7 +278,9 @@ def _hint(path: str, candidates: set[str]) -> str:
     if ScenePath(path).section not in sections:
         return f"known sections: {', '.join(sorted(sections))}"
     near = sorted(p for p in candidates if ScenePath(p).section == ScenePath(path).section)
-    return f"known: {', '.join(near[:shown])}{', ...' if len(near) > shown else ''}"
+    if len(near) > shown:
+        near[shown:] = ["..."]
+    return f"known: {', '.join(near)}"
 
 
 def is_written(table: Table, path: str, written: Mapping[str, Steps]) -> bool:
@@ -304,13 +336,16 @@ class Written:
         Args:
             expanded: plain values of the scene with one value per link.
         """
-        table = self.table(expanded, keep_points=any(ScenePath(path).section == "point" for path in values))
+        sections = {ScenePath(path).section for path in values}
+        table = self.table(expanded, keep_points="point" in sections)
         written = locate_written(table)
         own = [path for path in values if is_written(table, path, written)]
         single = {path: value for path, value in values.items() if path not in own and self._of_links(path)}
         for path, value in values.items():
-            if path not in single:
-                set_value(table, path, value, written if path in own else None, written)
+            if path in own:
+                set_value(table, path, value, written)
+            elif path not in single:
+                set_value(table, path, value, candidates=written)
         if not single:
             return table
         table = expand(table)
@@ -324,10 +359,11 @@ class Written:
         Raises:
             SceneError: the length of a line of sections, which has none; that of links is not what a user means.
         """
-        for i, line in enumerate(self.line if ScenePath(path).section == "line" else []):
-            for stem in (f"line.{label}" for label in (i, line.get("name", i)) if "sections" in line):
-                if path in [f"{stem}.{key}" for key in OF_SECTIONS]:
-                    inner = f"{stem}.sections.0.{ScenePath(path).key}"
-                    raise SceneError(f"{path}: the line has sections. Use {inner} and so on")
-        taken = [f"effects.{effect}.{key}." for effect, key in self.taken]
-        return ScenePath(path).section == "line" or path.startswith(tuple(taken))
+        if ScenePath(path).section != "line":
+            return path.startswith(tuple(f"effects.{effect}.{key}." for effect, key in self.taken))
+        stem, _, key = path.rpartition(".")
+        for i, line in enumerate(self.line):
+            here = stem in (f"line.{i}", f"line.{line.get('name', i)}")
+            if here and key in OF_SECTIONS and "sections" in line:
+                raise SceneError(f"{path}: the line has sections. Use {stem}.sections.0.{key} and so on")
+        return True

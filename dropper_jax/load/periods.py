@@ -33,11 +33,13 @@ def periods(scene: SceneData) -> dict[str, float]:
     found = {"swing": (2.0 * np.pi * np.sqrt(np.min(line.length) / GRAVITY))}
     if line.EA is not None:
         found["axial"] = np.pi * np.sqrt(np.min(line.length * line.mass / line.EA))
-    waves = None if scene.sea is None else scene.sea.waves
-    if waves is not None and waves.tp is not None:
+    if scene.sea is None or scene.sea.waves is None:
+        return found
+    waves = scene.sea.waves
+    if waves.tp is not None:
         found["waves"] = float(waves.tp)
-    elif waves is not None and waves.period is not None:
-        period, height = np.broadcast_arrays(waves.period, 0.0 if waves.amplitude is None else waves.amplitude)
+    elif waves.period is not None:
+        period, height = np.broadcast_arrays(waves.period, waves.size)
         found["waves"] = period.flat[np.argmax(height)]
     return found
 
@@ -50,9 +52,10 @@ def suggest_step(scene: SceneData) -> float:
     # steps per period of the shortest link's swing and of the waves in a suggested step: the midpoint rule then has the
     # period to 0.03 %. The packaged scenes take 45 to 200. The check of a run asks whipping droppers for 600 to 1400
     found = periods(scene)
-    # explicit schemes are unstable below pi steps per axial period of the stiffest link
-    steps = {"swing": 100, "waves": 100, "axial": 0 if issubclass(INTEGRATORS[scene.run.integrator], Implicit) else 6}
-    step = min(scene.run.duration, *(found[name] / steps[name] for name in found if steps[name]))
+    steps = {"swing": 100, "waves": 100}
+    if not issubclass(INTEGRATORS[scene.run.integrator], Implicit):
+        steps["axial"] = 6  # explicit schemes are unstable below pi steps per axial period of the stiffest link
+    step = min(scene.run.duration, *(found[name] / steps[name] for name in found.keys() & steps))
     unit = 10.0 ** (np.floor(np.log10(step)) - 1.0)
     return float(f"{np.floor(step / unit * (1.0 + 1e-9)) * unit:.2g}")
 

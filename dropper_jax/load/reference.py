@@ -14,6 +14,7 @@ import tomllib
 from collections.abc import Iterable
 from functools import cache
 from importlib import resources
+from itertools import pairwise
 
 import numpy as np
 
@@ -91,9 +92,12 @@ def _by_hand() -> Table:
 
 def _keys_by_hand(path: str) -> list[Key]:
     """Keys of a section that are read by hand."""
-    found = [AXIAL_LAW] if path == "line.*.axial" else []
+    found = []
+    if path == "line.*.axial":
+        found.append(AXIAL_LAW)
     for row in _by_hand().get(path, {}).get("keys", ()):
-        found.append(Key(join(path, row["name"]), **{k: v for k, v in row.items() if k != "name"}))
+        about = dict(row)
+        found.append(Key(join(path, about.pop("name")), **about))
     return found
 
 
@@ -103,18 +107,30 @@ def sections() -> list[Section]:
 
 
 def _section(path: str, head: str, cls: type | None) -> Section:
-    keys = [] if cls is None else list(_declared_keys(path, cls))
+    keys: list[Key] = []
+    source = ""
+    if cls is not None:
+        keys += _declared_keys(path, cls)
+        source = source_of(cls)
     by_hand = _keys_by_hand(path)
     if path == "run":
         keys += [_option(name, about) for name, about in OPTIONS.items()]
     if path in ("line.*.axial", "line_type.*"):
-        names = {key.name for key in (*keys, *by_hand)}
-        own = {key.name: key for law in LAWS.values() for key in _declared_keys(path, law) if key.name not in names}
-        keys += own.values()
+        keys += _law_keys(path, {key.name for key in (*keys, *by_hand)})
     if path == "point_type.*":
         keys = [key for key in keys if key.name != "position"]
     about = _by_hand().get(path, {}).get("about") or inspect.getdoc(cls) or ""
-    return Section(path, head, _first(about), "" if cls is None else source_of(cls), (*keys, *by_hand))
+    return Section(path, head, _first(about), source, (*keys, *by_hand))
+
+
+def _law_keys(path: str, known: set[str]) -> Iterable[Key]:
+    """Keys of axial laws in addition to those known."""
+    found: dict[str, Key] = {}
+    for law in LAWS.values():
+        for key in _declared_keys(path, law):
+            if key.name not in known:
+                found[key.name] = key
+    return found.values()
 
 
 def _declared_keys(path: str, cls: type) -> Iterable[Key]:
@@ -122,10 +138,14 @@ def _declared_keys(path: str, cls: type) -> Iterable[Key]:
     for key, field in declared_fields(cls).items():
         about = field.metadata
         number = about["kind"] == "parameter"
-        allowed = limits({**about, "unit": "-"}) if number or about.get("type") is int else ""
-        if about.get("choices"):
+        allowed = ""
+        if number or about.get("type") is int:
+            allowed = limits({**about, "unit": "-"})
+        elif about.get("choices"):
             allowed = ", ".join(map(str, about["choices"]))
-        kind = SHAPES[about["shape"]] if number else TYPES.get(about.get("type"), "text")
+        kind = TYPES.get(about.get("type"), "text")
+        if number:
+            kind = SHAPES[about["shape"]]
         unit = about.get("unit", "-")
         yield Key(f"{path}.{key}", about["meaning"], kind, unit, allowed, _default(field), _schema(about))
 
@@ -142,8 +162,10 @@ def _default(field: dataclasses.Field) -> str:
             return "needed"
         case None | bool():
             return {None: "none", True: "true", False: "false"}[value]
+        case (str(), *_):
+            return str(list(value))
         case tuple() | list() | np.ndarray():
-            return str([float(x) if isinstance(x, int | float) else x for x in value])
+            return str([float(x) for x in value])
         case float():
             return f"{value:g}"
     return str(value)
@@ -157,10 +179,9 @@ def _schema(about: Values) -> Table:
         kinds = {int: {"type": ["integer", "string"]}, bool: {"type": "boolean"}, tuple: LIST, list: LIST}
         return kinds.get(about.get("type"), TEXT)
     number: Table = {"type": ["number", "string"]}
-    if about.get("low") is not None:
-        number["exclusiveMinimum" if about.get("open_low") else "minimum"] = about["low"]
-    if about.get("high") is not None:
-        number["maximum"] = about["high"]
+    for key, word in (("low", "minimum"), ("above", "exclusiveMinimum"), ("high", "maximum")):
+        if about.get(key) is not None:
+            number[word] = about[key]
     several = {"type": "array", "items": number}
     shapes = {
         "number": number,
@@ -173,9 +194,11 @@ def _schema(about: Values) -> Table:
 
 def source_of(cls: type) -> str:
     """Sentences of a class's and its module's documentation that give its source."""
-    texts = [inspect.getdoc(cls) or "", sys.modules[cls.__module__].__doc__ or ""]
-    found = [" ".join(match[0].split()) for text in texts for match in SOURCE.finditer(" ".join(text.split()))]
-    return " ".join(dict.fromkeys(sentence.strip() for sentence in found if sentence.strip()))
+    found: dict[str, None] = {}  # each once, in order
+    for text in (inspect.getdoc(cls) or "", sys.modules[cls.__module__].__doc__ or ""):
+        for match in SOURCE.finditer(" ".join(text.split())):
+            found[match[0].strip()] = None
+    return " ".join(filter(None, found))
 
 
 def _first(text: str) -> str:
@@ -198,11 +221,15 @@ def find(word: str) -> list[Section]:
         elif keys := tuple(key for key in section.keys if _matches(key.path, wanted) or key.name == wanted):
             found.append(dataclasses.replace(section, keys=keys))
     if not found:
-        keys = [key for section in every for key in section.keys]
-        hint = nearest(word, [*(s.path for s in every if s.path), *(k.path for k in keys), *(k.name for k in keys)])
-        raise SceneError(
-            f"--reference: {word!r} is not a key; {hint if not hint.startswith('known') else 'all: --reference'}"
-        )
+        known = set()
+        for section in every:
+            known.add(section.path)
+            for key in section.keys:
+                known |= {key.path, key.name}
+        hint = nearest(word, known - {""})
+        if hint.startswith("known"):
+            hint = "all: --reference"
+        raise SceneError(f"--reference: {word!r} is not a key; {hint}")
     return found
 
 
@@ -235,17 +262,22 @@ def schema() -> Table:
 def _section_object(root: Table, path: str) -> Table:
     """The object of a section, created if it is missing."""
     parent = root
-    words = path.split(".") if path else []
-    for i, word in enumerate(words):
-        if word == "*":
+    words = path.split(".")
+    for word, following in pairwise([*words, ""]):
+        if word in ("", "*"):
             continue
-        listed = i + 1 < len(words) and words[i + 1] == "*" and word not in ("unit",)
         made = {"type": "object", "properties": {}, "additionalProperties": False}
-        inner = parent["properties"].setdefault(word, {"type": "array", "items": made} if listed else made)
-        parent = inner["items"] if listed else inner
+        if following == "*" and word != "unit":
+            parent = parent["properties"].setdefault(word, {"type": "array", "items": made})["items"]
+        else:
+            parent = parent["properties"].setdefault(word, made)
     return parent
 
 
 def _description(key: Key) -> str:
-    unit = "" if key.unit == "-" else f" [{key.unit}]"
-    return key.meaning + unit + ("" if key.default in ("none", "needed") else f" (default: {key.default})")
+    words = key.meaning
+    if key.unit != "-":
+        words += f" [{key.unit}]"
+    if key.default not in ("none", "needed"):
+        words += f" (default: {key.default})"
+    return words

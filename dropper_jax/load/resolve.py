@@ -71,8 +71,9 @@ def with_tables(table: Values, before: str = "") -> Table:
         if section in found:
             found[section] = _tables(found[section], f"{before}{section}")
     for i, line in enumerate(found.get("line", ())):
-        if "sections" in line:
-            line["sections"] = _tables(line["sections"], f"{before}line.{i}.sections")
+        for key in ("sections", "attach"):
+            if key in line:
+                line[key] = _tables(line[key], f"{before}line.{i}.{key}")
     for section in ("effects", "sea", "unit"):
         if section in found:
             found[section] = dict(read_table(found[section], section))
@@ -131,16 +132,19 @@ def with_library_lines(table: Values) -> Table:
     items = {}
     for i, line in enumerate(table.get("line", ())):
         items[f"line.{i}"] = line
-        items |= {f"line.{i}.sections.{k}": section for k, section in enumerate(line.get("sections", ()))}
-    wanted = {}
+        for k, section in enumerate(line.get("sections", ())):
+            items[f"line.{i}.sections.{k}"] = section
+    from_library = {}
     for path, item in items.items():
         name = item.get("type")
         if isinstance(name, str) and name.startswith(PREFIX) and name not in own:
-            wanted.setdefault(name, f"{path}.type")
-    if not wanted:
+            from_library.setdefault(name, f"{path}.type")
+    if not from_library:
         return dict(table)
-    found = [_part_for(path, name, "line_type", "lines", "a rope, a chain or a crop") for name, path in wanted.items()]
-    return {**table, "line_type": [*types, *found]}
+    types = list(types)
+    for name, path in from_library.items():
+        types.append(_part_for(path, name, "line_type", "a rope, a chain or a crop"))
+    return {**table, "line_type": types}
 
 
 def with_library_points(table: Values) -> Table:
@@ -149,36 +153,46 @@ def with_library_points(table: Values) -> Table:
     Raises:
         SceneError: an unknown part, or a part that is not a point.
     """
-    found = {**table, **_points(table, "")}
+    found = _with_points(table, "")
     if "unit" in found:
-        found["unit"] = {name: {**unit, **_points(unit, f"unit.{name}.")} for name, unit in found["unit"].items()}
+        units = {}
+        for name, unit in found["unit"].items():
+            units[name] = _with_points(unit, f"unit.{name}.")
+        found["unit"] = units
     return found
 
 
-def _points(table: Values, before: str) -> Table:
-    """The points of a table, if it has some."""
+def _with_points(table: Values, before: str) -> Table:
+    """The same for the points of a scene or a unit alone."""
     if "point" not in table:
-        return {}
-    return {"point": [_point(item, f"{before}point.{i}.type") for i, item in enumerate(table["point"])]}
+        return dict(table)
+    points = [_point(item, f"{before}point.{i}.type") for i, item in enumerate(table["point"])]
+    return {**table, "point": points}
 
 
 def _point(item: Values, path: str) -> Values:
     name = item.get("type")
     if not isinstance(name, str) or not name.startswith(PREFIX):
         return item
-    values = _part_for(path, name, "point", "points", "a float, such as library:float-0.2")
+    values = _part_for(path, name, "point", "a float, such as library:float-0.2")
+    del values["name"]
     given = {**values, **item}
-    return {key: value for key, value in given.items() if key != "type" and (key != "name" or "name" in item)}
+    del given["type"]
+    return given
 
 
-def _part_for(path: str, name: str, section: str, use: str, allowed: str) -> Table:
+#: What uses the parts of the library, by their section.
+USES = {"line_type": "lines", "point": "points"}
+
+
+def _part_for(path: str, name: str, section: str, allowed: str) -> Table:
+    """The values of a part of the library that belongs to a section."""
     try:
         found, values = part(name.removeprefix(PREFIX))
     except SceneError as error:
         raise SceneError(f"{path}: {error}") from None
     if found != section:
-        other = "points" if use == "lines" else "lines"
-        raise SceneError(f"{path}: {name!r} is a part for {other}, not for {use}; allowed: {allowed}")
+        raise SceneError(f"{path}: {name!r} is a part for {USES[found]}, not for {USES[section]}; allowed: {allowed}")
     return values
 
 
@@ -205,7 +219,7 @@ def _written_out(point: Values, types: Mapping[str, Values], path: str) -> Table
         raise SceneError(f"{path}.float_density: is only used together with `float`, its volume [m^3]")
     if "float" not in found:
         return found
-    volume = read_number(found.pop("float"), f"{path}.float", {"low": 0.0, "open_low": True, "unit": "m^3"})
+    volume = read_number(found.pop("float"), f"{path}.float", {"above": 0.0, "unit": "m^3"})
     given = found.pop("float_density", FLOAT_DENSITY)
     density = read_number(given, f"{path}.float_density", {"low": 0.0, "unit": "kg/m^3"})
     return {**float_of(volume, density), **found}

@@ -199,9 +199,10 @@ class Scene(SceneData):
         start = scene.start.of_lines(scene.lines, held, branched)
         scene = replace(scene, start=start, effects=_read_effects(scene))
         check_scene(scene)
+        scene = replace(scene, start=closed_start(scene))
+        pose = None
         if not branched:
-            scene = replace(scene, start=closed_start(scene))
-        pose = None if branched else given_pose(scene)
+            pose = given_pose(scene)
         if pose is not None:
             check_pose(scene, scene.lines[0], *pose)
         else:
@@ -220,12 +221,11 @@ class Scene(SceneData):
         rows = [
             ("run", f"{self.run.integrator}, {self.run.steps_in_words} to {self.run.duration:g} s"),
             ("points", ", ".join(f"{point.name} ({point.kind})" for point in self.points[:SHOWN])),
-            *(
-                (f"line {line.name}", f"{line.links} links, {line.total:.4g} m, {np.sum(line.mass):.4g} kg")
-                for line in self.lines[:SHOWN]
-            ),
-            ("effects", ", ".join(self.effects) or "none"),
         ]
+        for line in self.lines[:SHOWN]:
+            size = f"{line.links} links, {line.total:.4g} m, {np.sum(line.mass):.4g} kg"
+            rows.append((f"line {line.name}", size))
+        rows.append(("effects", ", ".join(self.effects) or "none"))
         return html_table(f"Scene {self.name}: {len(self.lines)} lines, {len(self.points)} points", rows)
 
     def with_values(self, values: Values) -> Scene:
@@ -287,8 +287,9 @@ class Scene(SceneData):
         if given:
             scene = Scene.from_dict(template.table, self.name)
             changes = template.changes
-        scene = replace(scene, template=None)
-        return replace(scene.with_values(changes) if changes else scene, template=template)
+        if changes:
+            scene = replace(scene, template=None).with_values(changes)
+        return replace(scene, template=template)
 
     @property
     def parameter_paths(self) -> list[str]:

@@ -103,9 +103,10 @@ class Template:
     @classmethod
     def of(cls, table: Values) -> Template | None:
         """The template of a scene's plain values; None if it is already a plain scene."""
-        items = [item for section in REPEATED for item in table.get(section, ())]
-        own = any({"repeat", "float"} & set(item) for item in items) or any(key in table for key in TEMPLATE_KEYS)
-        return cls(copy.deepcopy(dict(table))) if own else None
+        items = itertools.chain.from_iterable(table.get(section, ()) for section in REPEATED)
+        if any(key in table for key in TEMPLATE_KEYS) or any({"repeat", "float"} & set(item) for item in items):
+            return cls(copy.deepcopy(dict(table)))
+        return None
 
     def with_changes(self, parameters: Values, changes: Values) -> Template:
         """The template with other values of parameters, by path, and further changes of the plain scene.
@@ -198,16 +199,29 @@ class _Layout:
             path,
         )
 
-    def called(self, name: str) -> str:
+    def name_of_point(self, name: str) -> str:
         """The name of a point of the scene, from that in the unit."""
-        return self.shared.get(name, f"{self.prefix}{name}" if name in self.points else name)
+        if name in self.shared:
+            return self.shared[name]
+        if name in self.points:
+            return f"{self.prefix}{name}"
+        return name
 
     def item(self, item: Table, keys: Sequence[str]) -> Table:
         """A line or buoy of the unit in the scene, whose `keys` name points."""
-        found = {**item, **{key: self.called(item[key]) for key in keys if key in item}}
+        found = {**item, "name": f"{self.prefix}{item['name']}"}
+        for key in keys:
+            if key in item:
+                found[key] = self.name_of_point(item[key])
         if "attach" in item:
-            found["attach"] = [stop | {"point": self.called(stop["point"])} for stop in item["attach"]]
-        return found | {"name": f"{self.prefix}{item['name']}"}
+            found["attach"] = [self._stop(stop) for stop in item["attach"]]
+        return found
+
+    def _stop(self, stop: Table) -> Table:
+        """A point along a line of the unit; without a name it has one after the line."""
+        if "point" not in stop:
+            return stop
+        return {**stop, "point": self.name_of_point(stop["point"])}
 
     def point(self, point: Table) -> Table:
         """A point of the unit in the scene."""
@@ -218,7 +232,7 @@ class _Layout:
         sin = math.sin(self.heading)
         moved = (cos * x - sin * y, sin * x + cos * y, z)
         position = [start + step for start, step in zip(self.origin, moved, strict=True)]
-        return point | {"name": self.called(point["name"]), "position": position}
+        return point | {"name": self.name_of_point(point["name"]), "position": position}
 
 
 def _parameter_name(path: str, parameters: Values) -> str:
@@ -233,8 +247,9 @@ def _items(table: Values, section: str, names: Names, before: str = "") -> list[
     """Items of a section; those with `repeat` once for every combination of its counters."""
     path = f"{before}{section}"
     found = evaluate_list(table.get(section, []), names, path)
-    for i, item in enumerate(found if before else []):
-        read_text(item.get("name"), f"{path}.{i}.name")
+    if before:  # names in units are prefixed, and needed before the scene is read
+        for i, item in enumerate(found):
+            read_text(item.get("name"), f"{path}.{i}.name")
     return found
 
 
@@ -251,20 +266,27 @@ def _repetitions(item: Values, path: str, names: Names) -> Iterator[Names]:
                 f"{path}.repeat.{key}: is invalid or already in use; allowed: letters, digits and _, "
                 "not starting with a digit"
             )
-        ends = evaluate_values(value if isinstance(value, list) else [1, value], names, f"{path}.repeat.{key}")
-        ends = read_list(ends, f"{path}.repeat.{key}", 2, "a count, or [first, last]")
-        first, last = (_read_integral(end, f"{path}.repeat.{key}") for end in ends)
-        copies = last - first + 1
-        if copies < 0:
-            given = ends if isinstance(value, list) else last
-            raise SceneError(
-                f"{path}.repeat.{key}: {given} makes {copies} copies; allowed: a count >= 0, or [first, last]"
-            )
-        count *= copies
+        values = _read_range(value, f"{path}.repeat.{key}", names)
+        ranges.append(values)
+        count *= values.stop - values.start
         if count > MOST_COPIES:
             raise SceneError(f"{path}.repeat: creates more than {MOST_COPIES} parts; allowed: at most {MOST_COPIES}")
-        ranges.append(range(first, last + 1))
     return (names.new_child(dict(zip(repeat, each, strict=True))) for each in itertools.product(*ranges))
+
+
+def _read_range(value: Plain, path: str, names: Names) -> range:
+    """The values of a counter: from 1 to a count, or from first to last."""
+    ends = value
+    if not isinstance(value, list):
+        ends = [1, value]
+    ends = read_list(evaluate_values(ends, names, path), path, 2, "a count, or [first, last]")
+    first, last = (_read_integral(end, path) for end in ends)
+    if last - first < -1:
+        given = ends
+        if not isinstance(value, list):
+            given = last
+        raise SceneError(f"{path}: {given} makes {last - first + 1} copies; allowed: a count >= 0, or [first, last]")
+    return range(first, last + 1)
 
 
 def _read_integral(value: Plain, path: str) -> int:

@@ -15,8 +15,6 @@ RAMPS = {"dropper-release-a": 0.094, "dropper-release-b": 0.065, "dropper-releas
 #: its Figure 5.3; at 14.1 s the angles of its model (Tables E.2 to E.4) are met best.
 RAMP_START = 3.0
 RELEASES = {"-ramp": 15.0, "-ramp-14": 14.1}
-
-
 #: Centre of gravity of a pitching spar above its base [m], which the paper does not give: a homogeneous spar of its
 #: size capsizes.
 CENTRE = 1.0
@@ -40,17 +38,17 @@ def _table_6(table: Table, file: str) -> Table:
 
 
 def _ramp(table: Table, file: str, release: float) -> Table:
-    begin = RAMP_START
     start = table["start"]
     force = start["release_force"]
     of = "the packaged release, because the thesis gives none"
     if file in RAMPS:
-        force = [[0.0, 0.0, RAMPS[file] * (release - begin)]]
+        force = [[0.0, 0.0, RAMPS[file] * (release - RAMP_START)]]
         of = "thesis appendix E"
-    ramp = {"nodes": start["release_nodes"], "force_n": force, "start": begin, "rise": release - begin}
+    ramp = {"nodes": start["release_nodes"], "force_n": force, "start": RAMP_START, "rise": release - RAMP_START}
     return _variant(
         table,
-        f"As in the thesis: starting from rest, a force rises from {begin:g} s to that of {of}, until {release:g} s.",
+        f"As in the thesis: starting from rest, a force rises from {RAMP_START:g} s to that of {of}, until "
+        f"{release:g} s.",
         run={"accuracy": 0.01, "save_interval": 0.02, "source_dt": 0.0065, "duration": 65.0},
         effects={**table["effects"], "nodal_force": {**ramp, "release": release}},
         start={"kind": "static"},
@@ -86,13 +84,13 @@ def pitching(table: Table) -> Table:
     """
     positions = {point["name"]: point["position"] for point in table["point"]}
     bodies = [_body(buoy, positions[buoy["point"]]) for buoy in table["buoy"]]
-    outcome = {buoy["point"] for buoy in table["buoy"]}
+    replaced = {buoy["point"] for buoy in table["buoy"]}  # by attachments of the bodies
     note = (
         f" The spar pitches: a rigid body with its centre of gravity {CENTRE:g} m above the base, which the paper does "
         "not give (assumed)."
     )
     rest = {key: value for key, value in table.items() if key != "buoy"}
-    points = [point for point in table["point"] if point["name"] not in outcome]
+    points = [point for point in table["point"] if point["name"] not in replaced]
     return {**rest, "description": table["description"] + note, "point": points, "body": bodies}
 
 
@@ -104,15 +102,16 @@ def _body(buoy: Table, point: list[float]) -> Table:
     hull = mass * (CENTRE - ballast) / (0.5 * height - ballast)
     across = hull * (height**2 / 12.0 + (0.5 * height - CENTRE) ** 2) + (mass - hull) * (CENTRE - ballast) ** 2
     attachment = buoy.get("attachment", 0.0)
-    # number of slices of a spar
     cylinder = {
         "from": [0.0, 0.0, 0.0],
         "to": [0.0, 0.0, height],
         "diameter": diameter,
         "slices": 12,
         "ends": "from",
-        **{key: buoy[key] for key in ("cdn", "cdt", "can", "cat") if key in buoy},
     }
+    for key in ("cdn", "cdt", "can", "cat"):
+        if key in buoy:
+            cylinder[key] = buoy[key]
     return {
         "name": buoy["name"],
         "position": [point[0], point[1], point[2] - attachment],

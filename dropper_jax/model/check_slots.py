@@ -40,12 +40,14 @@ def check_slots(model: Model, effect: Effect) -> None:
     """
     for method, found, wanted in _slots(model, effect):
         if jax.tree.structure(found) != jax.tree.structure(wanted):
-            why = f"returns {jax.tree.structure(found)}; needed: {jax.tree.structure(wanted)}"
-            raise SceneError(f"effects.{effect.name}.{method}: {why}")
+            raise _refuse(effect, method, str(jax.tree.structure(found)), str(jax.tree.structure(wanted)))
         for one, other in zip(jax.tree.leaves(found), jax.tree.leaves(wanted), strict=True):
             if one.shape != other.shape or one.dtype != other.dtype:
-                why = f"returns {_words(one)}; needed: {_words(other)}"
-                raise SceneError(f"effects.{effect.name}.{method}: {why}")
+                raise _refuse(effect, method, _words(one), _words(other))
+
+
+def _refuse(effect: Effect, method: str, found: str, wanted: str) -> SceneError:
+    return SceneError(f"effects.{effect.name}.{method}: returns {found}; needed: {wanted}")
 
 
 def _words(one: jax.ShapeDtypeStruct) -> str:
@@ -81,8 +83,7 @@ def _slots(model: Model, effect: Effect) -> Iterator[Slot]:
         if isinstance(effect, slot):
             yield method, jax.eval_shape(partial(getattr(effect, method), model)), _array(model, free)
     if isinstance(effect, Displacement):
-        sea = (model.sea,) if effect.needs_sea else ()
-        yield "displace", jax.eval_shape(lambda t: effect.displace(t, *sea), number), _array(model, 3)
+        yield "displace", jax.eval_shape(lambda t: model.displacement(effect, t), number), _array(model, 3)
     if isinstance(effect, Law) and effect.components:
         z = _array(model, effect.rows(model), effect.components)
         yield "law_force", results("law_force", z), vectors

@@ -46,6 +46,11 @@ class Member(NamedTuple):
     end: int
     far: bool = False
 
+    @property
+    def near_share(self) -> float:
+        """Fraction of a link's mass and forces at its first node."""
+        return 0.0 if self.far else 0.5
+
 
 def line_number(line: str | int, names: Sequence[str]) -> int:
     """The number of a line, by name or number."""

@@ -44,12 +44,17 @@ class LinkEnd:
     """
 
     def __init__(self, graph: Graph, last: bool, share: Array | np.ndarray | float) -> None:
-        node = graph.last if last else graph.first
-        fixed = node >= graph.free
-        self.share = jnp.where(fixed, 0.0, share) if fixed.any() else share
-        self._node = np.where(fixed, max(graph.free - 1, 0), node)
+        node = graph.first
         #: Sum of the rows on the free nodes (nodes, ...).
-        self.collect = graph.from_last if last else graph.from_first
+        self.collect = graph.from_first
+        if last:
+            node = graph.last
+            self.collect = graph.from_last
+        fixed = node >= graph.free
+        self.share = share
+        if fixed.any():
+            self.share = jnp.where(fixed, 0.0, share)
+        self._node = np.where(fixed, max(graph.free - 1, 0), node)
 
     def at(self, nodal: Array) -> Array:
         """Values (nodes, ...) of the free nodes, one per row; those of fixed points are arbitrary."""
@@ -99,17 +104,22 @@ class Graph:
     def line_names(self) -> list[str]:
         """Names of lines as specified, and of the pieces of those that are cut at points."""
         names = [member.name for member in self.members]
-        stems = [name.rpartition("-")[0] for name in names if name.rpartition("-")[2].isdecimal()]
-        return list(dict.fromkeys(name for name in (*names, *stems) if name))
+        for member in self.members:
+            stem, _, piece = member.name.rpartition("-")
+            if piece.isdecimal():
+                names.append(stem)
+        return [name for name in dict.fromkeys(names) if name]
 
     def line_links(self, names: Sequence[str]) -> dict[str, np.ndarray]:
         """Numbers of the links of each line as specified; pieces `name-1`, `name-2` of a cut one belong to it."""
         found: dict[str, list[np.ndarray]] = {name: [] for name in names}
         for member, span in zip(self.members, self.spans, strict=True):
-            stem, _, piece = member.name.rpartition("-")
-            own = stem if piece.isdecimal() and member.name not in found else member.name
+            own = member.name
+            stem, _, piece = own.rpartition("-")
+            if own not in found and piece.isdecimal():
+                own = stem
             if own in found:
-                found[own].append(np.arange(self.links)[span])
+                found[own].append(np.arange(span.start, span.stop))
         return {name: np.concatenate(parts) for name, parts in found.items()}
 
     @cached_property
@@ -151,10 +161,11 @@ class Graph:
     @cached_property
     def near_share(self) -> Array | np.ndarray | float:
         """Fraction of each link's mass and forces (n,) at its first node; one number if it is the same for all."""
-        if len({m.far for m in self.members}) == 1:
-            return 0.0 if self.members[0].far else 0.5
+        shares = [m.near_share for m in self.members]
+        if len(set(shares)) == 1:
+            return shares[0]
         # exact in half precision: models keep their precision
-        return np.repeat([0.0 if m.far else 0.5 for m in self.members], [m.links for m in self.members]).astype("f2")
+        return np.repeat(shares, [m.links for m in self.members]).astype("f2")
 
     @cached_property
     def first(self) -> np.ndarray:

@@ -57,7 +57,7 @@ class ModelView(Protocol):
     def rates(self, v: Array, ends: Ends | None) -> Array:
         """Rates of the link vectors (n, 3) [m/s]."""
 
-    def gather(self, pull: Array) -> Array:
+    def gather(self, link_force: Array) -> Array:
         """Sum on the free nodes (nodes, ...) of tension forces of links (n, ...)."""
 
     def force(self, k: Kinematics) -> Array:

@@ -44,8 +44,8 @@ class Line:
     spin).
     """
 
-    length: Array = parameter("length of each link", unit="m", shape="link", low=0.0, open_low=True)
-    mass: Array = parameter("mass of each link", unit="kg", shape="link", low=0.0, open_low=True)
+    length: Array = parameter("length of each link", unit="m", shape="link", above=0.0)
+    mass: Array = parameter("mass of each link", unit="kg", shape="link", above=0.0)
     geometry: Graph = option("how nodes, links and points belong together")
     centre_of_mass: Array | None = parameter(
         "distance of the centre of mass from the link's first node", unit="m", shape="link", low=0.0, default=None
@@ -54,14 +54,13 @@ class Line:
         "moment of inertia about the centre of mass", unit="kg m^2", shape="link", low=0.0, default=None
     )
     diameter: Array | None = parameter(
-        "diameter of the displaced volume", unit="m", shape="link", low=0.0, open_low=True, default=None
+        "diameter of the displaced volume", unit="m", shape="link", above=0.0, default=None
     )
     outer_diameter: Array | None = parameter(
         "diameter for drag and added mass (default: that of the displaced volume)",
         unit="m",
         shape="link",
-        low=0.0,
-        open_low=True,
+        above=0.0,
         default=None,
     )
     axial: AxialLaw = Rigid()

@@ -45,7 +45,9 @@ Forces = dict[str, Array]
 def _join_times(times: Iterable[Array | np.ndarray | None]) -> Array | None:
     """All times (k,) [s]; None without any."""
     found = [jnp.ravel(part) for part in times if part is not None]
-    return jnp.concatenate(found) if found else None
+    if not found:
+        return None
+    return jnp.concatenate(found)
 
 
 @component
@@ -100,8 +102,10 @@ class Model:
     @property
     def corners(self) -> Array | None:
         """Times (k,) [s] at which an effect is not smooth in time; None if all are smooth."""
-        of_sea = [] if self.sea is None else self.sea.corners
-        return _join_times([*(e.corners for e in self.effects), *of_sea])
+        own = _join_times(e.corners for e in self.effects)
+        if self.sea is None:
+            return own
+        return _join_times([own, *self.sea.corners])
 
     def having(self, slot: type[Role]) -> tuple[Role, ...]:
         """The effects that fill a slot (see `model.slots`), in order."""
@@ -161,14 +165,22 @@ class Model:
         """The effect of that name, or None."""
         return next((e for e in self.effects if e.name == name), None)
 
+    def displacement(self, effect: Displacement, t: Array) -> Array:
+        """Displacement (3,) [m] of the fixed point that an effect moves, at time t."""
+        if effect.needs_sea:
+            return effect.displace(t, self.sea)
+        return effect.displace(t)
+
     def _position(self, index: int, t: Array) -> Array:
         point = self.points[index]
         moving = [e.of(point.name) for e in self.having(Displacement) if e.moves(point.name)]
-        return sum((e.displace(t, self.sea) if e.needs_sea else e.displace(t) for e in moving), point.position)
+        return sum((self.displacement(e, t) for e in moving), point.position)
 
     def _held_positions(self, time: Array) -> Array:
         held = [self._position(int(i), time) for i in self.geometry.held_points]
-        return jnp.stack(held) if held else jnp.zeros((0, 3), self.dtype)
+        if not held:
+            return jnp.zeros((0, 3), self.dtype)
+        return jnp.stack(held)
 
     def ends(self, t: Array) -> Ends:
         """Positions and velocities of the fixed points at time t."""
@@ -177,8 +189,10 @@ class Model:
         t = jnp.asarray(t, self.dtype)
         return Ends(*jax.jvp(self._held_positions, (t,), (jnp.ones_like(t),)))
 
-    def end_acceleration(self, t: Array) -> Array:
-        """Accelerations (held, 3) [m/s^2] of moving ends at time t."""
+    def end_acceleration(self, t: Array) -> Array | None:
+        """Accelerations (held, 3) [m/s^2] of moving ends at time t; None if all ends are at rest."""
+        if not self.moving:
+            return None
         return jax.jvp(lambda time: self.ends(time).velocities, (t,), (jnp.ones_like(t),))[1]
 
     def kinematics(
@@ -191,7 +205,9 @@ class Model:
         **more: Any,
     ) -> Kinematics:
         """One instant of the line; `ends` and the frozen data of the effects if they are known already."""
-        return Kinematics(self, r, v, t, self.ends(t) if ends is None else ends, prepared or {}, **more)
+        if ends is None:
+            ends = self.ends(t)
+        return Kinematics(self, r, v, t, ends, prepared or {}, **more)
 
     def instant(self, r: Array, v: Array, t: Array, ends: Ends | None = None) -> Kinematics:
         """One instant with the data that effects freeze over a step from there."""
@@ -204,16 +220,20 @@ class Model:
 
     def rates(self, v: Array, ends: Ends | None) -> Array:
         """Rates of the link vectors (n, 3) [m/s]; without `ends` the ends are at rest."""
-        return self.geometry.differences(v, None if ends is None else ends.velocities)
+        if ends is None:
+            return self.geometry.differences(v, None)
+        return self.geometry.differences(v, ends.velocities)
 
     def nodes(self, r: Array, ends: Ends, rates: bool = False) -> Array:
         """All nodes, line after line, both ends of each included (n + lines, 3); with `rates` their velocities."""
-        return self.geometry.nodes(r, ends.velocities if rates else ends.positions)
+        if rates:
+            return self.geometry.nodes(r, ends.velocities)
+        return self.geometry.nodes(r, ends.positions)
 
-    def gather(self, pull: Array) -> Array:
+    def gather(self, link_force: Array) -> Array:
         """Sum on the free nodes (nodes, ...) of the links' tension forces (n, ...): + on their first node, - on their
         last."""
-        return self.geometry.gather(pull)
+        return self.geometry.gather(link_force)
 
     def node(self, line: str | int, j: int) -> int:
         """Number among the free nodes of node j of a line (see `Kinematics.node`)."""
@@ -239,8 +259,12 @@ class Model:
 
     def lump_mass(self) -> Model:
         """The same with `node_mass` and the couplings between nodes computed."""
-        own = tuple(e.at_hand() if isinstance(e, CoupledMass) else e for e in self.effects)
-        known = dataclasses.replace(self, effects=own)
+        effects = []
+        for effect in self.effects:
+            if isinstance(effect, CoupledMass):
+                effect = effect.at_hand()
+            effects.append(effect)
+        known = dataclasses.replace(self, effects=tuple(effects))
         return dataclasses.replace(known, lump=known.node_mass)
 
     def nodal_inertia(self, a: Array, ends: Array | None = None) -> Array:
@@ -251,14 +275,14 @@ class Model:
             own = self.node_mass[:, None] * a
         return sum((e.coupled(self, a) for e in self.having(CoupledMass)), own)
 
-    def end_powers(self, pull: Array, rates: Ends, k: Kinematics | None = None) -> dict[str, Array]:
-        """Power [W], by name, that moving ends put into link forces `pull` (n, 3) [N]; empty if the ends are at rest.
+    def end_powers(self, link_force: Array, rates: Ends, k: Kinematics | None = None) -> dict[str, Array]:
+        """Power [W], by name, that moving ends put into `link_force` (n, 3) [N]; empty if the ends are at rest.
 
         With an instant k also the power into potentials that couple nodes, as for lines with bending stiffness.
         """
         if rates.velocities is None:
             return {}
-        power = -jnp.sum(self.geometry.held_force(pull) * rates.velocities)
+        power = -jnp.sum(self.geometry.held_force(link_force) * rates.velocities)
         bent = tuple(e for e in self.having(Potential) if isinstance(e, ElementForce))
         if k is None or not bent:
             return {MOVING_ENDS: power}
@@ -294,8 +318,12 @@ class Model:
         """The model whose effects use their internal states (`State.own`)."""
         if not internal:
             return self
-        effects = tuple(e.entered(internal[e.name]) if isinstance(e, Stateful) else e for e in self.effects)
-        return dataclasses.replace(self, effects=effects)
+        effects = []
+        for effect in self.effects:
+            if isinstance(effect, Stateful):
+                effect = effect.entered(internal[effect.name])
+            effects.append(effect)
+        return dataclasses.replace(self, effects=tuple(effects))
 
     def with_lengths(self, t: Array | float, h: Array | None = None, still: bool = False) -> Model:
         """The model whose tensions and energies are those of the unstretched lengths of an instant t [s], or of a step

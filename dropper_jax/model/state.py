@@ -55,13 +55,19 @@ def book_works(model: Model, *tables: Works) -> Array:
         ValueError: a table contains a name that is not in the ledger.
     """
     names = work_names(model)
-    strangers = sorted({name for table in tables for name in table} - set(names))
+    found: dict[str, Array] = {}
+    for table in tables:
+        for name, work in table.items():
+            if name in found:
+                work = found[name] + work
+            found[name] = work
+    strangers = sorted(found.keys() - set(names))
     if strangers:
         raise ValueError(f"{strangers[0]!r} is not in the ledger of work; allowed: {', '.join(names) or 'nothing'}")
-    found = []
     for name in names:
-        found.append([table[name] for table in tables if name in table])
-    return jnp.stack([sum(same[1:], same[0]) if same else jnp.zeros((), model.dtype) for same in found])
+        if name not in found:
+            found[name] = jnp.zeros((), model.dtype)
+    return jnp.stack([found[name] for name in names])
 
 
 @component
@@ -128,8 +134,9 @@ def state(
     """A state from free-node positions (nodes, 3) [m] and velocities; omitted values are zero."""
 
     def array(value: ArrayLike | None, *shape: int) -> Array:
-        # zeros of NumPy: outside of a program `jnp.zeros` compiles one for each shape
-        return jnp.asarray(np.zeros(shape) if value is None else value, model.dtype)
+        if value is None:
+            value = np.zeros(shape)  # of NumPy: outside of a program `jnp.zeros` compiles one for each shape
+        return jnp.asarray(value, model.dtype)
 
     r = array(r)
     return State(

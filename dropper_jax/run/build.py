@@ -115,7 +115,7 @@ def _under_tension(model: Model, s: State) -> State:
     if acting.constraints:  # lines in scenes with bodies stretch, so their lengths determine their tensions
         k = acting.kinematics(s.r, s.v, s.t)
         return replace(s, tension=acting.tension_by_law(k))
-    moved = acting.end_acceleration(s.t) if acting.moving else None
+    moved = acting.end_acceleration(s.t)
     return replace(s, tension=instant(acting.instant(s.r, s.v, s.t), moved)[1])
 
 

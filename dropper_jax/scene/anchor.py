@@ -44,30 +44,18 @@ class AnchorSpec(DeclaredSection):
 
     point: str = option("name of the fixed point", type=str)
     kind: str = option("how it holds", choices=tuple(KINDS), default="dead_weight")
-    weight: float | None = parameter("weight in water", unit="N", low=0.0, open_low=True, default=None)
-    friction: float | None = parameter(
-        "coefficient of friction on the seabed", unit="-", low=0.0, open_low=True, default=None
-    )
-    capacity: float | None = parameter("tested load", unit="N", low=0.0, open_low=True, default=None)
-    plates: np.ndarray | None = parameter(
-        "diameters of the plates", unit="m", shape="table", low=0.0, open_low=True, default=None
-    )
+    weight: float | None = parameter("weight in water", unit="N", above=0.0, default=None)
+    friction: float | None = parameter("coefficient of friction on the seabed", unit="-", above=0.0, default=None)
+    capacity: float | None = parameter("tested load", unit="N", above=0.0, default=None)
+    plates: np.ndarray | None = parameter("diameters of the plates", unit="m", shape="table", above=0.0, default=None)
     depths: np.ndarray | None = parameter(
-        "depths of the plates below the seabed, rising", unit="m", shape="table", low=0.0, open_low=True, default=None
+        "depths of the plates below the seabed, rising", unit="m", shape="table", above=0.0, default=None
     )
-    strength: float | None = parameter("undrained strength of clay", unit="Pa", low=0.0, open_low=True, default=None)
-    friction_angle: float | None = parameter(
-        "friction angle of sand", unit="rad", low=0.0, open_low=True, high=0.87, default=None
-    )
-    soil_weight: float | None = parameter(
-        "weight of the soil in water", unit="N/m^3", low=0.0, open_low=True, default=None
-    )
-    bearing_factor: float | None = parameter(
-        "N_q of sand in place of Reissner's", unit="-", low=0.0, open_low=True, default=None
-    )
-    lateral: float | None = parameter(
-        "horizontal capacity of an upright anchor", unit="N", low=0.0, open_low=True, default=None
-    )
+    strength: float | None = parameter("undrained strength of clay", unit="Pa", above=0.0, default=None)
+    friction_angle: float | None = parameter("friction angle of sand", unit="rad", above=0.0, high=0.87, default=None)
+    soil_weight: float | None = parameter("weight of the soil in water", unit="N/m^3", above=0.0, default=None)
+    bearing_factor: float | None = parameter("N_q of sand in place of Reissner's", unit="-", above=0.0, default=None)
+    lateral: float | None = parameter("horizontal capacity of an upright anchor", unit="N", above=0.0, default=None)
     safety_factor: float = parameter("required ratio of capacity to load", unit="-", low=1.0, default=1.5)
     behind: str | None = option(
         "fixed point in line with this one whose anchor takes the load above this one's capacity",
@@ -77,11 +65,13 @@ class AnchorSpec(DeclaredSection):
 
     def checks(self) -> Iterator[Check]:
         needed = KINDS[self.kind]
-        optional = OPTIONAL if self.kind == "screw" else ()
+        used = needed
+        if self.kind == "screw":
+            used = (*needed, *OPTIONAL)
         takes = f"kind {self.kind!r} takes {' and '.join(needed)}"
         for key in (*chain.from_iterable(KINDS.values()), *OPTIONAL):
             given = getattr(self, key) is not None
-            yield given and key not in (*needed, *optional), f"{key}: is not used; {takes}"
+            yield given and key not in used, f"{key}: is not used; {takes}"
             yield not given and key in needed, f"{key}: missing; {takes}"
         if self.kind == "screw":
             yield from self._screw_checks()
@@ -94,11 +84,11 @@ class AnchorSpec(DeclaredSection):
             len(plates) == 0 or len(plates) != len(depths),
             f"depths: has {len(depths)} entries; allowed: one for each entry of `plates`, >= 1",
         )
-        least = SCREW_DEPTH * plates[0]
+        shallowest = SCREW_DEPTH * plates[0]
         yield (
-            depths[0] < least,
+            depths[0] < shallowest,
             f"depths.0: {depths[0]:g} m is too shallow, the soil above would break out; allowed: >= "
-            f"{least:g} m, 5 diameters",
+            f"{shallowest:g} m, 5 diameters",
         )
         spacing = SPACING * np.maximum(plates[:-1], plates[1:])
         for i in np.flatnonzero(np.diff(depths) < spacing * (1.0 - 1e-9)):
@@ -150,8 +140,9 @@ class AnchorSpec(DeclaredSection):
             return self.friction * self.weight, self.weight, False
         if self.lateral is not None:
             return self.lateral, self.screw_capacity, False
-        own = self.screw_capacity if self.capacity is None else self.capacity
-        return own, own, True
+        if self.capacity is not None:
+            return self.capacity, self.capacity, True
+        return self.screw_capacity, self.screw_capacity, True
 
 
 def utilisations(

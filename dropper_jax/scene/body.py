@@ -21,7 +21,7 @@ class CylinderSpec(DeclaredSection):
 
     start: np.ndarray = parameter("one end of the axis", unit="m", shape="vector", key="from")
     end: np.ndarray = parameter("the other end", unit="m", shape="vector", key="to")
-    diameter: float = parameter("diameter", unit="m", low=0.0, open_low=True)
+    diameter: float = parameter("diameter", unit="m", above=0.0)
     slices: int = count("slices along the axis for water forces", default=8)
     cdn: float = parameter("drag coefficient across", unit="-", low=0.0, default=1.0)
     cdt: float = parameter("drag coefficient of each end", unit="-", low=0.0, default=0.0)
@@ -52,7 +52,7 @@ class SphereSpec(DeclaredSection):
     """A sphere of a body."""
 
     centre: np.ndarray = parameter("centre", unit="m", shape="vector")
-    diameter: float = parameter("diameter", unit="m", low=0.0, open_low=True)
+    diameter: float = parameter("diameter", unit="m", above=0.0)
     cd: float = parameter("drag coefficient", unit="-", low=0.0, default=0.5)
     ca: float = parameter("added mass coefficient", unit="-", low=0.0, default=0.5)
 
@@ -71,7 +71,7 @@ class BodySpec(DeclaredSection):
 
     name: str = option("name", type=str)
     position: np.ndarray = parameter("position of its reference point", unit="m", shape="vector")
-    mass: float = parameter("mass", unit="kg", low=0.0, open_low=True)
+    mass: float = parameter("mass", unit="kg", above=0.0)
     centre_of_mass: np.ndarray = parameter("centre of mass", unit="m", shape="vector")
     inertia: np.ndarray = parameter(
         "moments of inertia about the centre of mass: Ixx, Iyy, Izz, or these and Ixy, Ixz, Iyz",
@@ -136,10 +136,14 @@ class BodySpec(DeclaredSection):
     @property
     def extent(self) -> float:
         """Longest side of the box around its shapes [m]."""
-        positions = [p for c in self.cylinders for p in (c.start, c.end)]
-        positions += [s.centre + 0.5 * s.diameter * sign for s in self.spheres for sign in (-1.0, 1.0)]
-        sides = np.ptp(positions, axis=0) if positions else ()
-        return max([*sides, *(s.diameter for s in self.shapes)], default=0.0)
+        if not self.shapes:
+            return 0.0
+        positions = []
+        for cylinder in self.cylinders:
+            positions += [cylinder.start, cylinder.end]
+        for sphere in self.spheres:
+            positions += [sphere.centre - 0.5 * sphere.diameter, sphere.centre + 0.5 * sphere.diameter]
+        return max(*np.ptp(positions, axis=0), *(shape.diameter for shape in self.shapes))
 
     @property
     def rotation(self) -> np.ndarray:

@@ -79,7 +79,9 @@ class SceneData(DeclaredSection):
         """Acceleration of gravity [m/s^2] of weights and of the water."""
         if "weight" in self.effects:
             return float(self.effects["weight"]["gravity"])
-        return GRAVITY if self.sea is None else float(self.sea.gravity)
+        if self.sea is not None:
+            return float(self.sea.gravity)
+        return GRAVITY
 
     @property
     def needed_sea(self) -> SeaSpec:
@@ -109,7 +111,9 @@ class SceneData(DeclaredSection):
     def check_line_end(self, name: str, path: str) -> None:
         """Reject a name that is not that of a fixed point at which one line ends."""
         self.check_fixed(name, path)
-        ends = [line.name for line in self.lines for end in (line.start, line.end) if end == name]
+        ends = []
+        for line in self.lines:
+            ends += [line.name] * [line.start, line.end].count(name)
         if len(ends) != 1:
             raise SceneError(f"{path}: {name!r} has the lines {', '.join(ends)}; allowed: a point with one line")
 
@@ -119,8 +123,7 @@ class SceneData(DeclaredSection):
         first = self.lines[0]
         if len(self.lines) > 1 or self.bodies or self.buoys or first.nodes == "shared":
             return True
-        start = next((p for p in self.points if p.name == first.start), None)
-        hangs_free = start is not None and start.is_free and not first.rigid
+        hangs_free = not first.rigid and any(p.is_free for p in self.points if p.name == first.start)
         return hangs_free or any(point.body for point in self.points)
 
     @property
@@ -132,14 +135,22 @@ class SceneData(DeclaredSection):
         """
         carried = [body.name for body in self.bodies]
         loaded = {p.name for p in self.points if p.body or p.on in carried} | {buoy.point for buoy in self.buoys}
-        ends = Counter(name for line in self.lines for name in {line.start, line.end})
+        ends: Counter[str] = Counter()
+        for line in self.lines:
+            ends.update({line.start, line.end})
         alone = {name for name, lines in ends.items() if lines == 1} - loaded
         starts = alone - {p.name for p in self.points if p.is_free}
 
         found = {}
         for line in self.lines:
-            nodes = line.nodes or ("far" if line.start in starts and line.end in alone else "shared")
-            found[line.name] = nodes if line.centre_of_mass is None else "centre_of_mass"
+            nodes = "shared"
+            if line.centre_of_mass is not None:
+                nodes = "centre_of_mass"
+            elif line.nodes is not None:
+                nodes = line.nodes
+            elif line.start in starts and line.end in alone:
+                nodes = "far"
+            found[line.name] = nodes
         return found
 
     @property
@@ -167,15 +178,13 @@ class SceneData(DeclaredSection):
 def link_mass_words(nodes: dict[str, str]) -> str:
     """`SceneData.link_mass_nodes` in one readable line."""
     meaning = {"far": "at their far nodes", "shared": "half at each node", "centre_of_mass": "by the centre of mass"}
-    counts = Counter(nodes.values())
-    used = [key for key in meaning if key in counts]
-    if len(used) == 1:
-        return meaning[used[0]]
-    most = max(used, key=counts.__getitem__)
-    rest = []
-    for key in used:
-        if key != most:
-            rest.append(f"{meaning[key]}: {', '.join(name for name, found in nodes.items() if found == key)}")
+    lines = {}
+    for key in meaning:
+        lines[key] = [name for name, found in nodes.items() if found == key]
+    most = max(lines, key=lambda key: len(lines[key]))
+    if len(lines[most]) == len(nodes):
+        return meaning[most]
+    rest = [f"{meaning[key]}: {', '.join(names)}" for key, names in lines.items() if names and key != most]
     return f"{'; '.join(rest)}; {meaning[most]}: all other lines"
 
 
@@ -257,5 +266,7 @@ def _merge_pieces(group: list[tuple[LineSpec, LineSlice]]) -> WholeLine:
     stops = {0: specs[0].start}
     for spec, where in group:
         stops[where.links.stop - links.start] = spec.end
-    name = specs[0].name if len(group) == 1 else specs[0].piece_of
+    name = specs[0].name
+    if len(group) > 1:
+        name = specs[0].piece_of
     return WholeLine(name, join_lines(specs), np.concatenate(nodes), links, stops, len(group))

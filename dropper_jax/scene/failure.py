@@ -29,18 +29,19 @@ class FailureSpec(DeclaredSection):
     load: float | None = parameter(
         "tension at which it breaks; the line's breaking load by default",
         unit="N",
-        low=0.0,
-        open_low=True,
+        above=0.0,
         default=None,
     )
-    time: float | None = parameter("time at which it breaks", unit="s", low=0.0, open_low=True, default=None)
+    time: float | None = parameter("time at which it breaks", unit="s", above=0.0, default=None)
 
     def line_checks(self, lines: dict[str, LineSpec]) -> Iterator[Check]:
         """Checks against the lines by name: one that stretches, the link, and a load or a time."""
-        pieces = [name for name, line in lines.items() if line.piece_of == self.line] or [""]
-        cut = f"is cut by its attached points; allowed: one of its pieces, {pieces[0]} to {pieces[-1]}"
-        unknown = f"is not a line; {nearest(self.line, lines)}"
-        yield self.line not in lines, f"line: {self.line!r} {cut if pieces[0] else unknown}"
+        if self.line not in lines:
+            hint = f"is not a line; {nearest(self.line, lines)}"
+            pieces = [name for name, line in lines.items() if line.piece_of == self.line]
+            if pieces:
+                hint = f"is cut by its attached points; allowed: one of its pieces, {pieces[0]} to {pieces[-1]}"
+            yield True, f"line: {self.line!r} {hint}"
         line = lines[self.line]
         yield line.rigid, f"line: the links of {self.line!r} are rigid. Use a line that stretches"
         yield (

@@ -75,7 +75,7 @@ class SensorSpec(DeclaredSection):
     """`[[fit.sensor]]`: the sensor of a channel; its rounding is the minimum noise that a fit assumes."""
 
     channel: str = option("measured channel", choices=tuple(CHANNELS))
-    resolution: float = parameter("smallest difference that it resolves", unit="-", low=0.0, open_low=True)
+    resolution: float = parameter("smallest difference that it resolves", unit="-", above=0.0)
     unit: str = option("unit of the resolution", choices=tuple(PRIOR_UNITS), default="rad")
 
     def checks(self) -> Iterator[Check]:
@@ -93,7 +93,7 @@ class PriorSpec(DeclaredSection):
     """`[[fit.prior]]`: how well a number of the scene is known before any trace."""
 
     of: str = option("path of one or several numbers", type=str)
-    sigma: float = parameter("standard deviation around the scene's value", unit="-", low=0.0, open_low=True)
+    sigma: float = parameter("standard deviation around the scene's value", unit="-", above=0.0)
     unit: str = option("unit of sigma", choices=tuple(PRIOR_UNITS))
     common: bool = option("whether all of them have the same relative error", type=bool, default=False)
 

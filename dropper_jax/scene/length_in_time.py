@@ -35,8 +35,7 @@ class WinchSpec(DeclaredSection):
         "shortest and longest length of the links",
         unit="m",
         shape="table",
-        low=0.0,
-        open_low=True,
+        above=0.0,
         rising=2,
         entries=2,
     )
@@ -66,8 +65,7 @@ class LengthInTimeSpec(DeclaredSection):
         "total unstretched length of the links at those times",
         unit="m",
         shape="table",
-        low=0.0,
-        open_low=True,
+        above=0.0,
         default=None,
     )
     between: str = option("length between the rows", choices=("linear", "smooth"), default="linear")
@@ -85,23 +83,23 @@ class LengthInTimeSpec(DeclaredSection):
     def checks(self) -> Iterator[Check]:
         yield (self.end is None) == (self.link is None), ": needs `end` ('from' or 'to'), or `link`; one of them"
         yield self.link is not None and self.links is not None, "links: belongs to `end`. Leave it out"
-        times = 0 if self.time is None else len(self.time)
-        rows = 0 if self.length is None else len(self.length)
         given = self.time is not None and self.length is not None
         yield (
             given == (self.control is not None) or (self.time is None) != (self.length is None),
             ": needs `time` [s] and `length` [m], or `control`; one of the two",
         )
         yield self.control is not None and self.link is not None, "link: a winch is at an end. Use `end`"
-        yield given and rows != times, f"length: has {rows} rows; allowed: {times}, as many as `time`"
+        if given:
+            times = len(self.time)
+            rows = len(self.length)
+            yield rows != times, f"length: has {rows} rows; allowed: {times}, as many as `time`"
 
     def line_checks(self, name: str, length: np.ndarray, rigid: bool) -> Iterator[Check]:
         """Checks of the entry against its line, with links of these lengths (n,) [m]."""
         yield rigid, f": the links of {name!r} are rigid. Use a line that stretches, such as axial.law = 'rope'"
         count = len(length)
-        key = "links" if self.link is None else "link"
-        many = self.link or self.links or 1
-        yield many > count, f"{key}: {many}, but {name!r} has {count} links; allowed: 1 to {count}"
+        for key, many in (("links", self.links or 1), ("link", self.link or 1)):
+            yield many > count, f"{key}: {many}, but {name!r} has {count} links; allowed: 1 to {count}"
         total = np.sum(length[list(self.numbers(count))])
         if self.control is None and self.time is not None and self.length is not None:
             first = np.interp(0.0, self.time, self.length)
@@ -149,9 +147,10 @@ def of_pieces(items: Plain, path: str, pieces: int) -> list[Any]:
         SceneError: an entry names a link, whose number depends on the attached points.
     """
     found: list[Any] = [[] for _ in range(pieces)]
+    piece_at = {"from": found[0], "to": found[-1]}
     for i, item in enumerate(items):
         end = read_table(item, f"{path}.{i}").get("end")
-        if end not in ("from", "to"):
+        if end not in piece_at:
             raise SceneError(f"{path}.{i}.end: missing; a line with attached points needs `end`, 'from' or 'to'")
-        found[0 if end == "from" else -1].append(item)
+        piece_at[end].append(item)
     return found

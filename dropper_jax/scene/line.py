@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import field, fields, replace
+from itertools import chain
 
 import numpy as np
 
@@ -30,8 +31,6 @@ from dropper_jax.scene.length_in_time import LengthInTimeSpec, check_changing_le
 
 #: Keys that `line_types.expand` removes from lines defined per metre.
 BY_THE_METRE = ("type", "sections", "attach", "shelter")
-
-
 #: Maximum number of links of a line: with more, solvers would take hours per step.
 LINK_LIMIT = 100_000
 
@@ -44,8 +43,8 @@ class LineSpec(DeclaredSection):
     start: str = option("name of the point where the line starts", type=str, key="from")
     end: str = option("name of the point where the line ends", type=str, key="to")
     links: int = count("number of links", high=LINK_LIMIT)
-    length: np.ndarray = parameter("length of each link", unit="m", shape="link", low=0.0, open_low=True)
-    mass: np.ndarray = parameter("mass of each link", unit="kg", shape="link", low=0.0, open_low=True)
+    length: np.ndarray = parameter("length of each link", unit="m", shape="link", above=0.0)
+    mass: np.ndarray = parameter("mass of each link", unit="kg", shape="link", above=0.0)
     centre_of_mass: np.ndarray | None = parameter(
         "distance of the centre of mass from the link's first node", unit="m", shape="link", low=0.0, default=None
     )
@@ -53,19 +52,16 @@ class LineSpec(DeclaredSection):
         "moment of inertia about the centre of mass", unit="kg m^2", shape="link", low=0.0, default=None
     )
     diameter: np.ndarray | None = parameter(
-        "diameter of the displaced volume", unit="m", shape="link", low=0.0, open_low=True, default=None
+        "diameter of the displaced volume", unit="m", shape="link", above=0.0, default=None
     )
     outer_diameter: np.ndarray | None = parameter(
         "diameter for drag and added mass (default: `diameter`)",
         unit="m",
         shape="link",
-        low=0.0,
-        open_low=True,
+        above=0.0,
         default=None,
     )
-    breaking_load: np.ndarray | None = parameter(
-        "breaking load", unit="N", shape="link", low=0.0, open_low=True, default=None
-    )
+    breaking_load: np.ndarray | None = parameter("breaking load", unit="N", shape="link", above=0.0, default=None)
     nodes: str | None = option(
         "nodes of a link's mass and water forces: its far node, or half at both; default: `far` for a line "
         "defined by the link that shares no point with a line, buoy or body and does not start at a free point, "
@@ -91,9 +87,9 @@ class LineSpec(DeclaredSection):
             if key in own:
                 raise SceneError(f"{path}.{key}: is only used together with `type` or `sections`")
         axial = own.pop("axial", {"law": "rigid"})
-        links = own.get("links")
-        # a wrong number is rejected when the field is read
-        count = links if isinstance(links, int) and 0 < links <= LINK_LIMIT else 1
+        count = own.get("links")
+        if not isinstance(count, int) or not 0 < count <= LINK_LIMIT:
+            count = 1  # a wrong number is rejected when the field is read
         values = read_fields(cls, own, path, {"link": count}) | _read_axial(axial, f"{path}.axial", count)
         per_link = [f.name for f in fields(cls) if f.metadata.get("shape") == "link"]
         for key in (*per_link, "EA", "axial_damping"):
@@ -166,30 +162,37 @@ def join_lines(lines: tuple[LineSpec, ...]) -> LineSpec:
     """
     if len(lines) == 1:
         return lines[0]
-
-    def together(key: str, *instead: np.ndarray | None) -> np.ndarray | None:
-        """The arrays of all lines; those missing in some are replaced if `instead` has one for each line."""
-        values = [getattr(line, key) for line in lines]
-        if instead and any(value is not None for value in values):
-            values = [other if value is None else value for value, other in zip(values, instead, strict=True)]
-        if any(value is None for value in values):
-            return None
-        return np.concatenate(values)
-
-    arrays = ("length", "mass", "centre_of_mass", "inertia", "diameter", "breaking_load", "EA")
-    keys = lines[0].constants if len({line.axial_law for line in lines}) == 1 else ()
-    constants = {key: np.concatenate([line.constants[key] for line in lines]) for key in keys}
+    found: Table = {"links": sum(line.links for line in lines), "end": lines[-1].end, "constants": {}, "tables": None}
+    for key in ("length", "mass", "centre_of_mass", "inertia", "diameter", "breaking_load", "EA"):
+        found[key] = _join([getattr(line, key) for line in lines])
+    # missing in some lines only: no damping, and the diameter of the displaced volume
+    for key in ("axial_damping", "outer_diameter"):
+        found[key] = None
+        if any(getattr(line, key) is not None for line in lines):
+            found[key] = _join([_given_or_default(line, key) for line in lines])
+    if len({line.axial_law for line in lines}) == 1:
+        for key in lines[0].constants:
+            found["constants"][key] = np.concatenate([line.constants[key] for line in lines])
     tables = [line.tables for line in lines]
-    return replace(
-        lines[0],
-        tables=None if None in tables else tuple(table for own in tables for table in own),
-        links=sum(line.links for line in lines),
-        end=lines[-1].end,
-        axial_damping=together("axial_damping", *(np.zeros(line.links) for line in lines)),
-        outer_diameter=together("outer_diameter", *(line.diameter for line in lines)),
-        constants=constants,
-        **{key: together(key) for key in arrays},
-    )
+    if None not in tables:
+        found["tables"] = tuple(chain.from_iterable(tables))
+    return replace(lines[0], **found)
+
+
+def _join(arrays: list[np.ndarray | None]) -> np.ndarray | None:
+    """The arrays of all lines in one; None if one of them is missing."""
+    if any(array is None for array in arrays):
+        return None
+    return np.concatenate(arrays)
+
+
+def _given_or_default(line: LineSpec, key: str) -> np.ndarray | None:
+    value = getattr(line, key)
+    if value is not None:
+        return value
+    if key == "axial_damping":
+        return np.zeros(line.links)
+    return line.diameter
 
 
 def _read_axial(table: Plain, path: str, links: int) -> Table:

@@ -54,9 +54,9 @@ class BuoySpec(DeclaredSection):
 
     name: str = option("name", type=str)
     point: str = option("name of the point", type=str)
-    mass: float = parameter("mass", unit="kg", low=0.0, open_low=True)
-    diameter: float = parameter("diameter", unit="m", low=0.0, open_low=True)
-    height: float = parameter("height", unit="m", low=0.0, open_low=True)
+    mass: float = parameter("mass", unit="kg", above=0.0)
+    diameter: float = parameter("diameter", unit="m", above=0.0)
+    height: float = parameter("height", unit="m", above=0.0)
     attachment: float = parameter("height of the point above the base", unit="m", low=0.0, default=0.0)
     cdn: float = parameter("drag coefficient across", unit="-", low=0.0, default=1.0)
     cdt: float = parameter("drag coefficient of the base", unit="-", low=0.0, default=0.0)

@@ -35,22 +35,20 @@ SOLVERS = ("auto", "dense", "banded", "condensed", "network")
 class RunSpec(SectionValues):
     """`[run]`: how the scene is simulated unless the caller specifies otherwise."""
 
-    duration: float = parameter("simulated time", unit="s", low=0.0, open_low=True)
+    duration: float = parameter("simulated time", unit="s", above=0.0)
     accuracy: float | None = parameter(
         "required relative accuracy, which the steps follow; 0.01 without `dt`",
         unit="-",
-        low=0.0,
-        open_low=True,
+        above=0.0,
         high=1.0,
         default=None,
     )
-    save_interval: float | None = parameter("time between saved states", unit="s", low=0.0, open_low=True, default=None)
-    dt: float | None = parameter("time step, if all are equal", unit="s", low=0.0, open_low=True, default=None)
+    save_interval: float | None = parameter("time between saved states", unit="s", above=0.0, default=None)
+    dt: float | None = parameter("time step, if all are equal", unit="s", above=0.0, default=None)
     source_dt: float | None = parameter(
         "time step of the source of the scene, of studies that take equal steps",
         unit="s",
-        low=0.0,
-        open_low=True,
+        above=0.0,
         default=None,
     )
     integrator: str = option("integrator", type=str, default="energy_momentum")
@@ -117,14 +115,16 @@ class RunSpec(SectionValues):
                 found[key] = read_number(own.pop(key), f"{path}.{key}", declared)
         spec = cls(**read_fields(cls, own, path, {}), options=found)
         raise_first(spec._checks(), path)
-        return spec._normal(path)
+        return spec._normalise(path)
 
-    def _normal(self, path: str) -> RunSpec:
+    def _normalise(self, path: str) -> RunSpec:
         """The same without keys that follow from others."""
         if self.dt is None:
             return replace(self, accuracy=self.accuracy or DEFAULT_ACCURACY)
+        if self.accuracy is None and self.save_interval is None:
+            return self
         if self.accuracy is None:
-            return self if self.save_interval is None else self._with_whole_steps(path)
+            return self._with_whole_steps(path)
         interval = self.save_interval or self.dt * self.save_every
         return replace(self, dt=None, source_dt=self.source_dt or self.dt, save_every=1, save_interval=interval)
 

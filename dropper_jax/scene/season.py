@@ -33,7 +33,7 @@ class SeasonSpec(DeclaredSection):
     months: np.ndarray = parameter("months of the rows of `thickness`, rising", unit="months", shape="table", rising=1)
     depth: np.ndarray = parameter("depths below the mean surface, rising", unit="m", shape="table", rising=1)
     density: np.ndarray = parameter(
-        "density of the layer, one or one per depth", unit="kg/m^3", shape="numbers", low=0.0, open_low=True
+        "density of the layer, one or one per depth", unit="kg/m^3", shape="numbers", above=0.0
     )
     thickness: np.ndarray = part(partial(read_matrix, declared=THICKNESS), needed="a row for each of `months`, in m")
     harvested: float = parameter("fraction of the layer that is harvested", unit="-", low=0.0, high=1.0, default=0.0)
@@ -41,12 +41,10 @@ class SeasonSpec(DeclaredSection):
     deviation: float = parameter(
         "standard deviation of the thickness divided by its mean", unit="-", low=0.0, default=0.0
     )
-    correlation: float = parameter("correlation length of the thickness", unit="m", low=0.0, open_low=True, default=1.0)
+    correlation: float = parameter("correlation length of the thickness", unit="m", above=0.0, default=1.0)
     seed: int = count("seed of the random thickness", low=0, default=0)
-    attachment: float | None = parameter(
-        "attachment strength of one mussel", unit="N", low=0.0, open_low=True, default=None
-    )
-    mussel_mass: float | None = parameter("mass of one mussel", unit="kg", low=0.0, open_low=True, default=None)
+    attachment: float | None = parameter("attachment strength of one mussel", unit="N", above=0.0, default=None)
+    mussel_mass: float | None = parameter("mass of one mussel", unit="kg", above=0.0, default=None)
 
     def checks(self) -> Iterator[Check]:
         rows, columns = np.shape(self.thickness)
@@ -65,11 +63,10 @@ class SeasonSpec(DeclaredSection):
             f"month: {self.month} is out of range; allowed: {self.months[0]:g} to {self.months[-1]:g} months, "
             "as `months`",
         )
-        yield (
-            (self.attachment is None) != (self.mussel_mass is None),
-            f"{'attachment' if self.mussel_mass else 'mussel_mass'}: missing; a drop-off needs both "
-            "`attachment` and `mussel_mass`",
-        )
+        drop_off = ("attachment", "mussel_mass")
+        missing = [key for key in drop_off if getattr(self, key) is None]
+        for key in missing:
+            yield len(missing) == 1, f"{key}: missing; a drop-off needs both `attachment` and `mussel_mass`"
         for key in ("lines", "harvested_lines"):
             yield (
                 not getattr(self, key),
@@ -91,7 +88,8 @@ class SeasonSpec(DeclaredSection):
 
     def over(self, depth: np.ndarray, month: float | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Thickness [m] and density [kg/m^3] at depths [m] and a month (default: its own), before any harvest."""
-        month = self.month if month is None else month
+        if month is None:
+            month = self.month
         row = np.array([np.interp(month, self.months, column) for column in self.thickness.T])
         density = np.broadcast_to(self.density, self.depth.shape)
         return np.interp(depth, self.depth, row), np.interp(depth, self.depth, density)

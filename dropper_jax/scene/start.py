@@ -73,7 +73,9 @@ class StartSpec(DeclaredSection):
         return self
 
     def _line_checks(self, lines: Sequence[LineSpec], held: bool, branched: bool) -> Iterator[Check]:
-        what = "a system of lines" if branched else "one line"
+        what = "one line"
+        if branched:
+            what = "a system of lines"
         yield (
             self.kind not in _KINDS[what],
             f"kind: {self.kind!r} does not fit {what}; allowed: {', '.join(_KINDS[what])}",
@@ -91,11 +93,10 @@ class StartSpec(DeclaredSection):
         )
         for i, node in enumerate(nodes):
             yield node > free, f"release_nodes.{i}: {node} is not a free node; allowed: 1 to {free}"
-        forces = () if self.release_force is None else self.release_force
-        yield (
-            len(forces) != len(nodes),
-            f"release_force: {short_text(plain(forces))} has {len(forces)} vectors; allowed: {len(nodes)}, one a node",
-        )
+        forces = self.release_force
+        if forces is not None:
+            words = f"release_force: {short_text(plain(forces))} has {len(forces)} vectors"
+            yield len(forces) != len(nodes), f"{words}; allowed: {len(nodes)}, one a node"
 
     def _filled(self, needed: str, rows: np.ndarray, shape: tuple[int, ...], what: str) -> dict[str, np.ndarray]:
         """Arrays of the kind's keys, all of a shape; those in the form of the file have the last of `rows` as theirs.
@@ -118,7 +119,9 @@ class StartSpec(DeclaredSection):
                 raise SceneError(
                     f"start.{key}: {short_text(plain(given))} has {len(given)} {words}; allowed: {count}, {which}"
                 )
-            found[key] = given if len(given) == len(rows) else given[rows]
+            if len(given) != len(rows):
+                given = given[rows]
+            found[key] = given
         return found
 
 
@@ -128,10 +131,14 @@ def rows_of_pieces(lines: Sequence[LineSpec]) -> np.ndarray:
     Two pieces of a line share the row of the point between them.
     """
     found: list[int] = []
-    for i, line in enumerate(lines):
-        follows = i > 0 and line.piece_of is not None and line.piece_of == lines[i - 1].piece_of
-        first = found[-1] + (not follows) if found else 0
+    first = 0
+    before = None  # the line of which the last piece was cut
+    for line in lines:
+        if line.piece_of is not None and line.piece_of == before:
+            first -= 1
         found += range(first, first + line.links + 1)
+        first += line.links + 1
+        before = line.piece_of
     return np.array(found)
 
 

@@ -80,7 +80,9 @@ class RaoSpec(DeclaredSection):
         rows = plain(given[key])
         while not (isinstance(rows, list) and rows and isinstance(rows[0], list)):  # a number, or one row
             rows = [rows]
-        limits = {} if key.endswith("_phase") else {"low": 0.0}
+        limits = {"low": 0.0}
+        if key.endswith("_phase"):
+            limits = {}
         allowed = f"{frequencies} numbers, one for each `frequency`; one row for each of `headings`"
         return read_rows(rows, f"{path}.{key}", limits, frequencies, allowed, headings)
 
@@ -113,7 +115,8 @@ class RaoSpec(DeclaredSection):
 
     def response(self, omega: np.ndarray, heading: np.ndarray) -> np.ndarray:
         """Complex motions (c, 6) over the elevation of components, phases leading; linear between the entries."""
-        values = self.amplitude * np.exp((1j if self.phases == "lead" else -1j) * self.phase)
+        sign = {"lead": 1j, "lag": -1j}[self.phases]
+        values = self.amplitude * np.exp(sign * self.phase)
         each = np.apply_along_axis(lambda row: np.interp(omega, self.frequency, row), 1, values)  # (headings, c, 6)
         rows = np.swapaxes(each, 0, 1)
         if len(self.headings) == 1:

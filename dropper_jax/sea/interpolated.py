@@ -78,9 +78,11 @@ class GridWaves(Waves):
         ns, nz, width = self.shapes.shape
         i, wi = self._locate(s, 0, ns)
         j, wj = self._locate(z, 1, nz)
-        patch = jax.vmap(lambda i, j: jax.lax.dynamic_slice(self.shapes, (i, j, jnp.zeros_like(i)), (4, 4, width)))(
-            i, j
-        )
+
+        def cut_patch(i: Array, j: Array) -> Array:
+            return jax.lax.dynamic_slice(self.shapes, (i, j, jnp.zeros_like(i)), (4, 4, width))
+
+        patch = jax.vmap(cut_patch)(i, j)
         weight = wi[:, :, None] * wj[:, None, :]
         local = jnp.einsum("nijm,nij->nm", patch, weight).reshape(-1, 2, width // 2)
         level, rising = jnp.einsum("ndm,qm->dqn", local, c)
@@ -115,7 +117,7 @@ SMALLEST_SHAPE = 2e-5
 def on_grid(waves: Waves, depth: float, low: np.ndarray, high: np.ndarray) -> GridWaves:
     """Shapes and grid for long-crested `waves` between `low` and `high` (2,) [m] in s and z; runs once, on the host."""
     k = np.asarray(waves.wave_number, float)
-    asked = low
+    requested_low = low
     highest = 1.5 * float(waves.significant_height)
     low = np.array([low[0], max(low[1] - highest, -depth)])  # stretching moves positions under a crest downwards
     count = np.maximum(np.ceil((high - low) * k.max() / GRID_STEP).astype(int), 4) + 4
@@ -142,7 +144,7 @@ def on_grid(waves: Waves, depth: float, low: np.ndarray, high: np.ndarray) -> Gr
         surface=jnp.asarray(left[2 * points :, :rank]),
         projection=jnp.asarray(values[:rank, None] * right[:rank]),
     )
-    return replace(made, error=_measure_error(waves, made, depth, asked, high))
+    return replace(made, error=_measure_error(waves, made, depth, requested_low, high))
 
 
 def _measure_error(exact: Waves, found: GridWaves, depth: float, low: np.ndarray, high: np.ndarray) -> Array:
@@ -224,6 +226,10 @@ class BoundWaves(Waves):
         return density * (self.head - 0.5 * (u**2 + w**2))
 
 
+#: Uniform flow [m/s] below which that of a wave is rounding, and adds no computation.
+RESTING_DRIFT = 1e-12
+
+
 def bound_waves(
     wave: SteadyWave, phase: float, direction: float, current: float, ramp: float | None = None
 ) -> BoundWaves:
@@ -239,19 +245,21 @@ def bound_waves(
     speed = wave.speed * np.tanh(order * k * wave.depth)
     size = np.abs(wave.speed) * np.exp(order * k * wave.crest)
     counts = (size > small * size[0]) | (np.abs(wave.surface) > small * wave.height)
-    kept = max(int(np.max(order[counts])), 2)
-    order = order[:kept]
-    drift = wave.eulerian - current
+    count = max(int(np.max(order[counts])), 2)
+    order = order[:count]
+    drift = None
+    if abs(wave.eulerian - current) >= RESTING_DRIFT:
+        drift = jnp.asarray(wave.eulerian - current)
     return BoundWaves(
-        amplitude=jnp.asarray(wave.surface[:kept]),
+        amplitude=jnp.asarray(wave.surface[:count]),
         omega=jnp.asarray(2.0 * np.pi / wave.period * order),
         wave_number=jnp.asarray(k * order),
         phase=jnp.asarray(phase * order, float),
         direction=jnp.asarray(direction, float),
         ramp=ramp,
         stretching="none",
-        speed=jnp.asarray(speed[:kept]),
-        drift=None if abs(drift) < 1e-12 else jnp.asarray(drift),
+        speed=jnp.asarray(speed[:count]),
+        drift=drift,
         flow=jnp.asarray(wave.flow),
         head=jnp.asarray(wave.head),
         theory=wave.theory,

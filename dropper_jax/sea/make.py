@@ -78,12 +78,15 @@ def finite_wave(spec: SeaSpec, current: Current | None = None) -> SteadyWave | N
     if spec.wave_current == "doppler":
         omega = wave_components(given, spec.depth, spec.gravity).omega
         mean = _along(spec, given, current, wave_number(omega, jnp.asarray(spec.depth), spec.gravity))
+    period = given.period
+    if period is not None:
+        period = float(np.max(period))
     return _solve_wave(
         given.theory,
         float(2.0 * np.max(given.size)),
         spec.depth,
         spec.gravity,
-        period=None if given.period is None else float(np.max(given.period)),
+        period=period,
         length=given.length,
         current=mean,
         criterion=given.current_criterion,
@@ -200,11 +203,13 @@ def wave_components(spec: WaveSpec, depth: Scalar, gravity: Scalar) -> Component
 
 def waves_of(spec: SeaSpec, given: WaveSpec, current: Current | None) -> Waves:
     """Linear waves in the water of a sea, on its current if that changes them."""
+    if spec.wave_current == "none":
+        current = None
     return waves_on(
         wave_components(given, spec.depth, spec.gravity),
         spec.depth,
         spec.gravity,
-        current=current if spec.wave_current != "none" else None,
+        current=current,
         conserve_action=spec.wave_current == "action",
         approximate=spec.dispersion == "fenton",
     )
@@ -233,8 +238,10 @@ def waves_on(
     direction = jnp.asarray(drawn.direction)
     amplitude = drawn.amplitude
     intrinsic = None
-    if current is None:
-        k = (fenton if approximate else wave_number)(drawn.omega, depth, gravity)
+    if current is None and approximate:
+        k = fenton(drawn.omega, depth, gravity)
+    elif current is None:
+        k = wave_number(drawn.omega, depth, gravity)
     else:
         course = jnp.broadcast_to(direction, drawn.omega.shape)
         profile = partial(current.along, direction=course, depth=depth)

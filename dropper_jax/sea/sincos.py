@@ -23,10 +23,7 @@ HALF_PI = {
 #: Taylor coefficients of `(sin r - r)/r^3` and `(cos r - 1 + r^2/2)/r^4` in powers of r^2, |r| <= pi/4: the first
 #: omitted term is below 1e-17 of the sum.
 SIN = (-1 / 6, 1 / 120, -1 / 5040, 1 / 362880, -1 / 39916800, 1 / 6227020800, -1 / 1307674368000)
-
-
 COS = (1 / 24, -1 / 720, 1 / 40320, -1 / 3628800, 1 / 479001600, -1 / 87178291200, 1 / 20922789888000)
-
 
 Pair = tuple[Array, Array]
 

@@ -60,9 +60,7 @@ class WaveSpec(DeclaredSection):
 
     kind: str = option("how the waves are given", choices=tuple(FIELDS))
     amplitude: float | np.ndarray | None = parameter("amplitude", unit="m", shape="numbers", low=0.0, default=None)
-    period: float | np.ndarray | None = parameter(
-        "period", unit="s", shape="numbers", low=0.0, open_low=True, default=None
-    )
+    period: float | np.ndarray | None = parameter("period", unit="s", shape="numbers", above=0.0, default=None)
     phase: float | np.ndarray = parameter("phase", unit="rad", shape="numbers", default=0.0)
     direction: float | np.ndarray = parameter(
         "direction of travel, +x towards +y", unit="rad", shape="numbers", low=-6.29, high=6.29, default=0.0
@@ -70,7 +68,7 @@ class WaveSpec(DeclaredSection):
     file: str | None = option("CSV file", type=str, default=None)
     spectrum: str = option("shape", choices=SHAPES, default="jonswap")
     hs: float | None = parameter("significant wave height", unit="m", low=0.0, default=None)
-    tp: float | None = parameter("peak period", unit="s", low=0.0, open_low=True, default=None)
+    tp: float | None = parameter("peak period", unit="s", above=0.0, default=None)
     gamma: float = parameter("peak factor", unit="-", low=1.0, default=3.3)
     count: int = whole_number("number of frequencies", default=200)
     frequencies: str = option(
@@ -79,8 +77,8 @@ class WaveSpec(DeclaredSection):
     spreading: float | None = parameter("s of cos^2s spreading", unit="-", low=0.0, default=None)
     directions: int = whole_number("directions per frequency", default=1)
     seed: int = whole_number("seed of the phases", low=0, default=0)
-    height: float | None = parameter("trough to crest", unit="m", low=0.0, open_low=True, default=None)
-    length: float | None = parameter("wavelength", unit="m", low=0.0, open_low=True, default=None)
+    height: float | None = parameter("trough to crest", unit="m", above=0.0, default=None)
+    length: float | None = parameter("wavelength", unit="m", above=0.0, default=None)
     theory: str = option("of a regular wave", choices=THEORIES, default="linear")
     order: int | None = whole_number("number of harmonics of the stream function", low=3, default=None)
     current_criterion: str = option(
@@ -139,7 +137,9 @@ class WaveSpec(DeclaredSection):
         """Amplitude [m], one or one per component; zero of a spectrum."""
         if self.height is not None:
             return 0.5 * self.height
-        return 0.0 if self.amplitude is None else self.amplitude
+        if self.amplitude is None:
+            return 0.0
+        return self.amplitude
 
     def table(self) -> Table:
         # keys that linear waves do not have are written only if given
@@ -177,7 +177,8 @@ class CurrentSpec(Current, DeclaredSection):
     def read(cls, table: Plain, path: str) -> CurrentSpec:
         values = read_fields(cls, table, path, {})
         if values["kind"] == "power":
-            values["exponent"] = 1.0 / 7.0 if values["exponent"] is None else values["exponent"]
+            if values["exponent"] is None:
+                values["exponent"] = 1.0 / 7.0
             values["reference"] = values["reference"] or 0.0
         _check_pair(values, path, "heights", "velocities", values["kind"] == "table")
         _check_pair(values, path, "time", "factor")
@@ -266,12 +267,12 @@ def _check_pair(values: Table, path: str, axis: str, other: str, *needed: bool) 
 class SeaSpec(DeclaredSection):
     """`[sea]`: water below z = 0. `packaged` names a packaged sea, whose values the scene may override."""
 
-    depth: float = parameter("depth of the water", unit="m", low=0.0, open_low=True)
-    density: float = parameter("density of the water", unit="kg/m^3", low=0.0, open_low=True, default=SEA_WATER)
+    depth: float = parameter("depth of the water", unit="m", above=0.0)
+    density: float = parameter("density of the water", unit="kg/m^3", above=0.0, default=SEA_WATER)
     gravity: float = parameter(
         "acceleration of gravity, by default that of the weight", unit="m/s^2", low=0.0, default=GRAVITY
     )
-    ramp: float | None = parameter("time to full waves", unit="s", low=0.0, open_low=True, default=None)
+    ramp: float | None = parameter("time to full waves", unit="s", above=0.0, default=None)
     stretching: str = option("kinematics above the mean surface", choices=STRETCHING, default="wheeler")
     dispersion: str = option("wave numbers", choices=("exact", "fenton"), default="exact")
     wave_current: str = option("effect of a current on waves", choices=("none", "doppler", "action"), default="none")

@@ -213,7 +213,9 @@ def components(
         seed: of the phases and all other random numbers.
     """
     rng = np.random.default_rng(seed)
-    x, share = bins(1.0 if spectrum == "pierson_moskowitz" else gamma, count, frequencies, rng)
+    if spectrum == "pierson_moskowitz":
+        gamma = 1.0
+    x, share = bins(gamma, count, frequencies, rng)
     x = np.repeat(x, directions)
     share = np.repeat(share / directions, directions)
     phase = rng.uniform(0.0, 2 * np.pi, x.size)

@@ -20,16 +20,13 @@ from dropper_jax.sea.spectrum import wave_number
 #: Theories by name; `auto` selects the first valid one of linear, stokes5 and stream.
 THEORIES = ("linear", "stokes5", "stream", "auto")
 #: Meaning of the current as mean velocity of the water (after Fenton): Eulerian, at a fixed position that is always
-#: wet,
-#: or that of mass transport over the depth (no net flow in a closed flume).
+#: wet, or that of mass transport over the depth (no net flow in a closed flume).
 CRITERIA = ("euler", "stokes")
-#: Linear theory is valid if the second harmonic of the surface is below this fraction of the first (Le Mehaute's
-#: limit).
+#: Linear theory is valid if the second harmonic of the surface is below this fraction of the first (Le Mehaute).
 LINEAR = 0.01
 #: Stokes V is valid up to this fraction of the highest wave and below this length over depth.
 STOKES_HEIGHT = 0.5
 STOKES_LENGTH = 6.0
-
 
 #: One number, or several on the host.
 Number = TypeVar("Number", float, np.ndarray)

@@ -69,34 +69,13 @@ def stream_function(
     """
     speed = np.sqrt(gravity * depth)
     time = np.sqrt(depth / gravity)
-    problem = _Problem(
-        depth,
-        None if period is None else period / time,
-        None if length is None else length / depth,
-        current / speed,
-        criterion,
-    )
-    orders = ORDERS
-    if order is not None:
-        orders = (*(n for n in ORDERS if n < order), order)
-    found = _climb_orders(problem, height / depth, orders)
-    error = problem.between(found)
-    for n in orders:
-        if n <= _order(found):
-            continue
-        if order is None and error < ACCURATE:
-            break
-        finer = _newton(problem, _refine_harmonics(found, n), height / depth)
-        if finer is not None:
-            found = finer
-            error = problem.between(finer)
-    if order is None:
-        failed = error > UNUSABLE
-    else:
-        failed = _order(found) < order
+    if period is not None:
+        period = period / time
+    if length is not None:
+        length = length / depth
+    problem = _Problem(depth, period, length, current / speed, criterion)
+    found = _solve(problem, height / depth, order)
     wave = _parts(found)
-    if failed:
-        raise problem.not_solved(height / depth, wave.number)
     eulerian = problem.eulerian(wave)
     celerity = wave.flow + eulerian
     return SteadyWave(
@@ -113,8 +92,35 @@ def stream_function(
         flux=speed * depth * wave.flux,
         surface=depth * _cosines(wave.surface),
         speed=speed * wave.harmonics,
-        error=error,
+        error=problem.between(found),
     )
+
+
+def _solve(problem: _Problem, height: float, order: int | None) -> np.ndarray:
+    """The unknowns of a wave of a height in units of depth, with `order` harmonics or as many as its surface needs.
+
+    Raises:
+        NotSolved: the error is too large, or Newton's method fails with the given harmonics.
+    """
+    orders = ORDERS
+    if order is not None:
+        orders = (*(n for n in ORDERS if n < order), order)
+    found = _climb_orders(problem, height, orders)
+    for n in orders:
+        if n <= _order(found):
+            continue
+        if order is None and problem.between(found) < ACCURATE:
+            break
+        finer = _newton(problem, _refine_harmonics(found, n), height)
+        if finer is not None:
+            found = finer
+    if order is None:
+        failed = problem.between(found) > UNUSABLE
+    else:
+        failed = _order(found) < order
+    if failed:
+        raise problem.not_solved(height, _parts(found).number)
+    return found
 
 
 class _Unknowns(NamedTuple):
@@ -249,7 +255,9 @@ def _climb(problem: _Problem, height: float, order: int) -> np.ndarray:
         if x is None:
             step *= 0.5
             if step < SMALLEST_STEP:
-                number = past[-1][1][0] if past else problem.linear_number()
+                number = problem.linear_number()
+                if past:
+                    number = past[-1][1][0]
                 raise problem.not_solved(done * height, number)
             continue
         if share * height > SPURIOUS * highest(2.0 * np.pi / x[0], 1.0):

@@ -20,9 +20,9 @@ from dropper_jax.sea.waves import Motion
 class Sea:
     """Water of constant depth below z = 0, the mean surface, with waves and current if given."""
 
-    depth: Scalar = parameter("depth of the water", unit="m", low=0.0, open_low=True)
-    density: Scalar = parameter("density of the water", unit="kg/m^3", low=0.0, open_low=True, default=SEA_WATER)
-    gravity: Scalar = parameter("acceleration of gravity", unit="m/s^2", low=0.0, open_low=True, default=GRAVITY)
+    depth: Scalar = parameter("depth of the water", unit="m", above=0.0)
+    density: Scalar = parameter("density of the water", unit="kg/m^3", above=0.0, default=SEA_WATER)
+    gravity: Scalar = parameter("acceleration of gravity", unit="m/s^2", above=0.0, default=GRAVITY)
     waves: Any = None
     current: Current | None = None
     level: Level | None = None
@@ -98,11 +98,14 @@ class Sea:
     def corners(self) -> list[Numbers]:
         """Times (k,) [s] at which the motion of the water is not smooth: table times of the current, both ends of a
         ramp."""
-        tables = [part.time for part in (self.current, self.level) if part is not None and part.time is not None]
-        ramp = None if self.waves is None else self.waves.ramp
-        if ramp is None:
-            return tables
-        return [*tables, jnp.stack([jnp.zeros_like(ramp), ramp])]
+        found = []
+        for part in (self.current, self.level):
+            if part is not None and part.time is not None:
+                found.append(part.time)
+        if self.waves is not None and self.waves.ramp is not None:
+            ramp = self.waves.ramp
+            found.append(jnp.stack([jnp.zeros_like(ramp), ramp]))
+        return found
 
     def without_waves(self) -> Sea:
         """The same water without waves."""
@@ -113,12 +116,13 @@ class Sea:
 
         Du/Dt with `material`, the velocity of the current alone with `current`.
         """
-        motion = self.at(r, t)
+        water = Water(self.at(r, t), None, tangents)
         if material:
-            change = motion.acceleration + self.convective(r, t, motion)
-        else:
-            change = None
-        return Water(motion, change, tangents, self.stream(r, t) if current else None)
+            motion = water.motion
+            water = water._replace(material=motion.acceleration + self.convective(r, t, motion))
+        if current:
+            water = water._replace(current=self.stream(r, t))
+        return water
 
 
 class Water(NamedTuple):

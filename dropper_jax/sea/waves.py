@@ -57,7 +57,14 @@ class Waves:
     @property
     def speeds(self) -> Array:
         """Factor of the profiles of a component for its velocity (c,) [m/s]: `a s`."""
-        return self.amplitude * (self.omega if self.intrinsic is None else self.intrinsic)
+        return self.amplitude * self.intrinsic_frequency
+
+    @property
+    def intrinsic_frequency(self) -> Array:
+        """s of each component (c,) [rad/s]: omega without a current."""
+        if self.intrinsic is None:
+            return self.omega
+        return self.intrinsic
 
     @property
     def shortest(self) -> Array:
@@ -152,8 +159,7 @@ class Waves:
         phases = self.phases(r[:, 0], r[:, 1], t)
         elevation = self.elevation(r[:, 0], r[:, 1], t)
         across, _ = self.profiles(self.heights(r[:, 2], elevation, depth), depth)
-        s = self.omega if self.intrinsic is None else self.intrinsic
-        size = density * self.amplitude * s**2 / self.wave_number
+        size = density * self.amplitude * self.intrinsic_frequency**2 / self.wave_number
         return self.rise(t)[0] * jnp.sum(across * jnp.cos(phases) * size, axis=-1)
 
     @property

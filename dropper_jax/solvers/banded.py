@@ -24,7 +24,9 @@ class Layout:
     """Packing of unknowns into blocks: block i contains node i and link i, with `width` nodes per block."""
 
     def __init__(self, nodes: int, links: int, width: int) -> None:
-        self.nodes, self.links, self.width = nodes, links, width
+        self.nodes = nodes
+        self.links = links
+        self.width = width
         self.blocks = -(-links // width)
         self.size = 4 * width
         used = np.zeros((self.blocks * width, 4), bool)
@@ -97,16 +99,17 @@ class Banded(Solver):
         return Blocks.of(layout, *_bands(problem, u, layout))
 
 
-def _substitute(beside: Array, inverse: Array | None, rhs: Array, reverse: bool = False) -> Array:
+def _substitute(coupling: Array, inverse: Array | None, rhs: Array, reverse: bool = False) -> Array:
     """x_i = D_i (b_i - B_i x_(i-1)) block by block, from the last one if `reverse`; D = 1 without an `inverse`."""
 
     def one(x: Array, row: tuple[Array, Array | None, Array]) -> tuple[Array, Array]:
         block, own, b = row
         x = b - apply(block, x)
-        x = x if own is None else apply(own, x)
+        if own is not None:
+            x = apply(own, x)
         return x, x
 
-    return jax.lax.scan(one, jnp.zeros_like(rhs[0]), (beside, inverse, rhs), reverse=reverse)[1]
+    return jax.lax.scan(one, jnp.zeros_like(rhs[0]), (coupling, inverse, rhs), reverse=reverse)[1]
 
 
 def _bands(problem: StepProblem, u: Unknowns, layout: Layout) -> tuple[Array, Array, Array]:

@@ -23,7 +23,7 @@ from dropper_jax.base.indexed_sums import scatter_add, scatter_add_many
 from dropper_jax.model import Graph, HolonomicConstraint
 from dropper_jax.residual import StepProblem, Unknowns
 from dropper_jax.solvers.coupling import Coupling
-from dropper_jax.solvers.elimination import Pair, apply, optimization_barrier
+from dropper_jax.solvers.elimination import apply, optimization_barrier
 from dropper_jax.solvers.links import LinkParts
 from dropper_jax.solvers.saddle import Saddle, Stretching, factor_lines
 
@@ -35,7 +35,7 @@ PIN = 3
 
 @dataclass(frozen=True)
 class BodyNodeMap:
-    """Groups of free nodes: corners (bodies, 4), seats (seats,), the rest (kept,), and the graph of the rest.
+    """Groups of free nodes: corners (bodies, 4), seats (seats,), the rest (retained,), and the graph of the rest.
 
     Attributes:
         edge: nodes whose motion acts on lines: seats first, then corners that elements couple with lines.
@@ -57,19 +57,21 @@ class BodyNodeMap:
         corners = constraint.body_nodes(model)
         seats = constraint.seats(model)
         away = np.concatenate([corners.ravel(), seats])
-        rest = _rest(graph, tuple(away.tolist()))
+        rest = _without_nodes(graph, tuple(away.tolist()))
         touched = between is not None and np.isin(corners, [pair[0] for pair in between.pairs]).any()
         edge = seats
         if touched:
             edge = np.concatenate([seats, corners.ravel()])
-        kept = np.setdiff1d(np.arange(graph.free), away)
+        retained = np.setdiff1d(np.arange(graph.free), away)
         pinned = np.array(constraint.pinned, int)
-        return cls(graph, rest, corners, seats, kept, edge, pinned)
+        return cls(graph, rest, corners, seats, retained, edge, pinned)
 
     @property
     def size(self) -> int:
         """Number of unknowns of one body."""
-        return BODY_COORDINATES + EDGES + (PIN if self.pinned.size else 0)
+        if self.pinned.size:
+            return BODY_COORDINATES + EDGES + PIN
+        return BODY_COORDINATES + EDGES
 
     def sums(self, along: Array) -> Array:
         """Sum of link forces (n, 3) on the free nodes, with the sign of the rows."""
@@ -83,30 +85,31 @@ class BodyNodeMap:
         return values
 
     def split(self, between: Coupling | None) -> tuple[Coupling | None, Coupling | None]:
-        """Blocks that couple kept nodes, by their indices among these, and blocks that couple others."""
+        """Blocks that couple retained nodes, by their indices among these, and blocks that couple others."""
         if between is None:
             return None, None
         pairs = np.array(between.pairs, int).reshape(-1, 2)
-        inside = np.isin(pairs, self.retained_nodes).all(axis=1)
+        inside = np.all(np.isin(pairs, self.retained_nodes), axis=1)
         own = np.searchsorted(self.retained_nodes, pairs[inside])
-        within = Coupling(_as_pairs(own), between.blocks[np.flatnonzero(inside)])
-        others = Coupling(_as_pairs(pairs[~inside]), between.blocks[np.flatnonzero(~inside)])
-        return within if within.pairs else None, others if others.pairs else None
+        return _blocks_at(own, between, inside), _blocks_at(pairs[~inside], between, ~inside)
 
 
-def _as_pairs(nodes: np.ndarray) -> tuple[Pair, ...]:
-    return tuple((row, column) for row, column in nodes.tolist())
+def _blocks_at(pairs: np.ndarray, coupling: Coupling, chosen: np.ndarray) -> Coupling | None:
+    """The chosen blocks of a coupling, at these (row, column); None if there are none."""
+    if not len(pairs):
+        return None
+    return Coupling(tuple((row, column) for row, column in pairs.tolist()), coupling.blocks[np.flatnonzero(chosen)])
 
 
 @lru_cache(maxsize=64)
-def _rest(graph: Graph, away: tuple[int, ...]) -> Graph:
+def _without_nodes(graph: Graph, away: tuple[int, ...]) -> Graph:
     held = tuple(fixed or int(node) in away for fixed, node in zip(graph.held, graph.point_node, strict=True))
     return replace(graph, held=held)
 
 
 @dataclass(frozen=True)
 class Lines:
-    """The lines of a scene with bodies with factored kept nodes: their response to displacements of the edge.
+    """The lines of a scene with bodies with factored retained nodes: their response to displacements of the edge.
 
     Attributes:
         block: blocks (edge, 3, 3) of the edge's rows by its own displacements, without links and elements.
@@ -122,11 +125,11 @@ class Lines:
     def transpose(self) -> Lines:
         others = self.others
         if others is not None:
-            others = Coupling(tuple((j, i) for i, j in others.pairs), others.blocks.mT)
+            others = others.transpose()
         solver = self.solver.transpose()
         return replace(self, links=self.links.transpose(), solver=solver, block=self.block.mT, others=others)
 
-    def answer(
+    def response(
         self, edge: Array, force: Array | None = None, stretch: Array | None = None
     ) -> tuple[Array, Array, Array]:
         """Other displacements (free, 3), tensions (n,) and rows of the edge (edge, 3) for displacements of the edge
@@ -138,13 +141,15 @@ class Lines:
         d = graph.differences(moved, None)
         rows = -nodes.sums(apply(links.turn, d)) - self._by_pieces(moved)
         own = -jnp.sum(links.gradient * d, axis=-1)
-        rows = rows if force is None else force + rows
-        own = own if stretch is None else stretch + own
+        if force is not None:
+            rows = force + rows
+        if stretch is not None:
+            own = stretch + own
         x, y = self.solver.solve(rows[nodes.retained_nodes], own)
         x = scatter_add(nodes.retained_nodes, x, graph.free)
         d = d + graph.differences(x, None)
-        pulled = nodes.sums(apply(links.turn, d) + links.force * y[:, None]) + self._by_pieces(moved + x)
-        return x, y, apply(self.block, edge) + pulled[nodes.edge]
+        link_forces = nodes.sums(apply(links.turn, d) + links.force * y[:, None]) + self._by_pieces(moved + x)
+        return x, y, apply(self.block, edge) + link_forces[nodes.edge]
 
     def _by_pieces(self, moved: Array) -> Array | float:
         """Rows (free, 3) of elements that include the edge, for displacements of all free nodes (free, 3)."""
@@ -169,38 +174,40 @@ class BodyFactor:
     def solve(self, force: Array, stretch: Array, gaps: Array) -> tuple[Array, Array, Array]:
         """Displacements (free, 3), tensions (n,) and multipliers (rows,) for r_x, r_y and the rows of the gaps."""
         lines = self.lines
-        nodes = self.lines.nodes
-        bodies = len(self.lines.nodes.corners)
-        seats, edges, off, pins = len(nodes.seats), *parts(gaps, nodes)
+        nodes = lines.nodes
+        bodies = len(nodes.corners)
+        seats = len(nodes.seats)
+        edges, off, pins = split_gaps(gaps, nodes)
         off = nodes.pad_seats(off)
         link_force = nodes.pad_seats(force[nodes.seats])
         right = force[nodes.corners].reshape(bodies, 4, 3)
         if nodes.edge.size:
-            right = right + (self.shares.T @ (link_force - lines.answer(off, force, stretch)[2])).reshape(bodies, 4, 3)
+            right = right + (self.shares.T @ (link_force - lines.response(off, force, stretch)[2])).reshape(
+                bodies, 4, 3
+            )
         rows = jnp.concatenate([right.reshape(bodies, BODY_COORDINATES), edges, *pins], axis=1)
-        found = lu_solve(self.bodies, rows.ravel(), trans=1 if self.turned else 0).reshape(bodies, -1)
+        found = lu_solve(self.bodies, rows.ravel(), trans=int(self.turned)).reshape(bodies, -1)
         corner = found[:, :BODY_COORDINATES].reshape(-1, 3)
         moved = off
         if nodes.edge.size:
             moved = off + self.shares @ corner
-        x, y, pulled = lines.answer(moved, force, stretch)
+        x, y, link_forces = lines.response(moved, force, stretch)
         x = x + scatter_add(nodes.seats, moved[:seats], nodes.graph.free)
         x = x + scatter_add(nodes.corners.ravel(), corner, nodes.graph.free)
         _, edges, pins = jnp.split(found, [BODY_COORDINATES, BODY_COORDINATES + EDGES], axis=1)
-        multipliers = edges, (link_force - pulled)[:seats], pins[nodes.pinned]
+        multipliers = edges, (link_force - link_forces)[:seats], pins[nodes.pinned]
         return x, y, jnp.concatenate([part.ravel() for part in multipliers])
 
 
-def parts(gaps: Array, nodes: BodyNodeMap) -> tuple[Array, Array, list[Array]]:
+def split_gaps(gaps: Array, nodes: BodyNodeMap) -> tuple[Array, Array, list[Array]]:
     """Gaps (rows,) of edges (bodies, 6), of seats (seats, 3), and, if one is pinned, of pins (bodies, 3)."""
     bodies = len(nodes.corners)
     seats = len(nodes.seats)
     edges, off, pins = jnp.split(gaps, [EDGES * bodies, EDGES * bodies + 3 * seats])
+    own_pins = []
     if nodes.pinned.size:
-        pins = [scatter_add(nodes.pinned, pins.reshape(-1, 3), bodies)]
-    else:
-        pins = []
-    return edges.reshape(bodies, EDGES), off.reshape(seats, 3), pins
+        own_pins.append(scatter_add(nodes.pinned, pins.reshape(-1, 3), bodies))
+    return edges.reshape(bodies, EDGES), off.reshape(seats, 3), own_pins
 
 
 def factor_bodies(
@@ -210,8 +217,8 @@ def factor_bodies(
     (constraint,) = problem.model.constraints
     nodes = BodyNodeMap.of(problem, constraint, between)
     within, others = nodes.split(between)
-    kept = factor_lines(problem.model, nodes.rest, node[nodes.retained_nodes], links, within)
-    lines = Lines(nodes, links, kept, nodes.pad_seats(node[nodes.seats]), others)
+    solver = factor_lines(problem.model, nodes.rest, node[nodes.retained_nodes], links, within)
+    lines = Lines(nodes, links, solver, nodes.pad_seats(node[nodes.seats]), others)
     if nodes.seats.size:
         shares = constraint.seat_shares()
     else:
@@ -224,7 +231,7 @@ def factor_bodies(
     whole = (matrix[:, :, None, :] * jnp.eye(count, dtype=node.dtype)[:, None, :, None]).reshape((count * size,) * 2)
     if edge := len(nodes.edge):
         unit = jnp.eye(3 * edge, dtype=node.dtype).reshape(-1, edge, 3)
-        stiffness = jax.vmap(lambda x: lines.answer(x)[2].ravel(), out_axes=1)(unit)
+        stiffness = jax.vmap(lambda x: lines.response(x)[2].ravel(), out_axes=1)(unit)
         mixed = jnp.einsum("ai,ajbk,bl->ijlk", shares, stiffness.reshape(edge, 3, edge, 3), shares)
         own = mixed.reshape(count, BODY_COORDINATES, count, BODY_COORDINATES)
         whole = whole + jnp.pad(own, ((0, 0), (0, size - BODY_COORDINATES)) * 2).reshape(whole.shape)
@@ -243,7 +250,7 @@ def body_blocks(problem: StepProblem, u: Unknowns, nodes: BodyNodeMap) -> Array:
 
     def rows(x: Array, z: Array) -> Array:
         force, (gaps,) = only.node_rows(x, (z,))
-        edges, _, pins = parts(gaps, nodes)
+        edges, _, pins = split_gaps(gaps, nodes)
         return jnp.concatenate([force[nodes.corners].reshape(bodies, BODY_COORDINATES), edges, *pins], axis=1)
 
     def along(unit: Array) -> Array:

@@ -43,16 +43,16 @@ class ConstraintMatrix(NamedTuple):
         """From K^-1 of the free nodes; of each link the force G of a unit tension and the gradient g of its row."""
         links = len(force[0])
         free = len(jax.tree.leaves(inverse)[0])
-        held = free < links
         own = _times(inverse, _part(force, slice(free)))
-        joined = slice(None) if held else slice(-1)  # nodes with a link after them
+        joined = slice(links - 1)  # nodes with a link after them: all of them between two fixed ends
         after = slice(1, None)
         following = _times(jax.tree.map(operator.itemgetter(joined), inverse), _part(force, after))
         zero = jnp.zeros_like(force[0][:1])
         far = dot_components(_part(gradient, slice(free)), own)
-        far = jnp.concatenate([far, zero]) if held else far
+        if free < links:
+            far = jnp.concatenate([far, zero])
         near = jnp.concatenate([zero, dot_components(_part(gradient, after), following)])
-        upper = -dot_components(_part(gradient, slice(links - 1)), following)
+        upper = -dot_components(_part(gradient, joined), following)
         lower = -dot_components(_part(gradient, after), _part(own, joined))
         return cls(jnp.concatenate([zero, lower]), far + near, jnp.concatenate([upper, zero]))
 
@@ -102,12 +102,8 @@ class Tensions(NamedTuple):
     def transpose(self) -> Tensions:
         inverse = self.inverse
         if isinstance(inverse, tuple):
-            first, second, third = inverse
-            inverse = (
-                (first[0], second[0], third[0]),
-                (first[1], second[1], third[1]),
-                (first[2], second[2], third[2]),
-            )
+            first, second, third = zip(*inverse, strict=True)
+            inverse = first, second, third
         return Tensions.of(self.geometry, inverse, self.gradient, self.force, self.compliance)
 
 

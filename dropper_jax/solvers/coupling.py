@@ -12,9 +12,7 @@ from jax import Array
 from dropper_jax.base.indexed_sums import scatter_add_many
 from dropper_jax.model import ElementForce, at_pieces
 from dropper_jax.residual import StepProblem, Unknowns
-from dropper_jax.solvers.elimination import (
-    Pair,
-)
+from dropper_jax.solvers.elimination import Pair
 
 
 class Coupling(NamedTuple):
@@ -23,16 +21,19 @@ class Coupling(NamedTuple):
     pairs: tuple[Pair, ...]
     blocks: Array
 
+    def transpose(self) -> Coupling:
+        return Coupling(tuple((column, row) for row, column in self.pairs), self.blocks.mT)
+
 
 def coupling(problem: StepProblem, u: Unknowns) -> Coupling | None:
     """Exact, from three directions of forward mode for each node of an element; None without elements."""
-    found = [_of(problem, u, effect) for effect in problem.pieces]
+    found = [_element_blocks(problem, u, effect) for effect in problem.pieces]
     if not found:
         return None
     return Coupling(sum((c.pairs for c in found), ()), jnp.concatenate([c.blocks for c in found]))
 
 
-def _of(problem: StepProblem, u: Unknowns, effect: ElementForce) -> Coupling:
+def _element_blocks(problem: StepProblem, u: Unknowns, effect: ElementForce) -> Coupling:
     model = problem.model
     k = problem.instant(u.x)
     graph = model.geometry
@@ -64,7 +65,7 @@ def _sum_blocks(nodes: np.ndarray, blocks: Array, free: int) -> Coupling:
     each = nodes.shape[1]
     row = np.broadcast_to(nodes[:, :, None], (len(nodes), each, each)).ravel()
     column = np.broadcast_to(nodes[:, None, :], (len(nodes), each, each)).ravel()
-    kept = np.flatnonzero((row < free) & (column < free))
-    codes, where = np.unique(row[kept] * free + column[kept], return_inverse=True)
+    free_pairs = np.flatnonzero((row < free) & (column < free))
+    codes, where = np.unique(row[free_pairs] * free + column[free_pairs], return_inverse=True)
     pairs = tuple(zip((codes // free).tolist(), (codes % free).tolist(), strict=True))
-    return Coupling(pairs, scatter_add_many(where, blocks[kept], len(codes)))
+    return Coupling(pairs, scatter_add_many(where, blocks[free_pairs], len(codes)))

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from itertools import pairwise, product
 from typing import NamedTuple, TypeVar
 
 import jax
@@ -29,8 +30,7 @@ from dropper_jax.base.indexed_sums import gather_sums, index_table, with_zero_ro
 
 Pair = tuple[int, int]
 #: Maximum number of neighbours of nodes in one round if second neighbours are coupled, as by bending. A chain of 200
-#: then
-#: takes 15 rounds; 69 with 4, and 101 with 2, which eliminate it from its ends.
+#: then takes 15 rounds; 69 with 4, and 101 with 2, which eliminate it from its ends.
 WIDER = 5
 
 
@@ -86,28 +86,30 @@ def elimination_order(
         after: for some nodes, those that must be eliminated before them.
         most: maximum number of neighbours of a node that is eliminated together with others of fewer neighbours.
     """
-    kept = {pair for pair in blocks if max(pair) < count}
-    taken = _rounds(count, kept, after or {}, most)
-    lists = [_list_blocks(neighbours, degree) for neighbours, degree in taken]
-    present = kept | {(i, i) for i in range(count)}
+    nodal = {pair for pair in blocks if max(pair) < count}
+    taken = _rounds(count, nodal, after or {}, most)
+    present = nodal | {(i, i) for i in range(count)}
+    nodes: list[int] = []
     following: list[list[Pair]] = []
-    for (neighbours, _), listed in zip(taken, lists, strict=True):
+    for neighbours, degree in taken:
+        nodes += neighbours
         rest = {pair for pair in present if neighbours.keys().isdisjoint(pair)}
-        following.append(listed + sorted(rest))
-        present = rest | {(a, b) for near in neighbours.values() for a in near for b in near}
+        following.append(_list_blocks(neighbours, degree) + sorted(rest))
+        present = rest
+        for near in neighbours.values():
+            present |= set(product(near, near))
+    following.append([])  # nothing is left after the last round
     rounds = []
-    nodes = [i for neighbours, _ in taken for i in neighbours]
     done = 0
-    for k, (neighbours, degree) in enumerate(taken):
+    for (neighbours, degree), (now, then) in zip(taken, pairwise(following), strict=True):
         done += len(neighbours)
-        then = following[k + 1] if k + 1 < len(taken) else []
-        rounds.append(_round(neighbours, degree, following[k], then, nodes[done:]))
+        rounds.append(_round(neighbours, degree, now, then, nodes[done:]))
     position = np.empty(count, int)
     position[nodes] = np.arange(count)
     where: dict[Pair, list[int]] = {}
     for number, pair in enumerate(blocks):
         where.setdefault(pair, []).append(number)
-    slot = index_table([where.get(pair, []) for pair in (following[0] if taken else [])], len(blocks))
+    slot = index_table([where.get(pair, []) for pair in following[0]], len(blocks))
     return Order(tuple(rounds), slot, np.array(nodes, int), position)
 
 
@@ -128,11 +130,11 @@ def _rounds(
         # two neighbours do not add blocks; more neighbours add new blocks and are used only if nothing else remains
         most = max(few, min(len(near[i]) for i in ready))
         found: dict[int, list[int]] = {}
-        beside: set[int] = set()
+        adjacent: set[int] = set()
         for i in sorted(ready, key=lambda i: max(few, len(near[i]))):
-            if len(near[i]) <= most and i not in beside:
+            if len(near[i]) <= most and i not in adjacent:
                 found[i] = sorted(near[i])
-                beside |= near[i]
+                adjacent |= near[i]
         for i, others in found.items():
             for a in others:
                 near[a] |= near[i]
@@ -153,11 +155,22 @@ def _list_blocks(neighbours: dict[int, list[int]], degree: int) -> list[Pair]:
     rows = []
     for c in range(degree):
         for i, others in neighbours.items():
-            rows.append((i, others[c]) if c < len(others) else MISSING)
+            row = MISSING
+            if c < len(others):
+                row = i, others[c]
+            rows.append(row)
     return [*((i, i) for i in neighbours), *rows, *(pair[::-1] for pair in rows)]
 
 
 def _round(neighbours: dict[int, list[int]], degree: int, now: list[Pair], then: list[Pair], later: list[int]) -> Round:
+    """The tables of a round.
+
+    Args:
+        neighbours: of each node of the round.
+        degree: maximum number of neighbours.
+        now, then: the blocks of this round and of the next one.
+        later: the nodes of later rounds.
+    """
     width = len(neighbours)
     slot_of = {pair: number for number, pair in enumerate(now)} | {MISSING: len(now)}
     products: dict[Pair, list[int]] = {}
@@ -253,8 +266,8 @@ def _eliminate(table: Round, blocks: Array) -> tuple[Eliminated, Array]:
     width = table.width
     degree = table.degree
     k = blocks.shape[-1]
-    beside = blocks[width : (1 + 2 * degree) * width].reshape(2, degree, width, k, k)
-    done = Eliminated(inverse(blocks[:width]), beside[0], beside[1])
+    adjacent = blocks[width : (1 + 2 * degree) * width].reshape(2, degree, width, k, k)
+    done = Eliminated(inverse(blocks[:width]), adjacent[0], adjacent[1])
     after = with_zero_row(blocks)[table.keep]
     if table.change.size:
         products = multiply(done.upper[:, None], multiply(done.inverse, done.lower))

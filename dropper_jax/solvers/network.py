@@ -47,7 +47,10 @@ class NetworkFactor:
     law: LawBlocks | None
 
     def transpose(self) -> NetworkFactor:
-        return NetworkFactor(self.system.transpose(), None if self.law is None else self.law.transpose())
+        law = self.law
+        if law is not None:
+            law = law.transpose()
+        return NetworkFactor(self.system.transpose(), law)
 
     def apply(self, rows: Unknowns) -> Unknowns:
         gaps = ()

@@ -46,7 +46,7 @@ class Stretching(NamedTuple):
         blocks = jnp.concatenate([diagonal, -stiffness, -stiffness])
         if between is not None:
             blocks = jnp.concatenate([blocks, optimization_barrier(between.blocks)])
-        return cls(graph, links, eliminate(_node_order(graph, between and between.pairs), blocks))
+        return cls(graph, links, eliminate(_node_order(graph, _pairs(between)), blocks))
 
     def transpose(self) -> Stretching:
         return self._replace(links=self.links.transpose(), nodes=self.nodes.transpose())
@@ -60,13 +60,26 @@ class Stretching(NamedTuple):
 
 
 @lru_cache(maxsize=64)
-def _node_order(graph: Graph, between: tuple[Pair, ...] | None) -> Order:
-    """The order for the blocks of the free nodes, of links from first to last node, and from last to first."""
+def _node_order(graph: Graph, between: tuple[Pair, ...]) -> Order:
+    """The order for the blocks of the free nodes, of links from first to last node, and from last to first, and of
+    elements."""
     own = range(graph.free)
     first = graph.first.tolist()
     last = graph.last.tolist()
     pairs = [*zip(own, own, strict=True), *zip(first, last, strict=True), *zip(last, first, strict=True)]
-    return elimination_order(graph.free, [*pairs, *(between or ())], most=WIDER if between else 2)
+    return elimination_order(graph.free, [*pairs, *between], most=_neighbours(between))
+
+
+def _pairs(between: Coupling | None) -> tuple[Pair, ...]:
+    """The nodes that elements couple in addition to links."""
+    if between is None:
+        return ()
+    return between.pairs
+
+
+def _neighbours(between: tuple[Pair, ...]) -> int:
+    """Maximum number of neighbours in one round (see `elimination_order`)."""
+    return WIDER if between else 2
 
 
 #: Compliance of the last link of a line, relative to that of its points. It has an effect only for a straight line
@@ -105,7 +118,7 @@ class Saddle(NamedTuple):
         ]
         if between is not None:
             values.append(jnp.pad(optimization_barrier(between.blocks), ((0, 0), (0, 1), (0, 1))))
-        return cls(graph, eliminate(_group_order(graph, between and between.pairs), jnp.concatenate(values)))
+        return cls(graph, eliminate(_group_order(graph, _pairs(between)), jnp.concatenate(values)))
 
     def transpose(self) -> Saddle:
         return self._replace(groups=self.groups.transpose())
@@ -146,12 +159,13 @@ def factor_lines(
     model: Model, graph: Graph, node: Array, links: LinkParts, between: Coupling | None
 ) -> Stretching | Saddle:
     """From A = `node` (free, 3, 3), and its off-diagonal blocks."""
-    kind = Stretching if model.line.axial.elastic else Saddle
-    return kind.of(graph, node, links, between)
+    if model.line.axial.elastic:
+        return Stretching.of(graph, node, links, between)
+    return Saddle.of(graph, node, links, between)
 
 
 @lru_cache(maxsize=64)
-def _group_order(graph: Graph, between: tuple[Pair, ...] | None) -> Order:
+def _group_order(graph: Graph, between: tuple[Pair, ...]) -> Order:
     """The order for blocks as in `Saddle.of`: groups are the free nodes, then the last links of lines."""
     count = graph.free + len(graph.members)
 
@@ -167,8 +181,10 @@ def _group_order(graph: Graph, between: tuple[Pair, ...] | None) -> Order:
     end = number(graph.last[_last(graph)])
     sides = [(own, own), (inner, first), (first, inner), (start, end), (end, start)]
     sides += [(start, closing), (closing, start), (end, closing), (closing, end)]
-    pairs = [pair for side in sides for pair in zip(*side, strict=True)]
-    return elimination_order(count, [*pairs, *(between or ())], _before_last_link(graph), most=WIDER if between else 2)
+    pairs: list[Pair] = []
+    for rows, columns in sides:
+        pairs += zip(rows, columns, strict=True)
+    return elimination_order(count, [*pairs, *between], _before_last_link(graph), most=_neighbours(between))
 
 
 def _before_last_link(graph: Graph) -> dict[int, set[int]]:
@@ -193,5 +209,7 @@ def _before_last_link(graph: Graph) -> dict[int, set[int]]:
     for line in range(len(free)):
         assign_owner(line, set())
     point_of = {line: {point} for point, line in owner.items()}
-    lines = enumerate(graph.paths)
-    return {graph.free + i: set(map(int, path[1:-1])) | point_of.get(i, free[i]) for i, path in lines}
+    before = {}
+    for i, path in enumerate(graph.paths):
+        before[graph.free + i] = set(map(int, path[1:-1])) | point_of.get(i, free[i])
+    return before

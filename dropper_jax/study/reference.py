@@ -167,10 +167,7 @@ def _tensions(model: Model, r: Array, v: Array, t: Array) -> Array:
         k = model.instant(r, v, t)
         if model.line.axial.elastic:  # accelerations are not needed
             return model.tension_by_law(k)
-        end_acceleration = None
-        if model.moving:
-            end_acceleration = model.end_acceleration(t)
-        return instant(k, end_acceleration)[1]
+        return instant(k, model.end_acceleration(t))[1]
 
     return jax.vmap(one)(r, v, t)
 

@@ -48,7 +48,7 @@ def require_value(table: Values, path: str, key: str, needed: str) -> Plain:
 
 
 def optional_number(table: Values, path: str, key: str, default: Default, **limits: float) -> float | Default:
-    """The number at a key within limits (`low`, `high`, `open_low`); the default if it is missing."""
+    """The number at a key within limits (`low`, `above`, `high`); the default if it is missing."""
     unit = {"at": "m", "delay": "s", "from": "s", "until": "s"}.get(key, "-")
     if key in table:
         return read_number(table[key], f"{path}.{key}", {"unit": unit, **limits})

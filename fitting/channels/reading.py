@@ -122,7 +122,7 @@ def read_sensor(table: Values, path: str, scene: SceneData, cameras: tuple[Camer
         raise SceneError(f"{path}.columns: {len(columns)} columns; allowed: 1, because this kind is a single number")
     common = {"name": read_name(table, path), "columns": columns, "unit": unit, "camera": camera}
     channel = cls.make(Given(table, path, common, scene, tuple(c.matrix for c in cameras)))
-    noise = optional_number(table, path, "noise", None, low=0.0, open_low=True)
+    noise = optional_number(table, path, "noise", None, above=0.0)
     noise_unit = table.get("noise_unit", unit)
     if noise_unit != "%":
         noise_unit = read_unit({"noise_unit": noise_unit}, path, "noise_unit", cls.measures)

@@ -177,12 +177,12 @@ def read_camera(table: Values, path: str) -> CameraSpec:
         ahead = look_at - position
         if np.hypot(ahead[0], ahead[1]) < 1e-9:
             raise SceneError(f"{path}.look_at: directly above or below the camera. Use another point, or `projection`")
-        limits = {"unit": "px", "low": 0.0, "open_low": True}
+        limits = {"unit": "px", "above": 0.0}
         focal = read_number(require_value(table, path, "focal", "focal length [px]"), f"{path}.focal", limits)
         matrix = projection(position, look_at, focal, read_vector(table, path, "centre", 2))
     return CameraSpec(
         read_name(table, path),
         tuple(map(tuple, matrix.tolist())),
         optional_number(table, path, "delay", 0.0),
-        optional_number(table, path, "rate", 1.0, low=0.0, open_low=True),
+        optional_number(table, path, "rate", 1.0, above=0.0),
     )

@@ -167,7 +167,7 @@ def _adjust(p: Parameter, start: StartValues, bounds: Bounds, priors: Priors, wi
         raise SceneError(f"start: {p.name} = {value:g} is out of bounds; allowed: {allowed}")
     prior = priors.get(p.name, p.prior)
     if prior is not None and not (0 < prior[1] < np.inf and np.isfinite(prior[0])):
-        allowed = limits({"low": 0.0, "open_low": True, "unit": p.unit})
+        allowed = limits({"above": 0.0, "unit": p.unit})
         raise SceneError(f"prior: {p.name!r} has standard deviation {prior[1]:g}; allowed: {allowed}")
     return replace(p, value=value, low=low, high=high, prior=prior)
 
@@ -194,7 +194,8 @@ def with_effects(scene: Scene, names: Sequence[str]) -> Scene:
     for effect, cls in EFFECTS.items():
         for key, field in declared_fields(cls).items():
             path = f"effects.{effect}.{key}"
-            may_be_zero = field.metadata["kind"] == "parameter" and field.metadata["low"] == 0.0
+            about = field.metadata
+            may_be_zero = about["kind"] == "parameter" and 0.0 in (about["low"], about["above"])
             if path in stems and may_be_zero and given_effect(scene, path) is None:
                 found[path] = 0.0
     if found:

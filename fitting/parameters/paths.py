@@ -188,6 +188,6 @@ def _parameter(name: str, where: ModelPlace, value: float, meta: Mapping[str, An
     """A number of the model with the bounds of its declared field."""
     low = -np.inf if meta["low"] is None else float(meta["low"])
     high = np.inf if meta["high"] is None else float(meta["high"])
-    if meta["open_low"]:
-        low += OFF_BOUND * abs(value)
+    if meta["above"] is not None:
+        low = float(meta["above"]) + OFF_BOUND * abs(value)
     return Parameter(name, where, value, low, high, meta["unit"])

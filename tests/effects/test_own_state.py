@@ -25,7 +25,7 @@ class Creep(Effect):
     name = "creep"
     reach = 1
     spring: jax.Array = parameter("stiffness E2 that stops it", unit="N", low=0.0)
-    viscosity: jax.Array = parameter("viscosity eta", unit="N s", low=0.0, open_low=True)
+    viscosity: jax.Array = parameter("viscosity eta", unit="N s", above=0.0)
     strain: jax.Array | None = None
 
     def begin(self, model):

@@ -78,6 +78,18 @@ def test_the_same_from_toml():
     assert again.to_dict() == dj.load_scene(FARM).to_dict()
 
 
+def test_a_point_along_a_line_of_a_unit_needs_no_name():
+    unit = {
+        "point": [{"name": "a", "position": [0.0, 0.0, 0.0]}, {"name": "b", "position": [10.0, 0.0, 0.0]}],
+        "line": [{"name": "l", "from": "a", "to": "b", "type": "rope", "length": 11.0, "links": 4}],
+    }
+    unit["line"][0]["attach"] = [{"at": 5.0}]
+    table = {key: FARM[key] for key in ("run", "line_type", "effects")}
+    scene = dj.load_scene({**table, "unit": {"rope": unit}, "array": [{"of": "rope", "name": "k-"}]})
+    assert [point.name for point in scene.points] == ["k-a", "k-b", "k-l-at-5"]
+    assert [(line.start, line.end) for line in scene.lines] == [("k-a", "k-l-at-5"), ("k-l-at-5", "k-b")]
+
+
 def test_rows_of_units_with_heading_and_shared_anchors():
     unit = {
         "point": [

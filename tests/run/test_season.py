@@ -124,6 +124,7 @@ def test_drop_off_compares_accelerations_with_what_holds_a_mussel():
         ({"month": 13.0}, "growth.month: 13.0 is out of range; allowed: 0 to 12"),
         ({"lines": []}, "growth.lines: is empty"),
         ({"lines": ["droper-*"]}, "growth.lines.0: 'droper-.' does not match any line"),
+        ({"thickness": []}, "growth.thickness"),
         ({"thickness": [[0.0, 0.0]]}, "growth.thickness"),
         ({"thickness": [[0.0, 0.0], [0.1]]}, "growth.thickness.1"),
         ({"thickness": [[0.0, 0.0], [0.1, -0.1]]}, "growth.thickness.1.1"),

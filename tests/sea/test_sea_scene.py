@@ -80,6 +80,10 @@ BAD = [
     ),
     (changed(sea__wave_current="doppler"), "sea.wave_current: 'doppler' needs waves and a current"),
     (changed(sea__waves={"kind": "spectrum", "hs": 1.0}), "sea.waves.tp: missing"),
+    (
+        changed(sea__waves__kind=None),
+        "sea.waves.kind: missing; needed: how the waves are given; allowed: regular, components, spectrum, elevation",
+    ),
     (changed(sea__waves={"kind": "components", "amplitude": [1.0, 1.0], "period": [3.0]}), "sea.waves.period: [3.0]"),
     (changed(sea__current={"kind": "table", "heights": [0.0]}), "sea.current: `heights` and `velocities` belong"),
     (changed(sea__interpolation="grid", sea__stretching="none"), "sea.interpolation: 'grid' does not support this sea"),

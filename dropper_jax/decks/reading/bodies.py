@@ -36,15 +36,22 @@ def free_body(row: Row, rods: list[Row]) -> Table:
         centre = [0.0, 0.0, centre[0]]
     moments = np.broadcast_to(row.parts(10, "I"), 3)
     own = Solid(row.value(8, "Mass", 0.0), np.array(centre), np.diag(moments))
-    cylinders = [_cylinder(rod) for rod in rods]
+    cylinders = []
+    solids = [own]
+    for rod in rods:
+        shape = _cylinder(rod)
+        cylinders.append(shape)
+        solids.append(_solid(rod, shape))
     found: Table = {"name": row.name("body"), "row": row.number, "position": row.values(2, 5, "X0, Y0, Z0")}
-    found |= _together(row, what, [own, *(_solid(rod, shape) for rod, shape in zip(rods, cylinders, strict=True))])
+    found |= _together(row, what, solids)
     if any(turned):
         found["attitude"] = turned
     if cylinders:
         found["cylinders"] = cylinders
     if row.value(11, "Volume", 0.0):
-        found["spheres"] = [_sphere(row, centre if own.mass else found["centre_of_mass"])]
+        if not own.mass:
+            centre = found["centre_of_mass"]
+        found["spheres"] = [_sphere(row, centre)]
     elif any(row.parts(12, "CdA")):
         row.note(f"CdA of {what} is not represented, because the body has no volume")
     return found

@@ -33,13 +33,16 @@ def read_types(deck: Deck) -> dict[str, Table]:
         kind: Table = {
             "name": name,
             "row": row.number,
-            "diameter": row.value(1, "Diam", 0.0, open_low=True),
-            "mass": row.value(2, "Mass/m", 0.0, open_low=True),
+            "diameter": row.value(1, "Diam", above=0.0),
+            "mass": row.value(2, "Mass/m", above=0.0),
             **_stiffness(row),
             **_damping(row),
         }
         second = _second_version(row)
-        for i, key in enumerate(SECOND if second else FIRST, 5 + second):
+        columns = enumerate(FIRST, 5)
+        if second:
+            columns = enumerate(SECOND, 6)
+        for i, key in columns:
             kind[key] = row.value(i, key, 0.0)
         if second:
             kind |= _bending(row)
@@ -86,7 +89,7 @@ def _stiffness(row: Row) -> Table:
         text = static
     if not is_number(text):
         return {"law": "tabulated", **_table(row, text)}
-    return {"EA": row.read(text, "EA", 0.0, open_low=True)}
+    return {"EA": row.read(text, "EA", above=0.0)}
 
 
 def _table(row: Row, text: str) -> dict[str, list[float]]:

@@ -60,24 +60,17 @@ def read_moordyn(path: str | Path, depth: float | None = None) -> Table:
     ends = read_ends(deck)
     own_lines = _lines(deck, types, ends.names)
     _check_outputs(deck)
-    held = {point["name"] for point in ends.points if point.get("kind") != "free"}
-    if not ends.bodies and all(line.links == 1 and {line.start, line.end} <= held for line in own_lines):
-        for line in own_lines:  # MoorDyn's only stretch; here at least one node must be free
-            line.links = 2
-            deck.notes.append(f"line {line.name!r}: NumSegs 1 between fixed points: 2 links are used")
+    _free_a_node(own_lines, ends, deck.notes)
     used = {line.type for line in own_lines}
     bending = _bending(own_lines, types, ends, deck.notes)
     broken = _failures(deck, own_lines, ends.names)
     lines, parts = join_lines(own_lines, ends.joints)
-    for failure in broken:
-        part = parts[failure["line"]]
-        link = failure["link"]
-        if part.turned:
-            link = part.links + 1 - link
-        failure |= {"line": part.line, "link": part.first + link}
+    _move_failures(broken, parts)
     as_given = options.values["tmaxic"] == 0.0
     deck.notes += _joint_notes(lines, parts, as_given)
-    at_ends = {line[key] for line in lines for key in ("from", "to")}
+    at_ends: set[str] = set()
+    for line in lines:
+        at_ends |= {line["from"], line["to"]}
     for point in ends.points:
         if point["name"] not in {*at_ends, *ends.joints}:
             deck.notes.append(f"point {point['name']!r} is not represented: no line ends there")
@@ -98,15 +91,7 @@ def read_moordyn(path: str | Path, depth: float | None = None) -> Table:
     scene = {key: value for key, value in scene.items() if value or key not in ("buoy", "body", "failure")}
     if as_given:
         scene["start"] = {"kind": "points"}
-    density = options.values["rho"]
-    floats = [p["name"] for p in scene["point"] if density * p.get("volume", 0.0) > p.get("mass", 0.0)]
-    if floats:
-        deck.notes.append(wet_floats_note(floats))
-    for section in WITHOUT:
-        if deck.rows[section]:
-            deck.notes.append(f"line {deck.first[section]}: section {section.upper()} is not represented")
-    if options.left:
-        deck.notes.append(f"options without a counterpart: {', '.join(options.left)}")
+    _note_differences(deck, options, scene)
     numbers = _line_numbers(deck, scene, options)
     _apply_free_text(deck, scene)
     if "duration" not in scene["run"]:
@@ -119,6 +104,39 @@ def read_moordyn(path: str | Path, depth: float | None = None) -> Table:
     if notes:
         scene["notes"] = notes
     return LocatedValues(scene, str(path), numbers)
+
+
+def _note_differences(deck: Deck, options: Options, scene: Table) -> None:
+    """Add notes on floats, on sections and on options that the scene does not represent."""
+    density = options.values["rho"]
+    floats = [p["name"] for p in scene["point"] if density * p.get("volume", 0.0) > p.get("mass", 0.0)]
+    if floats:
+        deck.notes.append(wet_floats_note(floats))
+    for section in WITHOUT:
+        if deck.rows[section]:
+            deck.notes.append(f"line {deck.first[section]}: section {section.upper()} is not represented")
+    if options.left:
+        deck.notes.append(f"options without a counterpart: {', '.join(options.left)}")
+
+
+def _free_a_node(lines: list[DeckLine], ends: Ends, notes: list[str]) -> None:
+    """Divide links between fixed points in two if no node is free: MoorDyn's only stretch."""
+    held = {point["name"] for point in ends.points if point.get("kind") != "free"}
+    if ends.bodies or not all(line.links == 1 and {line.start, line.end} <= held for line in lines):
+        return
+    for line in lines:
+        line.links = 2
+        notes.append(f"line {line.name!r}: NumSegs 1 between fixed points: 2 links are used")
+
+
+def _move_failures(failures: list[Table], parts: dict[str, Part]) -> None:
+    """Give failures of lines of the deck the numbers that their links have in the lines of the scene."""
+    for failure in failures:
+        part = parts[failure["line"]]
+        link = failure["link"]
+        if part.turned:
+            link = part.links + 1 - link
+        failure |= {"line": part.line, "link": part.first + link}
 
 
 def _line_numbers(deck: Deck, scene: Table, options: Options) -> dict[str, int]:
@@ -164,7 +182,7 @@ def _lines(deck: Deck, types: Table, names: dict[str, str]) -> list[DeckLine]:
             start=names[start.upper()],
             end=names[end.upper()],
             type=kind,
-            length=row.value(length, "UnstrLen", 0.0, open_low=True),
+            length=row.value(length, "UnstrLen", above=0.0),
             links=row.integer(links, "NumSegs"),
             row=row.number,
         )
@@ -248,7 +266,7 @@ def _bending(lines: list[DeckLine], types: Table, ends: Ends, notes: list[str]) 
     stiff = [line for line in lines if "EI" in types[line.type]]
     if not stiff:
         return None
-    every = [name for line in lines for name in (line.start, line.end)]
+    every = [line.start for line in lines] + [line.end for line in lines]
     clamped = []
     for line in stiff:
         for name in (line.start, line.end):
@@ -289,8 +307,10 @@ def _seafloor(options: Options, folder: Path) -> Table:
     text = options.texts.get("seafloorfile")
     if text is None:
         return {}
-    elsewhere = not (folder / text).exists() and Path(text).exists()
-    return read_seafloor(find_referenced(text, "SeafloorFile", None if elsewhere else folder))
+    base = folder
+    if not (folder / text).exists() and Path(text).exists():
+        base = None
+    return read_seafloor(find_referenced(text, "SeafloorFile", base))
 
 
 def _sea(deck: Deck, options: Options, seafloor: Table) -> Table:
@@ -346,7 +366,9 @@ def _apply_free_text(deck: Deck, scene: Table) -> None:
 def _join_pieces(lines: list[Table], given: Plain) -> None:
     """Set the line from which each piece was cut; a list of anything else is a remark of the user."""
     whole = {}
-    for names in given if isinstance(given, list) else []:
+    if not isinstance(given, list):
+        return
+    for names in given:
         if isinstance(names, list) and all(isinstance(name, str) for name in names):
             whole |= dict.fromkeys(names[1:], names[0])
     for line in lines:

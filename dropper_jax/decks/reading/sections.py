@@ -92,7 +92,10 @@ class Deck:
 
     def columns(self, section: str) -> list[str]:
         """Column names of a table, in small letters."""
-        return [word.lower() for words in self.heads[section][:1] for word in words]
+        heads = self.heads[section]
+        if not heads:
+            return []
+        return [word.lower() for word in heads[0]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,23 +130,25 @@ class Row:
         """Raise an error for this line."""
         self.deck.refuse(self.number, text)
 
-    def need(self, least: int, what: str) -> None:
+    def need(self, count: int, what: str) -> None:
         """Reject a row with too few words."""
-        if len(self.words) < least:
-            self.refuse(f"{what}: has {len(self.words)} values; allowed: {least}")
+        if len(self.words) < count:
+            self.refuse(f"{what}: has {len(self.words)} values; allowed: {count}")
 
-    def read(self, text: str, what: str, low: float = -math.inf, open_low: bool = False) -> float:
-        """The finite number of a text, at least (or above) `low`."""
-        value = float(text) if is_number(text) else math.nan
-        if not math.isfinite(value):
+    def read(self, text: str, what: str, low: float = -math.inf, above: float = -math.inf) -> float:
+        """The finite number of a text, at least `low` and greater than `above`."""
+        if not is_number(text) or not math.isfinite(float(text)):
             self.refuse(f"{what}: {text!r} is not a number")
-        if value < low or (open_low and value == low):
-            self.refuse(f"{what}: {text} is out of range; allowed: {'>' if open_low else '>='} {low:g}")
+        value = float(text)
+        if value < low:
+            self.refuse(f"{what}: {text} is out of range; allowed: >= {low:g}")
+        if value <= above:
+            self.refuse(f"{what}: {text} is out of range; allowed: > {above:g}")
         return value
 
-    def value(self, at: int, what: str, low: float = -math.inf, open_low: bool = False) -> float:
+    def value(self, at: int, what: str, low: float = -math.inf, above: float = -math.inf) -> float:
         """The number of a word."""
-        return self.read(self.words[at], what, low, open_low)
+        return self.read(self.words[at], what, low, above)
 
     def values(self, first: int, end: int, what: str, low: float = -math.inf) -> list[float]:
         """The numbers of several words."""

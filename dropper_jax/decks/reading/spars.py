@@ -38,5 +38,5 @@ def spar(body: Row, rod: Row) -> Table | None:
     free = body.words[1].lower() == "free"
     if not free or inertia < UPRIGHT or any(loads) or any(base) or height <= 0.0:
         return None
-    own = {"mass": body.value(8, "Mass", 0.0, open_low=True), "height": height}
+    own = {"mass": body.value(8, "Mass", above=0.0), "height": height}
     return {"name": rod.name("buoy"), "row": rod.number, **own, **shape}

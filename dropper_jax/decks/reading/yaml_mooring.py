@@ -102,7 +102,7 @@ def _scene(table: Table, depth: float | None) -> Table:
     types = _entries_by_name(mooring, "line_types", partial(_type, notes=notes))
     points = _entries_by_name(mooring, "points", partial(_point, notes=notes))
     lines = _entries_by_name(mooring, "lines", partial(_line, types=types, points=points, notes=notes))
-    ends = {line[key] for line in lines.values() for key in ("from", "to")}
+    ends = {line["from"] for line in lines.values()} | {line["to"] for line in lines.values()}
     notes += [f"point {name!r} is not represented: no line ends there" for name in points if name not in ends]
     notes.append(
         f"the file has no links, time step or duration: {LINKS_PER_LINE} links per line, {DEFAULT_STEP:g} s and "
@@ -150,10 +150,13 @@ def _type(row: Table, at: str, notes: list[str]) -> Table:
     _note_ignored(notes, f"{at}.", row, ("name", *(theirs for _, theirs, _ in TYPE)))
     found = {}
     for ours, theirs, needed in TYPE:
-        if theirs in row:
-            found[ours] = _number(row[theirs], f"{at}.{theirs}", 0.0, needed)
-        elif needed:
-            raise SceneError(f"{at}.{theirs}: missing; needed: a number")
+        path = f"{at}.{theirs}"
+        if needed and theirs not in row:
+            raise SceneError(f"{path}: missing; needed: a number")
+        if needed:
+            found[ours] = _number(row[theirs], path, above=0.0)
+        elif theirs in row:
+            found[ours] = _number(row[theirs], path, low=0.0)
     if found.get("breaking_load") == 0.0:
         del found["breaking_load"]
     zero = {ours: theirs for ours, theirs, _ in TYPE[4:] if ours not in found}
@@ -181,7 +184,7 @@ def _point(row: Table, at: str, notes: list[str]) -> Table:
         notes.append(f"{at}: {name!r} is on the vessel: it is fixed; use [[vessel]] to move such points together")
     if kind == "free":
         found["kind"] = "free"
-        found |= {key: _number(row[key], f"{at}.{key}", 0.0) for key in ("mass", "volume") if row.get(key)}
+        found |= {key: _number(row[key], f"{at}.{key}", low=0.0) for key in ("mass", "volume") if row.get(key)}
     return found
 
 
@@ -195,29 +198,32 @@ def _line(row: Table, at: str, types: Iterable[str], points: Iterable[str], note
         found[ours] = name
     if "length" not in row:
         raise SceneError(f"{at}.length: missing; needed: a number > 0 m")
-    return {**found, "length": _number(row["length"], f"{at}.length", 0.0, True), "links": LINKS_PER_LINE}
+    return {**found, "length": _number(row["length"], f"{at}.length", above=0.0), "links": LINKS_PER_LINE}
 
 
-def _number(value: Plain, at: str, low: float | None = None, open_low: bool = False) -> float:
+def _number(value: Plain, at: str, **limits: float) -> float:
     """A finite number; PyYAML reads `1e8`, without a point, as text."""
     if isinstance(value, str) and is_number(value):
         value = float(value)
-    return read_number(value, at, {"low": low, "open_low": open_low})
+    return read_number(value, at, limits)
 
 
 def _first(*tables: tuple[Table, str], default: float) -> float:
     """The first of these that exists."""
-    return next((_number(table[key], key, 0.0, True) for table, key in tables if key in table), default)
+    for table, key in tables:
+        if key in table:
+            return _number(table[key], key, above=0.0)
+    return default
 
 
 def _depth(given: Table, depth: float | None) -> float:
     if "water_depth" not in given:
         if depth is None:
             raise SceneError("water_depth: missing; needed: > 0 m, in the file or as --depth")
-        return _number(depth, "--depth", 0.0, True)
+        return _number(depth, "--depth", above=0.0)
     if depth is not None:
         raise SceneError(f"--depth: {depth:g} m, but the file gives its own. Remove --depth")
-    return _number(given["water_depth"], "water_depth", 0.0, True)
+    return _number(given["water_depth"], "water_depth", above=0.0)
 
 
 def _note_ignored(notes: list[str], before: str, table: Table, read_keys: tuple[str, ...]) -> None:

@@ -93,10 +93,16 @@ def _body(number: int, body: BodySpec) -> str:
     sphere = (0.0, 0.0, 0.0)
     for s in body.spheres:
         sphere = (np.pi * s.diameter**3 / 6.0, s.cd * np.pi * s.diameter**2 / 4.0, s.ca)
-    pose = ("Pinned" if body.pinned else "Free", *body.position, *np.degrees(body.attitude))
-    return words_of(number, *pose, body.mass, centre, moments, *sphere, f" ! name: {body.name}")
+    kind = "Pinned" if body.pinned else "Free"
+    pose = (*body.position, *np.degrees(body.attitude))
+    return words_of(number, kind, *pose, body.mass, centre, moments, *sphere, f" ! name: {body.name}")
 
 
 def words_of(*values: str | int | float) -> str:
     """The words of a row, with every digit of its numbers."""
-    return " ".join(repr(float(x)) if isinstance(x, float) else str(x) for x in values)
+    words = []
+    for value in values:
+        if isinstance(value, float):
+            value = float(value)  # NumPy's numbers are written as numbers
+        words.append(str(value))
+    return " ".join(words)

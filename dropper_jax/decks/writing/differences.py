@@ -81,8 +81,13 @@ def moved_points(scene: Scene) -> set[str]:
 
 
 def _named_points(values: Values, keys: Sequence[str]) -> list[str]:
-    words = [[values[key]] if isinstance(values[key], str) else values[key] for key in keys]
-    return [name for names in words for name in names if name]
+    found = []
+    for key in keys:
+        names = values[key]
+        if isinstance(names, str):
+            names = [names]
+        found += filter(None, names)
+    return found
 
 
 def _given_values(cls: type, values: Values) -> Iterator[str]:

@@ -32,7 +32,10 @@ def channels_of(path: str | Path) -> list[str]:
     deck = _deck_of(Path(path))
     if deck is None:
         return []
-    return [part for row in deck.rows["outputs"] for word in row.words for part in re.findall(r'[^,"]+', word)]
+    found = []
+    for row in deck.rows["outputs"]:
+        found += re.findall(r'[^,"\s]+', " ".join(row.words))
+    return found
 
 
 def _deck_of(path: Path) -> Deck | None:
@@ -73,9 +76,13 @@ def numbers_of(path: str | Path) -> Numbers | None:
 
 def default_channels(solution: Solution) -> list[str]:
     """Tension at both ends of every line, and the position of every free point."""
-    found = [f"{end}Ten{i + 1}" for i in range(len(solution.lines)) for end in ("Fair", "Anch")]
-    points = [i + 1 for i, point in enumerate(solution.scene.points) if point.is_free]
-    return found + [f"Point{i}p{axis}" for i in points for axis in "xyz"]
+    found = []
+    for i in range(1, len(solution.lines) + 1):
+        found += [f"FairTen{i}", f"AnchTen{i}"]
+    for i, point in enumerate(solution.scene.points, start=1):
+        if point.is_free:
+            found += [f"Point{i}px", f"Point{i}py", f"Point{i}pz"]
+    return found
 
 
 def write_out(

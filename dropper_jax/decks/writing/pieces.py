@@ -61,7 +61,9 @@ def stretches(scene: Scene) -> list[Stretch]:
     """Stretches of equal links of all lines."""
 
     def each(value: Plain) -> np.ndarray:
-        return np.broadcast_to(np.asarray(0.0 if value is None else value, float), scene.line.links)
+        if value is None:
+            return np.zeros(scene.line.links)
+        return np.broadcast_to(np.asarray(value, float), scene.line.links)
 
     diameter = each(displaced_diameter(scene.line, scene))
     coefficients = [each(scene.effects.get(effect, {}).get(key)) for effect, key in COEFFICIENTS]

@@ -143,7 +143,9 @@ def _points(scene: Scene) -> Iterator[tuple[str, str]]:
     """Name and row of each point, except those of buoys."""
     moved = moved_points(scene)
     numbers = body_numbers(scene)
-    attached = {name: at for body in scene.bodies for name, at in body.attachments.items()}
+    attached: dict[str, np.ndarray] = {}
+    for body in scene.bodies:
+        attached |= body.attachments
     on_buoys = {buoy.point for buoy in scene.buoys}
     for point in scene.points:
         if point.on in numbers:
@@ -225,7 +227,9 @@ def _options(scene: Scene, path: Path, dt: float | None, more: Values) -> Iterat
         values["TmaxIC"] = 0
     yield rule("OPTIONS")
     for key, value in {**values, **more}.items():
-        yield words_of(value if isinstance(value, int | str) else float(value), key)
+        if not isinstance(value, int | str):
+            value = float(value)
+        yield words_of(value, key)
 
 
 def _outputs(lines: int) -> Iterator[str]:

@@ -213,7 +213,7 @@ def _storm_limit(table: Values, path: str, kind: str, site: Site) -> StormLimit:
     """
     key = "minimum" if kind == "clearance" else "maximum"
     unit = "N or m" if kind == "quantity" else "m"
-    limit = read_number(table.get(key), f"{path}.{key}", {"low": 0.0, "open_low": True, "unit": unit})
+    limit = read_number(table.get(key), f"{path}.{key}", {"above": 0.0, "unit": unit})
     if kind == "quantity":
         path = f"{path}.of"
         of = read_text(table.get("of"), path)

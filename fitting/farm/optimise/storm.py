@@ -248,12 +248,12 @@ class Settings(DeclaredSection):
     margin = 0.01           distance of constraints from their limits
     """
 
-    window: float = parameter("length of a window", unit="s", low=0.0, open_low=True, default=60.0)
+    window: float = parameter("length of a window", unit="s", above=0.0, default=60.0)
     before: float = parameter("part of it before the peak load", unit="s", low=0.0, default=45.0)
     renew: int = whole_number("steps until windows are updated", default=3)
     rounds: int = whole_number("most rounds", default=8)
     enough: float = parameter("minimum relative gain of a round", unit="-", low=0.0, default=0.003)
-    reach: float = parameter("first reach of a step", unit="-", low=0.0, open_low=True, high=1.0, default=0.15)
+    reach: float = parameter("first reach of a step", unit="-", above=0.0, high=1.0, default=0.15)
     margin: float = parameter("below the limits", unit="-", low=0.0, high=0.5, default=0.01)
 
     @raises_first

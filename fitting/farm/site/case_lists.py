@@ -21,7 +21,7 @@ class CaseLists(Section):
     levels: Sequence[float] = parameter("of the tide", unit="m", shape="table", default=(0.0,))
     months: tuple[str, ...] = option("months of [[growth]]", type=list, default=())
     states: tuple[str, ...] = option("intact, and lines that break", type=list, default=("intact",))
-    break_time: float | None = parameter("when lines break", unit="s", low=0.0, open_low=True, default=None)
+    break_time: float | None = parameter("when lines break", unit="s", above=0.0, default=None)
     crops: tuple[str, ...] = option("values of [crop]", type=list, default=())
     standard: Table | None = None
 

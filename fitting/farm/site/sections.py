@@ -40,7 +40,7 @@ def read_years(value: Plain, path: str) -> str:
     """A return period as text: years, or `associated`."""
     if isinstance(value, str):
         return read_text(value, path)
-    return f"{read_number(value, path, {'low': 0.0, 'open_low': True, 'unit': 'years'}, 'years, or a text'):g}"
+    return f"{read_number(value, path, {'above': 0.0, 'unit': 'years'}, 'years, or a text'):g}"
 
 
 class Section(DeclaredSection):
@@ -71,16 +71,16 @@ class Section(DeclaredSection):
 class RunValues(Section):
     """`[run]`: settings of every run, and the statistics over its seeds."""
 
-    duration: float = parameter("simulated time of a run", unit="s", low=0.0, open_low=True)
+    duration: float = parameter("simulated time of a run", unit="s", above=0.0)
     accuracy: float | None = parameter(
-        "required relative accuracy, which the steps follow", unit="-", low=0.0, high=1.0, open_low=True, default=None
+        "required relative accuracy, which the steps follow", unit="-", above=0.0, high=1.0, default=None
     )
-    dt: float | None = parameter("equal time step instead", unit="s", low=0.0, open_low=True, default=None)
+    dt: float | None = parameter("equal time step instead", unit="s", above=0.0, default=None)
     seeds: int = whole_number("realisations of each sea", default=10)
     first_seed: int = whole_number("seed of the first one", low=0, default=1)
     skip: float = parameter("time at the start that is not counted", unit="s", low=0.0, default=30.0)
-    ramp: float | None = parameter("time to full waves", unit="s", low=0.0, open_low=True, default=None)
-    storm: float = parameter("duration of the storm", unit="s", low=0.0, open_low=True, default=10800.0)
+    ramp: float | None = parameter("time to full waves", unit="s", above=0.0, default=None)
+    storm: float = parameter("duration of the storm", unit="s", above=0.0, default=10800.0)
     characteristic: str = option("characteristic load", choices=("mean", "most_probable"), default="mean")
     confidence: float = parameter("level of intervals", unit="-", low=0.5, high=0.999, default=0.9)
     halvings: int = whole_number("of the step, for its error", low=0, default=1)
@@ -176,8 +176,8 @@ class Factors(Section):
 class Curve(Section):
     """A part's own fatigue curve, `N = k (range/capacity)^-m`."""
 
-    k: float = parameter("cycles at a range equal to the capacity", unit="-", low=0.0, open_low=True)
-    m: float = parameter("slope", unit="-", low=0.0, open_low=True)
+    k: float = parameter("cycles at a range equal to the capacity", unit="-", above=0.0)
+    m: float = parameter("slope", unit="-", above=0.0)
     source: str = option("source of the curve", type=str, default="not given")
 
 
@@ -187,7 +187,7 @@ class PartTable(Section):
 
     name: str = option("name in reports", type=str)
     lines: tuple[str, ...] = option("lines of the part", type=list)
-    capacity: float | None = parameter("breaking load", unit="N", low=0.0, open_low=True, default=None)
+    capacity: float | None = parameter("breaking load", unit="N", above=0.0, default=None)
     factor: Factors | None = part(Factors.of, default=None)
     curve: Curve | None = part(Curve.read, default=None)
 
@@ -212,7 +212,7 @@ class AnchorTable(Section, AnchorSpec):
 class Exclusion(Section):
     """`[exclusion]`: maximum displacement of nodes from their positions in calm water."""
 
-    excursion: float = parameter("largest horizontal way", unit="m", low=0.0, open_low=True)
+    excursion: float = parameter("largest horizontal way", unit="m", above=0.0)
     lines: tuple[str, ...] = option("lines whose nodes count", type=list, default=("*",))
 
 
@@ -222,7 +222,7 @@ class Backbone(Section):
 
     lines: tuple[str, ...] = option("lines of the backbone", type=list)
     shallowest: float | None = parameter("least depth", unit="m", default=None)
-    deepest: float | None = parameter("largest depth", unit="m", low=0.0, open_low=True, default=None)
+    deepest: float | None = parameter("largest depth", unit="m", above=0.0, default=None)
 
     def check(self, path: str) -> None:
         low = self.shallowest
@@ -246,7 +246,7 @@ class SeasonValues(Section):
     """`[season]`: floats that carry the growing weight."""
 
     points: tuple[str, ...] = option("free points with a volume that carry floats", type=list)
-    volume: float = parameter("of one float", unit="m^3", low=0.0, open_low=True)
+    volume: float = parameter("of one float", unit="m^3", above=0.0)
     density: float = parameter("of a float over its volume", unit="kg/m^3", low=0.0, default=80.0)
     reserve: float = parameter("minimum ratio of the lift of all floats to the need", unit="-", low=1.0, default=1.3)
     least_share: float = parameter(

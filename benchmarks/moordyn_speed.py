@@ -15,6 +15,7 @@ Where a point is driven, MoorDyn's errors are those with a call at every step of
 
 import math
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from itertools import takewhile
 
 import numpy as np
@@ -58,7 +59,23 @@ THEIR_STEPS = (0.002, 0.001, 0.0005, 0.00025)
 #: error.
 OUR_STEPS = ((None, 20), (None, 40), (None, 80), *((accuracy, 5) for accuracy in (0.1, 0.05, 0.03, 0.02, 0.01)))
 REFERENCE = 640
-REFERENCE_EDULIS = 160
+
+
+@dataclass(frozen=True)
+class PeakRuns:
+    """How the peaks of a scene are measured: number of runs, our steps, the reference's steps in 0.1 s, and MoorDyn's
+    steps [s], half the last of which gives its reference."""
+
+    runs: int = RUNS
+    ours: tuple[tuple[float | None, int], ...] = OUR_STEPS
+    reference: int = REFERENCE
+    theirs: tuple[float, ...] = THEIR_STEPS
+
+
+#: The Edulis longline has no snaps: it takes long steps, and few runs tell its errors.
+EDULIS = PeakRuns(
+    runs=2, ours=tuple((accuracy, 1) for accuracy in (0.1, 0.03, 0.01)), reference=160, theirs=(0.001, 0.0005, 0.00025)
+)
 #: Scenes of peaks by option, and their names in tables.
 PEAKS = {
     "hard": "chain of 12 segments, top driven, hard",
@@ -240,11 +257,12 @@ def peaks(only: str | None = None) -> Iterator[Found]:
         "edulis": lambda i: (_shifted(edulis, i), {"across": GRID_EDULIS}),
     }
     for key in [only] if only else draws:
-        scenes = [draws[key](i) for i in range(RUNS)]
-        ours = _our_peaks([scene for scene, _ in scenes], REFERENCE_EDULIS if key == "edulis" else REFERENCE)
-        there = _their_peaks(scenes)
+        how = EDULIS if key == "edulis" else PeakRuns()
+        scenes = [draws[key](i) for i in range(how.runs)]
+        ours = _our_peaks([scene for scene, _ in scenes], how)
+        there = _their_peaks(scenes, how.theirs)
         ratio = there["best"] and ours["best"] and there["best"]["cpu_per_s"] / ours["best"]["cpu_per_s"]
-        yield {"name": PEAKS[key], "runs": RUNS, "limits": LIMITS, "ours": ours, "moordyn": there, "ratio": ratio}
+        yield {"name": PEAKS[key], "runs": how.runs, "limits": LIMITS, "ours": ours, "moordyn": there, "ratio": ratio}
 
 
 def _hard(i: int, own: Found) -> tuple[Scene, Found]:
@@ -264,25 +282,25 @@ def _shifted(scene: Scene, i: int) -> Scene:
     return scene.with_values({"sea.waves.phase": phase.tolist()})
 
 
-def _our_peaks(scenes: list[Scene], finest: int) -> Found:
+def _our_peaks(scenes: list[Scene], how: PeakRuns) -> Found:
     every = [Ours.of(scene) for scene in scenes]
-    reference = [_three(ours.run(finest, SPAN)) for ours in every]
-    bound = _over_runs([_three(ours.run(finest // 2, SPAN)) for ours in every], reference)
+    reference = [_three(ours.run(how.reference, SPAN)) for ours in every]
+    bound = _over_runs([_three(ours.run(how.reference // 2, SPAN)) for ours in every], reference)
     rows = []
-    for accuracy, count in OUR_STEPS:
+    for accuracy, count in how.ours:
         done = [ours.run(count, SPAN, REPEATS if i < TIMED else 1, accuracy) for i, ours in enumerate(every)]
         rows.append({"dt_s": SAMPLE / count, "accuracy": accuracy, **_judged(done, reference)})
     return _chosen(rows, reference, bound)
 
 
-def _their_peaks(scenes: list[tuple[Scene, Found]]) -> Found:
+def _their_peaks(scenes: list[tuple[Scene, Found]], steps: tuple[float, ...]) -> Found:
     def run(dt: float) -> list[Rows]:
         return [_errors_run(scene, dt, CLOSE, **options) for scene, options in scenes]
 
-    reference = [_three(one) for one in run(0.5 * THEIR_STEPS[-1])]
+    reference = [_three(one) for one in run(0.5 * steps[-1])]
     rows = []
-    bound = _over_runs([_three(one) for one in run(THEIR_STEPS[-1])], reference)
-    for dt in THEIR_STEPS[:-1]:
+    bound = _over_runs([_three(one) for one in run(steps[-1])], reference)
+    for dt in steps[:-1]:
         done = run(dt)
         for i, (scene, options) in enumerate(scenes[:TIMED]):
             look = LOOK if "drive" in options else SAMPLE

@@ -246,9 +246,9 @@ def _with_adaptive_steps(solution: Kind, prepared: PreparedRun, outcome: RunOutc
     start = prepared.first.carry.control
     control = outcome.carry.control
     within = outcome.trajectory.within
-    if within is None or control is None or start is None:
-        return solution
     accuracy = solution.scene.run.accuracy
+    if accuracy is None or within is None or control is None or start is None:
+        return solution
     scheme = prepared.stepper.integrator
     model = prepared.model
     run = outcome.trajectory

@@ -66,7 +66,7 @@ def killed_run(folder: Path) -> Solution:
         carry = first.carry
     like = empty_trajectory(first.carry, 0)
     if scene.run.accuracy is not None:
-        like = like._replace(within=Within(0.0, 0.0, 0.0))
+        like = like._replace(within=Within(first.carry.t, first.carry.t, first.carry.t))
     # rows by an earlier version have no extremes
     if len(rows.about["kinds"]) > len(jax.tree.leaves(like)):
         like = like._replace(extremes=Extremes(*(0.0,) * len(Extremes._fields)))

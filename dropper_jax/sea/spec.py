@@ -295,9 +295,11 @@ class SeaSpec(DeclaredSection):
             self.depth + lowest <= 0.0,
             f"{path}.level: falls to {lowest:.4g} m, below the seabed; allowed: above {-self.depth:g} m",
         )
-        reference = self.current.reference if self.current else None
+        reference = 0.0
+        if self.current is not None and self.current.reference is not None:
+            reference = float(self.current.reference)
         yield (
-            reference is not None and self.depth + lowest + reference <= 0.0,
+            0.0 < self.depth + lowest <= -reference,
             f"{path}.current.reference: {reference} is not above the seabed; allowed: above {-self.depth - lowest:g} m",
         )
         yield (

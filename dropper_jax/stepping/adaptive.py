@@ -96,6 +96,13 @@ def control_of(progress: Progress) -> Control:
     return progress.control
 
 
+def accepted_steps(run: Trajectory) -> Array:
+    """Number of steps of a run that follows an accuracy."""
+    if run.within is None:
+        raise ValueError("run: its steps are equal")
+    return jnp.sum(run.within.steps)
+
+
 class _Tried(NamedTuple):
     """What follows a trial step: the run, with the step if it is accepted; its length, largest scaled row and fate."""
 

@@ -14,6 +14,7 @@ from dropper_jax.analysis.angles import link_angles
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.model import Model, State
 from dropper_jax.residual import Stepper
+from dropper_jax.stepping.adaptive import accepted_steps, control_of
 from dropper_jax.stepping.equal_steps import next_progress
 from dropper_jax.stepping.integrate import advance, empty_rows, scan_steps
 from dropper_jax.stepping.progress import Progress, begin
@@ -148,7 +149,7 @@ def march_with_accuracy(
     passed = jax.lax.scan(lambda total, x: (total + x, total + x), jnp.zeros((), model.dtype), speed)[1]
     path = grid * (passed - 0.5 * speed)
     run = Marched(found.r, found.v, both, found.work, found.residual, found.first_bad, found.retried, path)
-    return MarchResult(run, jnp.sum(found.within.steps), end.control.refused)
+    return MarchResult(run, accepted_steps(found), control_of(end).refused)
 
 
 def spare_rows(saves: int) -> int:

@@ -116,15 +116,17 @@ def _of_one(
             about = np.zeros(3)
         return stiffness_of_group(model, pose, names, about)
     reference = np.asarray(model.constraints[0].pose(model, pose.r)[0])[bodies.index(names[0])]
-    if about is None:
-        about = reference
     if lines_only:
         held, points = without_body(scene, names[0], model, pose)
         own = equilibrium(held)
         if own.status != "ok":
             raise SceneError(f"--lines-only: {own.message}")
+        if about is None:
+            about = reference
         return stiffness_of_group(build_model(held), own.state, points, about, names[0])
     found = mooring_stiffness(model, pose, names, release_loads(model, scene.start))
+    if about is None:
+        return found
     return replace(found, matrix=moved_to(found.matrix, about - reference))
 
 

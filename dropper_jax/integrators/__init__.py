@@ -39,6 +39,7 @@ class Options(Mapping[str, Mapping[str, Any]]):
 
     def __getitem__(self, name: str) -> Mapping[str, Any]:
         declared = [INTEGRATORS[scheme].options()[name] for scheme in TAKERS[name]]
+        # at least one of the schemes includes its lowest value
         low = min(one["low"] for one in declared if one["above"] is None)
         return {**declared[-1], "low": low, "above": None, "high": max(one["high"] for one in declared)}
 

@@ -75,10 +75,10 @@ class Solution(Samples):
         broken: broken links, by time: line, link (from 1), time_s, tension_n.
         tension_min, tension_max: extremes of the tensions over the steps since the last saved time (k, n) [N], at
             `tension_min_time`, `tension_max_time` [s]. None if every step is saved: `step_extremes` has them always.
-            With a step tolerance `tension` is the mean since the last saved time, else that of a saved step.
+            With an accuracy `tension` is the mean since the last saved time, else that of a saved step.
         end_force_min, end_force_max and their times: the same of the forces on the end points (k, lines, 2).
         point_load_min, point_load_max and their times: the same of the loads of fixed points (k, points, 3).
-        tension_square: with a step tolerance the mean square of the tensions since the last saved time [N^2]; else
+        tension_square: with an accuracy the mean square of the tensions since the last saved time [N^2]; else
             None.
         body_position, body_attitude: of each rigid body its reference point (k, bodies, 3) [m], and roll, pitch and yaw
             [rad]; None without.

@@ -150,7 +150,7 @@ def of_pieces(items: Plain, path: str, pieces: int) -> list[Any]:
     piece_at = {"from": found[0], "to": found[-1]}
     for i, item in enumerate(items):
         end = read_table(item, f"{path}.{i}").get("end")
-        if end not in piece_at:
+        if end not in ("from", "to"):
             raise SceneError(f"{path}.{i}.end: missing; a line with attached points needs `end`, 'from' or 'to'")
         piece_at[end].append(item)
     return found

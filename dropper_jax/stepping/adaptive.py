@@ -97,9 +97,9 @@ def control_of(progress: Progress) -> Control:
 
 
 def accepted_steps(run: Trajectory) -> Array:
-    """Number of steps of a run that follows an accuracy."""
+    """Number of steps of a run by `advance` with an accuracy."""
     if run.within is None:
-        raise ValueError("run: its steps are equal")
+        raise ValueError("run: does not count its steps. Use `advance` with an accuracy")
     return jnp.sum(run.within.steps)
 
 

@@ -59,8 +59,8 @@ def advance_and_save(
     else:
         (carry, extremes), (residual, retried, bad) = jax.lax.scan(one, both, sizes, length=save_every)
         residual = jnp.max(residual)
-        retried = jnp.sum(retried)
-        bad = jnp.sum(bad)
+        retried = jnp.sum(retried, dtype=jnp.int32)
+        bad = jnp.sum(bad, dtype=jnp.int32)
     s = carry.state
     counts = residual, retried, bad, carry.first_bad
     return carry, Trajectory(s.r, s.v, s.tension, s.work, *counts, s.parted, s.own, extremes)

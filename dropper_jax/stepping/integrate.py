@@ -119,20 +119,24 @@ def step_lengths(
 ) -> Steps:
     """The steps of a run over `intervals` of dt [s], scalar or (intervals,), from s; not differentiated.
 
-    A run along them, `integrate(stepper, model, s, steps.length[:number], number)` with `number = steps.ends[-1]`, has
-    derivatives in both modes with the steps held constant.
+    A run along them, `integrate(stepper, model, s, steps.length[:number], number)` with `number = int(steps.ends[-1])`,
+    has derivatives in both modes with the steps held constant.
 
     Args:
-        accuracy: that the steps follow, as `run.accuracy` of a scene; by default a step covers an interval, or parts
-            of it where it does not converge.
+        accuracy: that the steps follow, as `run.accuracy` of a scene, with one dt for all intervals; by default a step
+            covers an interval, or parts of it where it does not converge.
         most: capacity for steps; default: half more than the intervals, and 64; `MOST_CHOSEN` with an accuracy. What
             exceeds it counts as failed.
     """
     model, s, dt = jax.lax.stop_gradient((model, s, jnp.asarray(dt, model.dtype)))
     if accuracy is None:
-        return _halved_steps(stepper, model, s, dt, intervals, most or intervals + max(64, intervals // 2))
+        if most is None:
+            most = intervals + max(64, intervals // 2)
+        return _halved_steps(stepper, model, s, dt, intervals, most)
+    if most is None:
+        most = MOST_CHOSEN
     accuracy = jnp.asarray(accuracy, model.dtype)
-    length, _, failed = find_lengths(stepper, model, s, dt, intervals, accuracy, most or MOST_CHOSEN)
+    length, _, failed = find_lengths(stepper, model, s, dt, intervals, accuracy, most)
     none = jnp.zeros(intervals, jnp.int32)
     of_run = jnp.broadcast_to(failed, (intervals,))
     return Steps(length, interval_ends(length, dt, intervals), jnp.zeros(intervals, model.dtype), none, of_run)
@@ -200,7 +204,8 @@ def integrate(
         The last state, and the saved ones.
 
     Raises:
-        ValueError: `save_every` that does not divide the steps, or is given together with an accuracy.
+        ValueError: steps that are not a whole number >= 1, `save_every` that does not divide them, or is given together
+            with an accuracy.
     """
     if not isinstance(steps, int | np.integer) or steps < 1:
         raise ValueError(f"steps: {steps!r} is not a number of steps; allowed: a whole number >= 1")
@@ -214,10 +219,10 @@ def integrate(
     if follows or (stepper.halvings and stepper.integrator.implicit):
         found = step_lengths(stepper, model, s, dt, steps, accuracy, most)
         return along_accepted_steps(stepper.plain, model, s, found, save_every, checkpoint, meter, follows)
-    return _equal_steps(stepper.plain, model, s, dt, steps, save_every, checkpoint, meter)
+    return _given_steps(stepper.plain, model, s, dt, steps, save_every, checkpoint, meter)
 
 
-def _equal_steps(
+def _given_steps(
     stepper: Stepper,
     model: Model,
     s: State,

@@ -38,7 +38,7 @@ class Trajectory(NamedTuple):
         parted: broken links, each (k, m), if the scene has failures.
         own: internal states of effects, by effect, each leaf (k, ...).
         extremes: of the watched signals over the steps since the last saved time (k, m), if signals are watched.
-        within: tensions since the last saved time, of a run that follows an accuracy.
+        within: tensions since the last saved time, of `advance` with an accuracy; None otherwise, also of `integrate`.
     """
 
     r: Array

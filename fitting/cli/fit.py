@@ -154,9 +154,12 @@ def fit_to_angles(args: argparse.Namespace, scene: Scene | None, shared: Table) 
 
 def check_files(files: Sequence[str]) -> None:
     """Reject a file that is given twice: its samples would count as two measurements."""
-    for i, file in enumerate(files):
-        if Path(file).resolve() in map(Path.resolve, map(Path, files[:i])):
+    seen = set()
+    for file in files:
+        path = Path(file).resolve()
+        if path in seen:
             raise SceneError(f"DATA: {file!r} is given twice; allowed: every file once")
+        seen.add(path)
 
 
 def check_intervals(args: argparse.Namespace, scene: Scene) -> None:

@@ -44,10 +44,10 @@ def given_of(args: argparse.Namespace) -> Given:
     """What the options state about the files.
 
     Raises:
-        SceneError: a number that is not positive.
+        SceneError: a number that is not positive, an unknown unit.
     """
-    from fitting.from_file.angles import RADIANS
     from fitting.from_file.read_file import Given
+    from fitting.traces.trace import RADIANS
 
     lengths = None
     if args.lengths is not None:
@@ -55,8 +55,9 @@ def given_of(args: argparse.Namespace) -> Given:
     for key, unit in {"rate": "1/s", "counts": "-", "mass": "kg"}.items():
         if getattr(args, key) is not None:
             positive(getattr(args, key), f"--{key}", unit)
-    if args.unit is not None and args.unit not in RADIANS:
-        raise SceneError(f"--unit: {args.unit!r} is unknown; allowed: {', '.join(RADIANS)}")
+    units = [*RADIANS, "counts"]
+    if args.unit is not None and args.unit not in units:
+        raise SceneError(f"--unit: {args.unit!r} is unknown; allowed: {', '.join(units)}")
     return Given(
         columns=column_names(args.columns),
         unit=args.unit,

@@ -22,7 +22,9 @@ RULER = 0.2
 def propose_scene(measured: Measured, given: Given) -> Table:
     """Plain values of a scene with its `[fit]`."""
     count = measured.trace.links
-    mass = given.mass or 1.0
+    mass = 1.0
+    if given.mass is not None:
+        mass = given.mass
     if measured.swing is not None:
         lengths = np.array([GRAVITY / measured.swing.stiffness])
         linear = 0.5 * measured.swing.damping * mass

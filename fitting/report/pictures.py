@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from dropper_jax.analysis.spectrum import amplitude_spectrum
@@ -102,6 +104,11 @@ def residuals(result: FitResult, run: int) -> Figure:
     return figure
 
 
+def first_drawn(axes: Sequence[Axes]) -> Axes:
+    """The first panel with curves: a recording may show nothing of a link."""
+    return next((ax for ax in axes if ax.lines), axes[0])
+
+
 def spectra(result: FitResult, run: int) -> Figure:
     """Amplitude spectra of measured and fitted angles, per link [rad], of the longest stretch without a gap."""
     t, measured, simulated = fit_over_trace(result, run)
@@ -113,6 +120,7 @@ def spectra(result: FitResult, run: int) -> Figure:
     measured = measured[longest]
     simulated = simulated[longest]
     grid = np.linspace(t[0], t[-1], len(t))
+    highest = 8.0  # [Hz]
     for j, ax in enumerate(axes):
         known = np.isfinite(measured[:, j])
         if not known.any():  # a recording that shows nothing of this link
@@ -120,9 +128,10 @@ def spectra(result: FitResult, run: int) -> Figure:
         for x, colour, label in ((measured[:, j], style.FAINT, "measured"), (simulated[:, j], style.FIRST, "fit")):
             frequency, amplitude = amplitude_spectrum(grid, np.interp(grid, t[known], x[known]))
             ax.semilogy(frequency[1:], np.maximum(amplitude[1:], 1e-7), lw=0.9, color=colour, label=label)
-    style.legend_above(axes[0], 2)
+            highest = min(highest, frequency[-1])
+    style.legend_above(first_drawn(axes), 2)
     axes[-1].set_xlabel("frequency [Hz]")
-    axes[-1].set_xlim(0, min(8.0, frequency[-1]))
+    axes[-1].set_xlim(0, highest)
     return figure
 
 
@@ -141,7 +150,7 @@ def phase_space(result: FitResult, run: int) -> Figure:
         for x, colour, label in ((measured, style.SECOND, "measured"), (simulated, style.FIRST, "fit")):
             times, angles = with_gaps(t[known], x[known, j], result.traces[run].interval)
             ax.plot(angles, np.gradient(angles, times), lw=0.6, color=colour, label=label)
-    figure.legend(*axes[0].get_legend_handles_labels(), loc="upper right", ncols=2)
+    figure.legend(*first_drawn(axes).get_legend_handles_labels(), loc="upper right", ncols=2)
     style.title(figure, f"{result.traces[run].name}: phase space")
     figure.supxlabel("angle [rad]", fontsize=9)
     figure.supylabel("rate [rad/s]", fontsize=9)

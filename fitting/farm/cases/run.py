@@ -53,6 +53,7 @@ def run_cases(
     """
     if cases is None:
         cases = site.cases
+    cases = list(cases)
     store = CaseStore(folder, site)
     todo = [case for case in cases if not store.has(case)]
     resumed = len(cases) - len(todo)

@@ -178,7 +178,10 @@ def check_intervals(args: argparse.Namespace, scene: Scene) -> None:
             free = [*free, *default_rig(scene)]
     known = [_full_path(scene, name, "free") for name in (*free, *args.own)]
     for name in args.profile:
-        full = _full_path(scene, name, "profile")
+        own = name
+        if not name.startswith(OF_DATA):
+            own = name.partition("@")[0]  # without its run
+        full = _full_path(scene, own, "profile")
         if not any(f"{full}.".startswith(f"{one}.") or one.startswith(f"{full}.") for one in known):
             raise SceneError(f"profile: {full!r} is not a free parameter; {nearest(full, known)}")
 
@@ -189,7 +192,7 @@ def _full_path(scene: Scene, name: str, option: str) -> str:
 
     if name.startswith(OF_DATA):
         return name
-    return full_names(scene, [name.partition("@")[0]], option)[0]
+    return full_names(scene, [name], option)[0]
 
 
 def add_intervals(result: SceneFit, args: argparse.Namespace, say: Progress) -> None:

@@ -15,7 +15,7 @@ from dropper_jax.plots.run import TENSION, Run, changing
 from dropper_jax.plots.style import CYCLE, DARK, force_unit
 from dropper_jax.plots.time_panels import Curve, Panel, history
 from dropper_jax.run.bends import curvature
-from dropper_jax.run.end_links import Motion, held_points, point_loads
+from dropper_jax.run.end_links import Motion, loaded_fixed_points, point_loads
 from dropper_jax.scene import whole_lines
 
 #: Drift below this fraction of the maximum energy is rounding: the log axis ends there.
@@ -139,7 +139,7 @@ def _largest(run: Run, loads: Loads) -> Panel:
 
 def held_points_panel(run: Run, loads: Loads) -> Panel:
     """Forces on the most loaded fixed points."""
-    names = held_points(run.scene)
+    names = loaded_fixed_points(run.scene)
     vectors = point_loads(Motion(run.scene, run.t, run.positions, loads.t, run.tension[loads.samples]))
     forces = [vectors[name] for name in names]
     force = np.linalg.norm(forces, axis=-1).T / loads.size

@@ -243,7 +243,7 @@ def finer_values(run: RunSpec) -> dict[str, float]:
     return {"run.accuracy": run.accuracy / FACTOR, "run.save_interval": 0.5 * run.interval}
 
 
-def parts_at(solution: Samples, finer: Samples) -> float | None:
+def time_of_divergence(solution: Samples, finer: Samples) -> float | None:
     """Time [s] from which a run and one with `finer_values` are different motions (chaos); None if they are not."""
     count = min(len(solution.t), (len(finer.t) + 1) // 2)
     nodes = solution.positions[1:count]

@@ -151,7 +151,7 @@ def test_a_snapshot_shows_the_peak_and_unloaded_anchors_have_no_curve(longline):
     assert not others
     solution.tension[:, next(w.links for w in solution.lines if w.name == lazy.name)] = 0.0
     run = readable(solution)
-    panel = tension.held_points_panel(run, tension.loads_of(run))
+    panel = tension.fixed_points_panel(run, tension.scale_tensions(run))
     assert names[0] not in [curve.name for curve in panel.curves]
     assert "1 below 1% of the maximum" in panel.title
 

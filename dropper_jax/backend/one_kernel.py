@@ -71,18 +71,20 @@ def one_kernel(f: Callable[P, R]) -> Callable[P, R]:
     return jax.jit(call)
 
 
-def lower_kernel(f: Callable[..., object], values: Sequence[object], largest: int) -> tuple[jax.stages.Lowered, bool]:
+def lower_kernel(
+    f: Callable[..., object], values: Sequence[object], max_operations: int
+) -> tuple[jax.stages.Lowered, bool]:
     """`f` lowered for values like these, as one kernel where possible, and whether it is one.
 
     Args:
-        largest: number of operations above which it does not become one.
+        max_operations: number of operations above which it does not become one.
     """
     is_kernel = False
 
     @functools.wraps(f)
     def call(*args: object) -> object:
         nonlocal is_kernel
-        result, is_kernel = _call_kernel(f, args, {}, largest)
+        result, is_kernel = _call_kernel(f, args, {}, max_operations)
         return result
 
     lowered = jax.jit(call).lower(*values)
@@ -90,7 +92,7 @@ def lower_kernel(f: Callable[..., object], values: Sequence[object], largest: in
 
 
 def _call_kernel(
-    f: Callable[..., R], args: Sequence[object], kwargs: dict[str, object], largest: float = math.inf
+    f: Callable[..., R], args: Sequence[object], kwargs: dict[str, object], max_operations: float = math.inf
 ) -> tuple[R, bool]:
     """The result of `f`, by a tagged call if it can be one, and whether it is."""
     if _INSIDE_KERNEL.value or not tags_enabled():
@@ -99,7 +101,7 @@ def _call_kernel(
     traced = _trace(lambda *leaves: _apply(f, tree, leaves), [jnp.asarray(leaf) for leaf in leaves])
     if not _can_be_tagged(traced):
         return f(*args, **kwargs), False
-    if count_operations(traced.program.jaxpr) > largest:  # tracing it again takes 2 s for `edulis-longline`
+    if count_operations(traced.program.jaxpr) > max_operations:  # tracing it again takes 2 s for `edulis-longline`
         results = _call_plain(*traced.values, program=traced.program)
         return jax.tree.unflatten(traced.results, results), False
     return jax.tree.unflatten(traced.results, _kernel.bind(*traced.values, program=traced.program)), True
@@ -132,8 +134,10 @@ def _has_cpu() -> bool:
 
 
 def separate_call(f: Callable[P, R]) -> Callable[P, R]:
-    """`f` as a function of its own in the compiled program, so that its results are stored and not computed again by
-    each of their readers; `f` itself if this JAX has no such calls."""
+    """`f` as a separate function in the compiled program; `f` itself if this JAX has no such calls.
+
+    Its results are stored. Otherwise the compiler may compute them again for each operation that reads them.
+    """
     call = None if is_plain() else _tagged_call()
     if call is None:
         return f
@@ -200,7 +204,7 @@ def _can_be_tagged(traced: _Traced) -> bool:
 
 
 def _float_result(program: core.ClosedJaxpr) -> int | None:
-    """Index of the first result of floating numbers that is not empty."""
+    """Index of the first floating-point result that is not empty."""
     for i, kind in enumerate(program.out_avals):
         if str(kind.dtype) in ("float64", "float32") and math.prod(kind.shape):
             return i
@@ -290,7 +294,7 @@ def _may_be_sharded(devices: mlir.AxisContext) -> bool:
 def _derivative(
     primals: Sequence[Array], tangents: Sequence[Array | ad.Zero], *, program: core.ClosedJaxpr
 ) -> tuple[list[Array], list[Array]]:
-    """That of the plain call by the arguments that have a tangent."""
+    """The derivative of the plain call with respect to the arguments that have a tangent."""
     active = [i for i, tangent in enumerate(tangents) if not isinstance(tangent, ad.Zero)]
 
     def of_active(*values: Array) -> list[Array]:

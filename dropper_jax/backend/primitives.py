@@ -18,7 +18,16 @@ PARTS = ["slice", "dynamic_slice", "dynamic_update_slice", "gather", "concatenat
 REDUCTIONS = ["reduce_sum", "reduce_prod", "reduce_max", "reduce_min", "reduce_and", "reduce_or", "argmax", "argmin"]
 BITS = ["bitcast_convert_type", "reduce_precision", "shift_left", "shift_right_logical", "shift_right_arithmetic"]
 LOOPS = ["scan", "while", "cond", "custom_linear_solve"]
-CALLS = ["jit", "pjit", "closed_call", "custom_jvp_call", "custom_vjp_call", "checkpoint", "remat2"]
+#: Operations that call a function once, and which parameter holds it.
+CALLS = {
+    "jit": "jaxpr",
+    "pjit": "jaxpr",
+    "closed_call": "call_jaxpr",
+    "custom_jvp_call": "call_jaxpr",
+    "custom_vjp_call": "call_jaxpr",
+    "checkpoint": "jaxpr",
+    "remat2": "jaxpr",
+}
 MARKERS = ["optimization_barrier", "pvary", "one_kernel", "xla_metadata_call", "xla_metadata_call2"]
 #: Operations that XLA compiles inline, without a call of a library.
 INLINE = ELEMENTWISE.union(SHAPES, PARTS, REDUCTIONS, BITS, LOOPS, CALLS, MARKERS)

@@ -21,9 +21,8 @@ import jax.numpy as jnp
 from jax import Array, lax
 
 from dropper_jax.backend.one_kernel import separate_call
-from dropper_jax.backend.primitives import ELEMENTWISE
+from dropper_jax.backend.primitives import CALLS, ELEMENTWISE
 from dropper_jax.lanes.mapped import (
-    CALLS,
     Atom,
     Operation,
     Program,
@@ -149,8 +148,8 @@ class Interpreter:
             return as_values(separate_call(_copy)(*arrays), [v.has_members for v in inputs])
         if name in ELEMENTWISE:
             shape = eqn.outvars[0].aval.shape
-            full = [aligned(v, shape, self.members) for v in inputs]
-            return [Value(eqn.primitive.bind(*full, **p), True)]
+            expanded = [aligned(v, shape, self.members) for v in inputs]
+            return [Value(eqn.primitive.bind(*expanded, **p), True)]
         if name in STRUCTURAL:
             found = STRUCTURAL[name](p, self.members, inputs)
             if found is not None:

@@ -7,23 +7,13 @@ from typing import Any
 
 from jax import Array
 
+from dropper_jax.backend.primitives import CALLS
 from dropper_jax.lanes.parameters import Parameters, Unreadable
 
-#: Of JAX, which makes them by `jax.make_jaxpr`: a traced function, an operation of it, and what this reads.
+#: Parts of a result of `jax.make_jaxpr`: a traced function, an operation of it, an input of an operation.
 Program = Any
 Operation = Any
 Atom = Any
-
-#: Operations that call a function once, and which parameter holds it.
-CALLS = {
-    "jit": "jaxpr",
-    "pjit": "jaxpr",
-    "closed_call": "call_jaxpr",
-    "custom_jvp_call": "call_jaxpr",
-    "custom_vjp_call": "call_jaxpr",
-    "checkpoint": "jaxpr",
-    "remat2": "jaxpr",
-}
 
 
 def split_constants(program: Program) -> tuple[Program, Sequence[Array]]:
@@ -39,7 +29,7 @@ def is_literal(atom: Atom) -> bool:
 
 
 def _mapped_results(program: Program, has_members: Sequence[bool]) -> list[bool]:
-    """For the results of a traced function, from those of its arguments."""
+    """Which results of a traced function have members, given which of its arguments have them."""
     jaxpr, _ = split_constants(program)
     known = dict.fromkeys(jaxpr.constvars, False) | dict(zip(jaxpr.invars, has_members, strict=True))
 
@@ -53,7 +43,7 @@ def _mapped_results(program: Program, has_members: Sequence[bool]) -> list[bool]
 
 
 def _mapped_outputs(eqn: Operation, has_members: list[bool]) -> list[bool]:
-    """For the outputs of an operation, from those of its inputs."""
+    """Which outputs of an operation have members, given which of its inputs have them."""
     name = eqn.primitive.name
     p = Parameters(eqn)
     if not any(has_members):
@@ -90,7 +80,7 @@ def _mapped_carry(carry: list[bool], next_carry: Callable[[list[bool]], list[boo
 
 
 def mapped_by_scan(p: Parameters, has_members: list[bool]) -> list[bool]:
-    """For the carry and the saved values."""
+    """Which values of the carry and which saved values of a scan have members."""
     consts, carried = scan_parts(p)
 
     def next_carry(carry: list[bool]) -> list[bool]:
@@ -101,7 +91,10 @@ def mapped_by_scan(p: Parameters, has_members: list[bool]) -> list[bool]:
 
 
 def mapped_by_while(p: Parameters, has_members: list[bool]) -> tuple[list[bool], bool]:
-    """For the carry and the test: if members disagree on when to stop, the whole carry has members."""
+    """Which values of the carry of a loop have members, and whether members disagree on when to stop.
+
+    If they disagree, the whole carry has members.
+    """
     tests = p["cond_nconsts"]
     bodies = tests + p["body_nconsts"]
 
@@ -118,6 +111,6 @@ def mapped_by_while(p: Parameters, has_members: list[bool]) -> tuple[list[bool],
 
 
 def mapped_by_cond(p: Parameters, has_members: list[bool]) -> list[bool]:
-    """For the results: those for which any branch has members."""
+    """Which results of a branch on a shared index have members: those that have them in any branch."""
     branches = [_mapped_results(branch, has_members) for branch in p["branches"]]
     return [any(found) for found in zip(*branches, strict=True)]

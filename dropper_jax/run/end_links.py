@@ -4,7 +4,8 @@
 
 T is the tension of the link, which is that at its middle, q its direction from the point outwards, `share` the fraction
 of the link's mass at the point, w the submerged fraction of the part of the link next to the point. A point on the
-seabed carries W as far as the line lifts it there, the bed the rest. Drag and inertia of the part are left out.
+seabed carries the part of W that the line lifts, and the seabed carries the rest. Drag and inertia of the part of the
+link are neglected.
 """
 
 from __future__ import annotations

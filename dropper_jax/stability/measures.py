@@ -141,7 +141,7 @@ def _rise(case: Case, t: np.ndarray, positions: np.ndarray) -> float:
 
 
 def _depth_error(case: Case, t: np.ndarray, positions: np.ndarray) -> float:
-    """Error of the greatest depth below `level`, over the exact one `size`."""
+    """Relative error of the maximum depth below `level`; `size` is the exact one."""
     return abs((case.level - np.min(positions[:, 2])) / case.size - 1.0)
 
 
@@ -161,8 +161,8 @@ def _path(case: Case, t: np.ndarray, positions: np.ndarray) -> float:
 SINKING = 1.0
 
 
-def _late_motion(case: Case, t: np.ndarray, positions: np.ndarray) -> float:
-    """Motion [m] after `SINKING`."""
+def _motion_after_sinking(case: Case, t: np.ndarray, positions: np.ndarray) -> float:
+    """Maximum distance [m] from the position at the time `SINKING`, after that time."""
     late = positions[t >= SINKING]
     return np.max(np.linalg.norm(late - late[0], axis=1))
 
@@ -261,7 +261,7 @@ OF_PATHS: dict[str, Callable[[Case, np.ndarray, np.ndarray], float]] = {
     "lowest": _depth_error,
     "return": _return_height_error,
     "way": _path,
-    "late motion": _late_motion,
+    "late motion": _motion_after_sinking,
     "angle": _angle,
 }
 OF_MARCHES: dict[str, Callable[[Case, CaseRun], float]] = {

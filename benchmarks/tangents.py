@@ -27,7 +27,7 @@ from dropper_jax.axial import SlackTangent
 from dropper_jax.base.toml_text import jsonable
 from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.run.build import stepper_of
-from dropper_jax.study.gradient_check import SIZE, GradientCheck
+from dropper_jax.study.gradient_check import RELATIVE_CHANGE, GradientCheck
 from fitting.parameters.parameter import apply
 from fitting.parameters.varied import Varied, floats_of
 from fitting.sensitivity import study
@@ -261,7 +261,7 @@ def check_along(problem: Study, base: StudyRuns, slopes: np.ndarray) -> Gradient
     """Two runs along the gradient, as `dj.check_gradient` takes them, with the steps of the study's own."""
     scale = np.array([p.scale for p in problem.parameters])
     matters = slopes * scale
-    step = SIZE * scale * matters / np.max(np.abs(matters))
+    step = RELATIVE_CHANGE * scale * matters / np.max(np.abs(matters))
     low, high = base.run_all(np.array([problem.values - step, problem.values + step]))
     return GradientCheck.of(2.0 * float(slopes @ step), high.value - low.value)
 

@@ -26,6 +26,7 @@ from jax.extend import core
 from jax.interpreters import ad, batching, mlir
 
 from dropper_jax.backend import is_plain
+from dropper_jax.backend.primitives import INLINE
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -37,32 +38,13 @@ TAGGED_CALLS = (
 )
 TAG_NAME = "xla_cpu_small_call"
 TAG = {TAG_NAME: "true", "inlineable": "false"}
-ELEMENTWISE = frozenset(
-    """
-    add sub mul div rem max min neg sign abs square sqrt rsqrt cbrt exp exp2 log log1p expm1 logistic
-    sin cos tan asin acos atan atan2 sinh cosh tanh asinh acosh atanh integer_pow pow floor ceil round is_finite
-    and or xor not eq ne lt le gt ge lt_to le_to select_n convert_element_type stop_gradient copy add_any erf clamp
-    nextafter
-    """.split()  # noqa: SIM905
-)
-#: Operations that XLA compiles inline.
-INLINE = ELEMENTWISE | frozenset(
-    """
-    broadcast_in_dim concatenate dynamic_slice dynamic_update_slice gather iota pad reshape rev slice split squeeze
-    stack unstack tile transpose bitcast_convert_type reduce_sum reduce_max reduce_min reduce_prod reduce_and reduce_or
-    argmax argmin reduce_precision optimization_barrier
-    shift_left shift_right_logical shift_right_arithmetic
-    jit pjit closed_call custom_jvp_call custom_vjp_call checkpoint remat2 scan while cond custom_linear_solve
-    one_kernel pvary xla_metadata_call xla_metadata_call2
-    """.split()  # noqa: SIM905
-)
 #: Number of elements up to which XLA compiles a reduction inline where it gives larger ones to a library (YNNPACK).
 LARGEST_REDUCTION = 4096
 #: Types that float64 contains exactly, and those of its width, whose bits are used.
-WIDENED = frozenset("bool int8 int16 int32 uint8 uint16 uint32 float32".split())  # noqa: SIM905
+WIDENED = frozenset(("bool", "int8", "int16", "int32", "uint8", "uint16", "uint32", "float32"))
 SAME_WIDTH = frozenset(("float64", "int64", "uint64"))
 #: Whether what is traced is inside a kernel already. Part of the keys of JAX's own caches.
-_INSIDE = jax.make_user_context(False)
+_INSIDE_KERNEL = jax.make_user_context(False)
 
 
 def one_kernel(f: Callable[P, R]) -> Callable[P, R]:
@@ -89,42 +71,45 @@ def one_kernel(f: Callable[P, R]) -> Callable[P, R]:
     return jax.jit(call)
 
 
-def lower_kernel(f: Callable[..., object], values: Sequence[object], largest: int) -> tuple[jax.stages.Lowered, bool]:
+def lower_kernel(
+    f: Callable[..., object], values: Sequence[object], max_operations: int
+) -> tuple[jax.stages.Lowered, bool]:
     """`f` lowered for values like these, as one kernel where possible, and whether it is one.
 
     Args:
-        largest: number of operations above which it does not become one.
+        max_operations: number of operations above which it does not become one.
     """
     is_kernel = False
 
     @functools.wraps(f)
     def call(*args: object) -> object:
         nonlocal is_kernel
-        result, is_kernel = _call_kernel(f, args, {}, largest)
+        result, is_kernel = _call_kernel(f, args, {}, max_operations)
         return result
 
-    return jax.jit(call).lower(*values), is_kernel
+    lowered = jax.jit(call).lower(*values)
+    return lowered, is_kernel  # set while the line above traces `call`
 
 
 def _call_kernel(
-    f: Callable[..., R], args: Sequence[object], kwargs: dict[str, object], largest: float = math.inf
+    f: Callable[..., R], args: Sequence[object], kwargs: dict[str, object], max_operations: float = math.inf
 ) -> tuple[R, bool]:
     """The result of `f`, by a tagged call if it can be one, and whether it is."""
-    if _INSIDE.value or not tags_enabled():
+    if _INSIDE_KERNEL.value or not tags_enabled():
         return f(*args, **kwargs), False
     leaves, tree = jax.tree.flatten((args, kwargs))
     traced = _trace(lambda *leaves: _apply(f, tree, leaves), [jnp.asarray(leaf) for leaf in leaves])
     if not _can_be_tagged(traced):
         return f(*args, **kwargs), False
-    if operations(traced.program.jaxpr) > largest:  # tracing it again takes 2 s for `edulis-longline`
+    if count_operations(traced.program.jaxpr) > max_operations:  # tracing it again takes 2 s for `edulis-longline`
         results = _call_plain(*traced.values, program=traced.program)
         return jax.tree.unflatten(traced.results, results), False
     return jax.tree.unflatten(traced.results, _kernel.bind(*traced.values, program=traced.program)), True
 
 
-def operations(jaxpr: core.Jaxpr) -> int:
+def count_operations(jaxpr: core.Jaxpr) -> int:
     """Number of operations of a traced function, those of its loops and calls among them."""
-    return sum(1 + sum(map(operations, _inner_jaxprs(eqn))) for eqn in jaxpr.eqns)
+    return sum(1 + sum(map(count_operations, _inner_jaxprs(eqn))) for eqn in jaxpr.eqns)
 
 
 def tags_enabled() -> bool:
@@ -135,13 +120,13 @@ def tags_enabled() -> bool:
 
 
 def forbids_callbacks() -> bool:
-    """Whether calls of Python would prevent that what is being traced becomes one kernel, or cannot run: JAX makes
-    them on the processor, which `JAX_PLATFORMS=cuda` hides."""
-    return _INSIDE.value or not _has_processor()
+    """Whether callbacks to Python must be avoided: they prevent a function from becoming one kernel, and JAX runs them
+    on the CPU, which `JAX_PLATFORMS=cuda` hides."""
+    return _INSIDE_KERNEL.value or not _has_cpu()
 
 
 @functools.cache
-def _has_processor() -> bool:
+def _has_cpu() -> bool:
     try:
         return bool(jax.local_devices(backend="cpu"))
     except RuntimeError:
@@ -149,8 +134,10 @@ def _has_processor() -> bool:
 
 
 def separate_call(f: Callable[P, R]) -> Callable[P, R]:
-    """`f` as a function of its own in the compiled program, so that its results are stored and not computed again by
-    each of their readers; `f` itself if this JAX has no such calls."""
+    """`f` as a separate function in the compiled program; `f` itself if this JAX has no such calls.
+
+    Its results are stored. Otherwise the compiler may compute them again for each operation that reads them.
+    """
     call = None if is_plain() else _tagged_call()
     if call is None:
         return f
@@ -166,8 +153,13 @@ def _tagged_call() -> Callable[..., Any] | None:
             continue
         if name == "xla_metadata_call2":
             return call
-        return lambda f, tag, call=call: call(f, **tag)
+        return functools.partial(_call_with_keywords, call)
     return None
+
+
+def _call_with_keywords(call: Callable[..., Any], f: Callable[P, R], tag: dict[str, str]) -> Callable[P, R]:
+    """`f` by the tagged call of JAX 0.9.2 to 0.10, which takes the tag as keywords."""
+    return call(f, **tag)
 
 
 def _apply(f: Callable[..., R], tree: jax.tree_util.PyTreeDef, leaves: Sequence[Array]) -> R:
@@ -185,7 +177,7 @@ class _Traced(NamedTuple):
 
 def _trace(f: Callable[..., R], values: list[Array]) -> _Traced:
     """`f` for one kernel; arrays of an outer trace that it contains become arguments of the program."""
-    with _INSIDE(True):
+    with _INSIDE_KERNEL(True):
         program, shape = jax.make_jaxpr(f, return_shape=True)(*values)
     outer = [c for c in program.consts if isinstance(c, jax.core.Tracer)]
     if outer:
@@ -212,7 +204,7 @@ def _can_be_tagged(traced: _Traced) -> bool:
 
 
 def _float_result(program: core.ClosedJaxpr) -> int | None:
-    """Index of the first result of floating numbers that is not empty."""
+    """Index of the first floating-point result that is not empty."""
     for i, kind in enumerate(program.out_avals):
         if str(kind.dtype) in ("float64", "float32") and math.prod(kind.shape):
             return i
@@ -302,7 +294,7 @@ def _may_be_sharded(devices: mlir.AxisContext) -> bool:
 def _derivative(
     primals: Sequence[Array], tangents: Sequence[Array | ad.Zero], *, program: core.ClosedJaxpr
 ) -> tuple[list[Array], list[Array]]:
-    """That of the plain call by the arguments that have a tangent."""
+    """The derivative of the plain call with respect to the arguments that have a tangent."""
     active = [i for i, tangent in enumerate(tangents) if not isinstance(tangent, ad.Zero)]
 
     def of_active(*values: Array) -> list[Array]:

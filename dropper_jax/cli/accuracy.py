@@ -14,10 +14,32 @@ from dropper_jax.cli.outputs import add_out, add_plot, deliver, picture
 from dropper_jax.cli.printing import STOPPED, done_object, print_line, progress, record_table, row_printer
 
 help = "measure errors and times of all integrators over a range of steps, row by row, and advise"
-
-
 #: Allowed steps and durations.
 POSITIVE = "a number > 0 s"
+#: Columns of the errors of loads: formats of the values by heading.
+LOADS = {
+    "accuracy": "{accuracy:.2g}",
+    "dt [s]": "{dt:.4g}",
+    "mean": "{mean:.2%}",
+    "std. dev.": "{deviation:.2%}",
+    "wave maxima": "{window_maximum:.2%}",
+    "maximum": "{maximum:.2%}",
+    "us/step": "{us_per_step:.3g}",
+    "status": "{status}",
+}
+#: Columns of the schemes.
+SCHEMES = {
+    "scheme": "{label}",
+    "solver": "{solver}",
+    "dt [s]": "{dt:.4g}",
+    "angle [rad]": "{rms_angle_error_rad:.1e}",
+    "position [m]": "{rms_position_error_m:.1e}",
+    "tension [N]": "{rms_tension_error_n:.1e}",
+    "drift [J]": "{energy_drift_j:.1e}",
+    "us/step": "{us_per_step:.3g}",
+    "s/s": "{wall_s_per_simulated_s:.2g}",
+    "status": "{status}",
+}
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -38,7 +60,9 @@ def add_arguments(parser: ArgumentParser) -> None:
         help="equal steps [s] (default: 1/32 to 1/2048; loads by accuracy)",
     )
     parser.add_argument(
-        "--span", type=number, help="duration of the comparison [s] (default: until chaos amplifies rounding)"
+        "--span",
+        type=number,
+        help="duration of the comparison [s] (default: until a perturbation has grown 100 times, at most 20 s)",
     )
     parser.add_argument(
         "--quick", action="store_true", help="each scheme once, without retries: errors, times, orders and advice"
@@ -57,10 +81,13 @@ def run(args: Namespace) -> int:
     from dropper_jax.study.accuracy import accuracy
     from dropper_jax.study.schemes import parse
 
-    schemes = [parse(name) for text in args.integrators or () for name in text.split(",")] or None
+    schemes = None
+    if args.integrators:
+        names = ",".join(args.integrators).split(",")
+        schemes = [parse(name) for name in names]
     dts = None if args.dts is None else tuple(args.dts)
     say = progress(args.quiet)
-    found = accuracy(scene, schemes, dts, args.span, not args.quick, say, _row_printer(args.quiet))
+    found = accuracy(scene, schemes, dts, args.span, extras=not args.quick, say=say, each=_row_printer(args.quiet))
     for item in found["refused"]:
         print_line(f"left out: {item['scheme']}: {item['reason']}")
     failure = STOPPED if found.get("status") == STOPPED[0] else None
@@ -102,8 +129,8 @@ def text(found: Table) -> str:
         parts.append(_loads(found["loads"]))
     if "numerical_damping" in found:
         parts.append(found["numerical_damping"]["thesis"]["text"])
-        kept = sum(row["holds"] for row in found["euler"])
-        parts.append(f"Euler's schemes on the pendulums: {kept} of {len(found['euler'])} measured claims hold")
+        held_claims = sum(row["holds"] for row in found["euler"])
+        parts.append(f"Euler's schemes on the pendulums: {held_claims} of {len(found['euler'])} measured claims hold")
     return "\n\n".join(parts)
 
 
@@ -137,28 +164,3 @@ def _loads(found: Table) -> str:
 
 def _with_errors(row: Table) -> Table:
     return row | row["errors"]
-
-
-#: Columns of the tables: formats of the values by heading.
-LOADS = {
-    "accuracy": "{accuracy:.2g}",
-    "dt [s]": "{dt:.4g}",
-    "mean": "{mean:.2%}",
-    "deviation": "{deviation:.2%}",
-    "wave maxima": "{window_maximum:.2%}",
-    "largest": "{maximum:.2%}",
-    "us/step": "{us_per_step:.3g}",
-    "status": "{status}",
-}
-SCHEMES = {
-    "scheme": "{label}",
-    "solver": "{solver}",
-    "dt [s]": "{dt:.4g}",
-    "angle [rad]": "{rms_angle_error_rad:.1e}",
-    "position [m]": "{rms_position_error_m:.1e}",
-    "tension [N]": "{rms_tension_error_n:.1e}",
-    "drift [J]": "{energy_drift_j:.1e}",
-    "us/step": "{us_per_step:.3g}",
-    "s/s": "{wall_s_per_simulated_s:.2g}",
-    "status": "{status}",
-}

@@ -50,7 +50,7 @@ def run(args: Namespace) -> int:
     solutions = {file: read_run(file, args) for file in args.runs}
 
     from dropper_jax.report.build import report_runs
-    from dropper_jax.report.text import markdown
+    from dropper_jax.report.text import report_markdown
     from dropper_jax.report.vtk import write_vtk
     from dropper_jax.report.write import write_report
 
@@ -62,7 +62,7 @@ def run(args: Namespace) -> int:
         print_line(f"report: {write_report(found, solutions, args.report, settings)}")
     if args.vtk:
         print_line(f"ParaView: {write_vtk(next(iter(solutions.values())), args.vtk, args.every)}")
-    print_result(args, found, markdown(found, [{} for _ in solutions]))
+    print_result(args, found, report_markdown(found, [{} for _ in solutions]))
     for failure in failures:
         print_line(f"error: {failure}")
     return FAILED if failures else OK

@@ -5,11 +5,12 @@ from __future__ import annotations
 import jax.numpy as jnp
 import numpy as np
 
+from dropper_jax.base.interpolation import interpolate_rows
 from dropper_jax.base.numerics import spread
 from dropper_jax.base.read import Table
 from dropper_jax.evaluation.record import Record, arc
 from dropper_jax.evaluation.settings import Settings
-from dropper_jax.run.end_links import held_points, point_loads, positions_at
+from dropper_jax.run.end_links import loaded_fixed_points, point_loads
 from dropper_jax.run.line_weights import end_angles, end_forces
 from dropper_jax.run.statistics import excess_kurtosis, statistic
 from dropper_jax.scene import AnchorSpec, LineSpec, WholeLine, utilisations
@@ -23,7 +24,7 @@ def line_tensions(record: Record, settings: Settings) -> list[Table]:
     ratio of maximum tension to breaking load, without and with the safety factor. At both ends of the line the mean and
     the maximum of its force on the point over all steps [N], with its time [s], and of its angle [deg].
     """
-    at_tension = positions_at(record.t, record.positions, record.t_tension)
+    at_tension = interpolate_rows(record.t, record.positions, record.t_tension)
     forces = end_forces(record.scene, at_tension, record.tension, t=record.t_tension)
     angles = end_angles(at_tension, record.written_lines)
     found = []
@@ -165,7 +166,7 @@ def load_extremes(record: Record) -> dict[str, Extremes]:
     zero = np.zeros((len(record.t_tension), 3))
     times = np.tile(record.t_tension[:, None], 3)
     rows = dict.fromkeys(record.scene.fixed_points, Extremes(zero, zero, times, times))
-    for i, name in enumerate(held_points(record.scene)):
+    for i, name in enumerate(loaded_fixed_points(record.scene)):
         rows[name] = record.extremes["point_load"].of(i)
     return rows
 

@@ -7,23 +7,13 @@ from typing import Any
 
 from jax import Array
 
-from dropper_jax.lanes.rules import Parameters
+from dropper_jax.backend.primitives import CALLS
+from dropper_jax.lanes.parameters import Parameters, Unreadable
 
-#: Of JAX, which makes them by `jax.make_jaxpr`: a traced function, an operation of it, and what this reads.
+#: Parts of a result of `jax.make_jaxpr`: a traced function, an operation of it, an input of an operation.
 Program = Any
 Operation = Any
 Atom = Any
-
-#: Operations that call a function once, and which parameter holds it.
-CALLS = {
-    "jit": "jaxpr",
-    "pjit": "jaxpr",
-    "closed_call": "call_jaxpr",
-    "custom_jvp_call": "call_jaxpr",
-    "custom_vjp_call": "call_jaxpr",
-    "checkpoint": "jaxpr",
-    "remat2": "jaxpr",
-}
 
 
 def split_constants(program: Program) -> tuple[Program, Sequence[Array]]:
@@ -38,10 +28,10 @@ def is_literal(atom: Atom) -> bool:
     return hasattr(atom, "val")
 
 
-def _mapped_results(program: Program, many: Sequence[bool]) -> list[bool]:
-    """For the results of a traced function, from those of its arguments."""
+def _mapped_results(program: Program, has_members: Sequence[bool]) -> list[bool]:
+    """Which results of a traced function have members, given which of its arguments have them."""
     jaxpr, _ = split_constants(program)
-    known = dict.fromkeys(jaxpr.constvars, False) | dict(zip(jaxpr.invars, many, strict=True))
+    known = dict.fromkeys(jaxpr.constvars, False) | dict(zip(jaxpr.invars, has_members, strict=True))
 
     def read(atom: Atom) -> bool:
         return not is_literal(atom) and known[atom]
@@ -52,20 +42,20 @@ def _mapped_results(program: Program, many: Sequence[bool]) -> list[bool]:
     return [read(a) for a in jaxpr.outvars]
 
 
-def _mapped_outputs(eqn: Operation, many: list[bool]) -> list[bool]:
-    """For the outputs of an operation, from those of its inputs."""
+def _mapped_outputs(eqn: Operation, has_members: list[bool]) -> list[bool]:
+    """Which outputs of an operation have members, given which of its inputs have them."""
     name = eqn.primitive.name
-    p = eqn.params
-    if not any(many):
+    p = Parameters(eqn)
+    if not any(has_members):
         return [False] * len(eqn.outvars)
     if name in CALLS:
-        return _mapped_results(p[CALLS[name]], many)
+        return _mapped_results(p[CALLS[name]], has_members)
     if name == "scan":
-        return mapped_by_scan(p, many)
+        return mapped_by_scan(p, has_members)
     if name == "while":
-        return mapped_by_while(p, many)[0]
-    if name == "cond" and not many[0]:
-        return mapped_by_cond(p, many[1:])
+        return mapped_by_while(p, has_members)[0]
+    if name == "cond" and not has_members[0]:
+        return mapped_by_cond(p, has_members[1:])
     return [True] * len(eqn.outvars)
 
 
@@ -73,7 +63,10 @@ def scan_parts(p: Parameters) -> tuple[int, int]:
     """Number of constants and of carried values among the inputs of a scan."""
     if "num_consts" in p:
         return p["num_consts"], p["num_carry"]
-    consts, carry, _ = p["ft_in"].unpack()  # JAX 0.12
+    inputs = p["ft_in"]  # JAX 0.12
+    if not hasattr(inputs, "unpack"):
+        raise Unreadable(p.operation)
+    consts, carry, _ = inputs.unpack()
     return len(consts), len(carry)
 
 
@@ -86,35 +79,38 @@ def _mapped_carry(carry: list[bool], next_carry: Callable[[list[bool]], list[boo
         carry = grown
 
 
-def mapped_by_scan(p: Parameters, many: list[bool]) -> list[bool]:
-    """For the carry and the saved values."""
+def mapped_by_scan(p: Parameters, has_members: list[bool]) -> list[bool]:
+    """Which values of the carry and which saved values of a scan have members."""
     consts, carried = scan_parts(p)
 
     def next_carry(carry: list[bool]) -> list[bool]:
-        return _mapped_results(p["jaxpr"], [*many[:consts], *carry, *many[consts + carried :]])
+        return _mapped_results(p["jaxpr"], [*has_members[:consts], *carry, *has_members[consts + carried :]])
 
-    carry = _mapped_carry(many[consts : consts + carried], next_carry)
+    carry = _mapped_carry(has_members[consts : consts + carried], next_carry)
     return [*carry, *next_carry(carry)[carried:]]
 
 
-def mapped_by_while(p: Parameters, many: list[bool]) -> tuple[list[bool], bool]:
-    """For the carry and the test: if members disagree on when to stop, the whole carry has members."""
+def mapped_by_while(p: Parameters, has_members: list[bool]) -> tuple[list[bool], bool]:
+    """Which values of the carry of a loop have members, and whether members disagree on when to stop.
+
+    If they disagree, the whole carry has members.
+    """
     tests = p["cond_nconsts"]
     bodies = tests + p["body_nconsts"]
 
     def stops(carry: list[bool]) -> bool:
-        return _mapped_results(p["cond_jaxpr"], [*many[:tests], *carry])[0]
+        return _mapped_results(p["cond_jaxpr"], [*has_members[:tests], *carry])[0]
 
     def next_carry(carry: list[bool]) -> list[bool]:
         if stops(carry):
             return [True] * len(carry)
-        return _mapped_results(p["body_jaxpr"], [*many[tests:bodies], *carry])
+        return _mapped_results(p["body_jaxpr"], [*has_members[tests:bodies], *carry])
 
-    carry = _mapped_carry(many[bodies:], next_carry)
+    carry = _mapped_carry(has_members[bodies:], next_carry)
     return carry, stops(carry)
 
 
-def mapped_by_cond(p: Parameters, many: list[bool]) -> list[bool]:
-    """For the results: those for which any branch has members."""
-    branches = [_mapped_results(branch, many) for branch in p["branches"]]
+def mapped_by_cond(p: Parameters, has_members: list[bool]) -> list[bool]:
+    """Which results of a branch on a shared index have members: those that have them in any branch."""
+    branches = [_mapped_results(branch, has_members) for branch in p["branches"]]
     return [any(found) for found in zip(*branches, strict=True)]

@@ -7,21 +7,21 @@ unchanged.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax.numpy as jnp
 from jax import Array, lax
+
+from dropper_jax.lanes.parameters import Parameters
 
 
 class Value(NamedTuple):
     """An array, and whether it has the member axis (the last one)."""
 
     array: Array
-    many: bool
+    has_members: bool
 
 
-#: Parameters of an operation of JAX.
-Parameters = dict[str, Any]
 #: Parameters, number of members, inputs -> the result; None if the rule does not apply.
 Rule = Callable[[Parameters, int, list[Value]], Array | None]
 
@@ -29,15 +29,15 @@ Rule = Callable[[Parameters, int, list[Value]], Array | None]
 def spread(v: Value, members: int) -> Array:
     """The array with the member axis, repeated if it had none."""
     x = jnp.asarray(v.array)
-    if v.many:
+    if v.has_members:
         return x
     return jnp.broadcast_to(x[..., None], (*x.shape, members))
 
 
-def lined_up(v: Value, shape: tuple[int, ...], members: int) -> Array:
+def aligned(v: Value, shape: tuple[int, ...], members: int) -> Array:
     """The array in the result's shape, members last; scalars and axes of length one may be used unexpanded."""
     x = jnp.asarray(v.array)
-    if not v.many:
+    if not v.has_members:
         x = x[..., None]
     x = x.reshape((1,) * (len(shape) + 1 - x.ndim) + x.shape)
     return jnp.broadcast_to(x, (*shape, members))
@@ -57,7 +57,7 @@ def _slice(p: Parameters, members: int, inputs: list[Value]) -> Array:
 
 def _pad(p: Parameters, members: int, inputs: list[Value]) -> Array | None:
     x, value = inputs
-    if value.many:
+    if value.has_members:
         return None
     return lax.pad(spread(x, members), value.array, (*p["padding_config"], (0, 0, 0)))
 

@@ -5,10 +5,11 @@ before the divergence.
 """
 
 from dropper_jax.plots.animation import animate
+from dropper_jax.plots.energy import energy_balance
 from dropper_jax.plots.motion import amplitude_spectrum, angle_traces, motion_history, phase_space
 from dropper_jax.plots.pose import snapshot
 from dropper_jax.plots.system import body_motion
-from dropper_jax.plots.tension import energy_balance, tension_history
+from dropper_jax.plots.tension import tension_history
 from dropper_jax.plots.water import response, tension_envelope, under_surface
 
 __all__ = [

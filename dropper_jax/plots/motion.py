@@ -12,7 +12,7 @@ from dropper_jax.analysis import spectrum
 from dropper_jax.plots import panels, style, system, view
 from dropper_jax.plots.run import ANGLE, TRAVEL, Run, directions, elevations, travel
 from dropper_jax.plots.style import CYCLE, DARK, FAINT, FIRST, SECOND
-from dropper_jax.plots.tension import ends_panel, loads_of
+from dropper_jax.plots.tension import ends_panel, scale_tensions
 from dropper_jax.plots.time_panels import Curve, Panel, draw_panel, history, legend, line_style
 
 
@@ -157,7 +157,7 @@ def amplitude_spectrum(run: Run, path: str | Path) -> Path:
 def _system_spectra(run: Run, path: str | Path) -> Path:
     """Spectra of the tensions at the ends of lines, of the motion and of the surface, a panel each; in waves also the
     vertical motion over the surface."""
-    spectra = [_spectra(panel) for panel in (ends_panel(run, loads_of(run)), *motion_panels(run))]
+    spectra = [_spectra(panel) for panel in (ends_panel(run, scale_tensions(run)), *motion_panels(run))]
     shown = [*spectra, *_heave_ratio(spectra)]
     figure = style.new_figure(8.5, 1.2 + 1.75 * len(shown))
     all_axes = style.panels(figure, len(shown), sharex=True)

@@ -32,7 +32,7 @@ def _most_probable(line: Table) -> str:
 
 TENSION: Columns = {
     "line": "{line}",
-    "least [N]": "{least[n]:newton} at {least[at_m]:.1f} m, {least[t_s]:.2f} s",
+    "minimum [N]": "{least[n]:newton} at {least[at_m]:.1f} m, {least[t_s]:.2f} s",
     "mean, first link [N]": "{mean_first_link_n:newton}",
     "mean, last link [N]": "{mean_last_link_n:newton}",
     "force on first point, mean / max [N]": (
@@ -44,8 +44,8 @@ TENSION: Columns = {
     "angle up at first point, mean / max [deg]": "{mean_first_angle_deg:.1f} / {max_first_angle_deg:.1f}",
     "angle up at last point, mean / max [deg]": "{mean_last_angle_deg:.1f} / {max_last_angle_deg:.1f}",
     "99 % [N]": "{p99_n:newton}",
-    "largest [N]": "{largest[n]:newton} at {largest[at_m]:.1f} m, {largest[t_s]:.2f} s",
-    "largest mean over 0.2 s [N]": "{sustained_n:newton}",
+    "maximum [N]": "{largest[n]:newton} at {largest[at_m]:.1f} m, {largest[t_s]:.2f} s",
+    "maximum mean over 0.2 s [N]": "{sustained_n:newton}",
     "most probable maximum in 3 h [N]": _most_probable,
     "utilisation": "{utilisation[largest]:percent .1f} % at {utilisation[at_m]:.1f} m",
     "with the safety factor": "{utilisation[with_factor]:percent .1f} %",
@@ -104,8 +104,8 @@ def load_of_anchor(anchor: Table) -> float:
 
 BENDING: Columns = {
     "line": "{line}",
-    "largest moment [N m]": f"{{largest_moment_n_m:.4g}} {POSITION}",
-    "smallest radius [m]": "{least_radius_m:.3g}|straight",
+    "maximum moment [N m]": f"{{largest_moment_n_m:.4g}} {POSITION}",
+    "minimum radius [m]": "{least_radius_m:.3g}|straight",
 }
 
 
@@ -128,7 +128,7 @@ def snaps(lines: list[Table]) -> str:
             "line": "{line}",
             "events in the worst link": "{most_events}",
             f"{what}, worst link [% of time]": "{largest_share_slack:percent .1f}",
-            "largest peak [N]": "{top[peak_n]:newton} at {top[at_m]:.1f} m, {top[peak_s]:.2f} s|none",
+            "maximum peak [N]": "{top[peak_n]:newton} at {top[at_m]:.1f} m, {top[peak_s]:.2f} s|none",
         }
         if some:
             parts.append(_table_and_others(never, some, "largest_share_slack", _largest_snap, columns, every))
@@ -171,7 +171,7 @@ FATIGUE: Columns = {
     "line": "{line}",
     "cycles": "{worst_cycles:g}",
     "equivalent range [N]": "{equivalent_range_n:max newton}",
-    "largest range [N]": "{largest_range_n:max newton}",
+    "maximum range [N]": "{largest_range_n:max newton}",
     "damage per year": "{damage_per_year:.3g}",
     "life [years]": _life,
 }
@@ -210,8 +210,8 @@ def watch(points: list[Table]) -> str:
 DEPTHS: Columns = {
     "line": "{line}",
     "under water, minimum over nodes [% of time]": "{share_under_water:min percent .1f}",
-    "least depth [m]": "{least_depth_m:min .2f}",
-    "largest depth [m]": "{largest_depth_m:max .2f}",
+    "minimum depth [m]": "{least_depth_m:min .2f}",
+    "maximum depth [m]": "{largest_depth_m:max .2f}",
 }
 DRAUGHTS: Columns = {
     "buoy": "{buoy}",
@@ -234,7 +234,7 @@ ACCELERATION: Columns = {
     "line": "{line}",
     "rms, worst node [m/s^2]": "{rms_m_per_s2:max .3g}",
     "99 %, worst node [m/s^2]": "{p99_m_per_s2:max .3g}",
-    "largest [m/s^2]": f"{{largest_m_per_s2:.3g}} {POSITION}",
+    "maximum [m/s^2]": f"{{largest_m_per_s2:.3g}} {POSITION}",
 }
 
 
@@ -312,7 +312,7 @@ PARTS: Columns = {
     "part": "{part}",
     "lines": "{lines}",
     "mean [N]": "{mean_n:newton}",
-    "largest [N]": _worst("largest", f"{{n:newton}} {POSITION}"),
+    "maximum [N]": _worst("largest", f"{{n:newton}} {POSITION}"),
     "utilisation": _worst("utilisation", "{largest:percent .1f} %"),
     "snaps, worst link": _worst_snaps,
     "damage per year": _worst("fatigue", "{damage_per_year:.3g}"),
@@ -327,7 +327,7 @@ CROPS: Columns = {
     "line": "{line}",
     "mussels [kg]": "{mass_kg:.4g}",
     "weight in water [N]": "{wet_weight_n:.4g}",
-    "largest diameter [m]": "{largest_diameter_m:.3g}",
+    "maximum diameter [m]": "{largest_diameter_m:.3g}",
     "acceleration, maximum / drop-off [m/s^2]": ("{drop_off[largest_m_per_s2]:.3g} / {drop_off[limit_m_per_s2]:.3g}"),
     "exceeded [% of nodes and time]": "{drop_off[share_beyond]:percent .3g}",
     "at risk [kg]": "{drop_off[mass_at_risk_kg]:.4g}",
@@ -346,8 +346,8 @@ MOTION: Columns = {
     "motion": "{motion}",
     "mean": "{mean:.3f}",
     "deviation": "{std:.3f}",
-    "least": "{min:.3f}",
-    "largest": "{max:.3f}",
+    "minimum": "{min:.3f}",
+    "maximum": "{max:.3f}",
 }
 
 

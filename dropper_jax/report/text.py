@@ -1,4 +1,4 @@
-"""The report as Markdown: tables of the values, pictures, and omissions."""
+"""The report as Markdown: tables of the values, pictures, and the reasons for omitted sections."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from dropper_jax.report.tables import table_of
 from dropper_jax.scene import link_mass_words
 
 
-def markdown(found: Table, pictures: list[dict[str, str]]) -> str:
+def report_markdown(found: Table, pictures: list[dict[str, str]]) -> str:
     """The complete report.
 
     Args:
@@ -26,7 +26,7 @@ def markdown(found: Table, pictures: list[dict[str, str]]) -> str:
     for number, (run, files) in enumerate(zip(runs, pictures, strict=True), start=1):
         if len(runs) > 1:
             parts.append(f"# Run {number}: {literal(run['file'])}")
-        parts += _run(run, files)
+        parts += _run_parts(run, files)
     if len(runs) > 1:
         parts += ["# Between the runs", _spread(found["spread"])]
     parts += [
@@ -88,23 +88,23 @@ SECTIONS = (
 )
 
 
-def _run(run: Table, files: dict[str, str]) -> list[str]:
+def _run_parts(run: Table, files: dict[str, str]) -> list[str]:
     """Notes, sections and pictures of a run."""
     notes = (*run["notes"], f"Mass of links: {link_mass_words(run['link_mass_nodes'])}.")
-    found = [bullets(map(literal, notes))]
+    parts = [bullets(map(literal, notes))]
     for section in SECTIONS:
         values = run.get(section.key)
         skipped = isinstance(values, dict) and "skipped" in values
         if section.optional and (skipped or not values):
             continue
-        found.append(f"## {section.heading}")
+        parts.append(f"## {section.heading}")
         if skipped:
-            found.append(f"Left out: {values['skipped']}.")
+            parts.append(f"Left out: {values['skipped']}.")
         else:
-            found.append(section.write(values))
+            parts.append(section.write(values))
         if section.picture in files:
-            found.append(f"![{section.picture.replace('_', ' ')}]({files[section.picture]})")
-    return found
+            parts.append(f"![{section.picture.replace('_', ' ')}]({files[section.picture]})")
+    return parts
 
 
 #: Maximum number of runs with values side by side.
@@ -112,8 +112,7 @@ FEW_RUNS = 6
 
 
 def _spread(section: Table) -> str:
-    """Minimum, mean and maximum over the runs; for a few runs also the value of each run, as needed by a sweep over
-    steps."""
+    """Minimum, mean and maximum over the runs; of up to `FEW_RUNS` also the value of each, to compare steps."""
     count = len(section["dt_s"])
     if count > FEW_RUNS:
         count = 0
@@ -125,26 +124,28 @@ def _spread(section: Table) -> str:
     for name, v in section["values"].items():
         label = name
         if name.startswith(("tension of", "load of")):
-            label = f"largest {name}"
+            label = f"maximum {name}"
         rows.append([label, *cells([v["min"], v["mean"], v["max"], *v["by_run"][:count]], ".4g")])
-    return table(["loads in N", "least", "mean", "largest", *(f"run {i + 1}" for i in range(count))], rows)
+    return table(["loads in N", "minimum", "mean", "maximum", *(f"run {i + 1}" for i in range(count))], rows)
 
 
 def _extremes(section: Table) -> str:
+    """Maxima of each quantity in a storm with their confidence intervals, or the reason why there are none."""
     if isinstance(section.get("skipped"), str):
         return f"Left out: {section['skipped']}."
     rows = []
-    what = ""
+    suffix = ""
     for name, one in section.items():
         if "skipped" in one:
             rows.append([name, one["skipped"], "-", "-"])
             continue
-        what = f" [N], {100 * one['confidence']:g} % interval"
+        suffix = f" [N], {100 * one['confidence']:g} % interval"
         rows.append([name, *(_with_interval(one, key) for key in ("most_probable", "mean", "percentile_90"))])
-    return table(["maximum in the storm", f"most probable{what}", f"mean{what}", f"90th percentile{what}"], rows)
+    return table(["maximum in the storm", f"most probable{suffix}", f"mean{suffix}", f"90th percentile{suffix}"], rows)
 
 
 def _with_interval(one: Table, key: str) -> str:
+    """A maximum in a storm [N] and its confidence interval in one cell."""
     low, high = one[f"{key}_interval"]
     return f"{newton(one[key])} ({newton(low)} to {newton(high)})"
 
@@ -153,6 +154,7 @@ SETTINGS: Columns = {"setting": "{key}", "meaning": "{meaning}", "value": "{valu
 
 
 def _settings(settings: Table) -> str:
+    """The settings of the report: keys, meanings, values with units."""
     rows = []
     for key, one in settings.items():
         suffix = f" {one['unit']}"

@@ -11,7 +11,7 @@ from dropper_jax.base.toml_text import jsonable
 from dropper_jax.evaluation.record import record
 from dropper_jax.evaluation.settings import Settings
 from dropper_jax.report.pictures import draw_extremes, draw_run
-from dropper_jax.report.text import markdown
+from dropper_jax.report.text import report_markdown
 from dropper_jax.run.simulate import Solution
 
 #: Name of the file that is written last.
@@ -42,4 +42,4 @@ def write_report(
     if any(isinstance(one, dict) and "gumbel_mode" in one for one in found["extremes"].values()):
         pictures[-1]["extremes"] = draw_extremes(found["extremes"], folder).name
     atomic_write(folder / "report.json", json.dumps(jsonable(found), allow_nan=False, indent=1) + "\n")
-    return atomic_write(folder / REPORT, markdown(found, pictures))
+    return atomic_write(folder / REPORT, report_markdown(found, pictures))

@@ -1,21 +1,21 @@
 """The error of a run, stated from a second run of the same scene.
 
-A run follows an accuracy a or takes equal steps h; its companion follows 4 a or takes steps 2 h, for half more time.
+A run follows an accuracy a or takes equal steps h. Its companion follows 4 a or takes steps 2 h, in half the time.
 With errors of order p in h the companion's are g = 2^p times those of the run (4 with an accuracy, to which errors are
 proportional), so that the error of a result q is
 
     e = |q_companion - q|/(g - 1)
 
-With an accuracy that is the median of what errors are: runs that snap scatter about it. Stated are then `SCATTER` times
-as much. The angle error, which fits take as noise, stays the estimate.
+With an accuracy, this estimate is the median of the true errors, which scatter in runs that snap. The stated error is
+then `SCATTER` times the estimate. The angle error, which fits take as noise, remains the estimate.
 
 To verify a run the companion is finer instead, a/4 or h/2, for two to three times the time, and e = |..| g/(g - 1).
 
 Results are the mean, the standard deviation and the maximum in time of the tension of each line's most loaded link, and
 the positions of the nodes. The maximum depends on few steps and converges irregularly: its error is the whole
 difference, and in quadrature half of its RMS over the links of the line. Once both runs are different motions (chaos),
-differences are chance: errors of tensions are then the whole differences as well, and positions are compared until that
-time.
+their differences are random. Errors of tensions are then the whole differences as well, and positions are compared
+until that time.
 
 The compiled program of the run has accuracy, step and count as arguments, so nothing is compiled again.
 """
@@ -243,7 +243,7 @@ def finer_values(run: RunSpec) -> dict[str, float]:
     return {"run.accuracy": run.accuracy / FACTOR, "run.save_interval": 0.5 * run.interval}
 
 
-def parts_at(solution: Samples, finer: Samples) -> float | None:
+def time_of_divergence(solution: Samples, finer: Samples) -> float | None:
     """Time [s] from which a run and one with `finer_values` are different motions (chaos); None if they are not."""
     count = min(len(solution.t), (len(finer.t) + 1) // 2)
     nodes = solution.positions[1:count]

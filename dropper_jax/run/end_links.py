@@ -4,7 +4,8 @@
 
 T is the tension of the link, which is that at its middle, q its direction from the point outwards, `share` the fraction
 of the link's mass at the point, w the submerged fraction of the part of the link next to the point. A point on the
-seabed carries W as far as the line lifts it there, the bed the rest. Drag and inertia of the part are left out.
+seabed carries the part of W that the line lifts, and the seabed carries the rest. Drag and inertia of the part of the
+link are neglected.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
+from dropper_jax.base.interpolation import interpolate_rows
 from dropper_jax.base.numerics import safe_norm, unit_vectors
 from dropper_jax.effects.buoyancy import displaced_diameter
 from dropper_jax.effects.submerged import submerged_fraction
@@ -84,20 +86,10 @@ def line_ends(scene: SceneData) -> Iterator[tuple[str, End]]:
         yield from zip((line.start, line.end), ends_of(where), strict=True)
 
 
-def held_points(scene: SceneData) -> list[str]:
+def loaded_fixed_points(scene: SceneData) -> list[str]:
     """Names of the fixed points at which a line ends."""
     ends = {name for name, _ in line_ends(scene)}
     return [name for name in scene.fixed_points if name in ends]
-
-
-def positions_at(t: np.ndarray, positions: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """Positions (q, ...) [m] at times (q,) [s], linear between the saved positions (k, ...) at t (k,) [s]."""
-    if len(t) < 2:
-        return positions[np.zeros(len(times), int)]
-    row = np.interp(times, t, np.arange(len(t)))
-    low = np.minimum(row.astype(int), len(t) - 2)
-    share = (row - low).reshape(-1, *[1] * (positions.ndim - 1))
-    return (1 - share) * positions[low] + share * positions[low + 1]
 
 
 class Motion(NamedTuple):
@@ -111,7 +103,7 @@ class Motion(NamedTuple):
 
     def end_force(self, links: EndLinks, end: End) -> np.ndarray:
         """Force (q, 3) [N] of an end link on its point, from its two nodes alone: all may be larger than memory."""
-        nodes = positions_at(self.t, self.positions[:, end.nodes], self.t_tension)
+        nodes = interpolate_rows(self.t, self.positions[:, end.nodes], self.t_tension)
         return links.force(end, nodes, self.tension, self.t_tension)
 
 

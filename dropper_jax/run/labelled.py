@@ -9,7 +9,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.load.checks_water import surface_over
-from dropper_jax.run.end_links import held_points, point_loads
+from dropper_jax.run.end_links import loaded_fixed_points, point_loads
 from dropper_jax.run.samples import Samples
 from dropper_jax.run.step_extremes import LOADS
 from dropper_jax.scene import whole_lines
@@ -33,7 +33,7 @@ Encoding = dict[Hashable, dict[str, Any]]
 def derive_variables(solution: Samples) -> Variables:
     """Variables computed from a run: surface at the origin, forces on fixed points, tension at the ends of lines."""
     found: Variables = {}
-    if names := held_points(solution.scene):
+    if names := loaded_fixed_points(solution.scene):
         loads = point_loads(solution.motion)
         vectors = np.stack([loads[name] for name in names], axis=1)
         meaning = "sum of the forces of the lines that end at a fixed point; at tension_time"
@@ -99,7 +99,7 @@ def coordinates(solution: Samples) -> Variables:
             ("line_of_link", "link", lines[ends_link], "line to which a link belongs"),
             ("link_of_line", "link", of_line, "number of a link in its line"),
         ]
-    if held := held_points(scene):
+    if held := loaded_fixed_points(scene):
         names.append(("held_point", "held_point", held, "fixed point"))
         if solution.point_load_max is not None:
             names.append(("load", "load", LOADS, "part of a load, vertical upwards"))

@@ -14,7 +14,7 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.memory import available_memory, in_words
 from dropper_jax.base.read import Plain, Table, Values
 from dropper_jax.load.scene import Scene
-from dropper_jax.run.end_links import held_points
+from dropper_jax.run.end_links import loaded_fixed_points
 from dropper_jax.run.samples import RUN_FORMAT, Kind, Samples
 from dropper_jax.run.step_extremes import LOADS
 from dropper_jax.run.variables import SOME, VARIABLES
@@ -134,7 +134,7 @@ def _wrong_arrays(solution: Samples) -> Iterator[str]:
     last = line_slices(scene)[-1]
     sizes = {"time": len(t), "axis": 3, "end": 2, "load": len(LOADS), "contribution": len(solution.work_names)}
     sizes |= {"node": last.nodes.stop, "link": last.links.stop, "line": len(whole_lines(scene))}
-    sizes |= {"held_point": len(held_points(scene)), "body": len(scene.bodies)}
+    sizes |= {"held_point": len(loaded_fixed_points(scene)), "body": len(scene.bodies)}
     for key, variable in VARIABLES.items():
         value = getattr(solution, key)
         if key == "step_status" or (value is None and key in SOME):

@@ -21,8 +21,8 @@ from dropper_jax.run.end_links import (
     Motion,
     end_forces_of_model,
     ends_of,
-    held_points,
     line_ends,
+    loaded_fixed_points,
     point_loads,
 )
 from dropper_jax.run.variables import SIGNALS
@@ -54,7 +54,7 @@ class StepSignals:
     def __call__(self, model: Model, before: State, after: State) -> tuple[Array, Array]:
         share = self.tension_time
         t = before.t + share * (after.t - before.t)
-        # linear over the step, as `end_links.positions_at` between saved times
+        # linear over the step, as `interpolate_rows` between saved times
         first = model.geometry.everywhere(before.r, model.ends(before.t).positions)
         last = model.geometry.everywhere(after.r, model.ends(after.t).positions)
         links = np.array(self.links)
@@ -81,7 +81,7 @@ def step_signals(scene: Scene, tension_time: float) -> StepSignals | None:
     for line in whole_lines(scene):
         whole += [links.index((end.link, end.last)) for end in ends_of(line)]
     points = []
-    for point in held_points(scene):
+    for point in loaded_fixed_points(scene):
         points.append(tuple(i for i, (name, _) in enumerate(ends) if name == point))
     return StepSignals(tuple(link for link, _ in links), tuple(whole), tuple(points), float(tension_time))
 
@@ -101,7 +101,7 @@ def saved_signal(signal: str, motion: Motion) -> np.ndarray:
             return np.stack(sizes, axis=1).reshape(len(motion.tension), -1, 2)
         loads = point_loads(motion)
         vectors = np.zeros((len(motion.tension), 0, 3))
-        if names := held_points(scene):
+        if names := loaded_fixed_points(scene):
             vectors = np.stack([loads[name] for name in names], axis=1)
         parts = np.hypot(vectors[..., 0], vectors[..., 1]), vectors[..., 2], np.linalg.norm(vectors, axis=-1)
         return np.stack(parts, axis=-1)
@@ -109,7 +109,7 @@ def saved_signal(signal: str, motion: Motion) -> np.ndarray:
 
 def extremes_by_signal(scene: Scene, extremes: Extremes) -> dict[str, Extremes]:
     """Rows (k, m) of the run by signal, each (k, n), (k, lines, 2) or (k, fixed points, 3)."""
-    shapes = ((scene.line.links,), (len(whole_lines(scene)), 2), (len(held_points(scene)), len(LOADS)))
+    shapes = ((scene.line.links,), (len(whole_lines(scene)), 2), (len(loaded_fixed_points(scene)), len(LOADS)))
     found = {}
     first = 0
     for signal, shape in zip(SIGNALS, shapes, strict=True):

@@ -1,4 +1,4 @@
-"""How the hard cases are measured: each function gives the number that the claim limits, and the status of the run."""
+"""Measures of the hard cases: each function returns the number that the claim limits."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from dropper_jax.base.interpolation import interpolate_rows
 from dropper_jax.run.build import build
 from dropper_jax.run.simulate import Solution, simulate
 from dropper_jax.run.wakes import scene_wakes
@@ -25,10 +26,10 @@ Measure = Callable[[Case, bool], Outcome]
 
 
 def measure(case: Case, short: bool) -> Outcome:
-    """What a case measures, and the status of its run."""
+    """The number that a case limits, and the status of its run."""
     name = case.measure
-    if name in OTHERS:
-        return OTHERS[name](case, short)
+    if name in OF_CASES:
+        return OF_CASES[name](case, short)
     if name in OF_MARCHES:  # runs without the checks of `simulate`
         marched = run_named(case.scene, case.dt, case.span(short), **case.settings)
         return Outcome(OF_MARCHES[name](case, marched), marched.status)
@@ -42,7 +43,7 @@ def measure(case: Case, short: bool) -> Outcome:
 
 def _distance_of_node(case: Case, run: CaseRun) -> float:
     """Maximum distance [m] of the first free node from the exact path."""
-    expected = _at(run.t, case.exact.times, case.exact.values)
+    expected = interpolate_rows(case.exact.times, case.exact.values, run.t)
     return np.max(np.linalg.norm(run.r[:, 0] - expected, axis=-1))
 
 
@@ -53,7 +54,7 @@ def _error_of_speed(case: Case, run: CaseRun) -> float:
 
 
 def _rise_of_energy(case: Case, run: CaseRun) -> float:
-    """Largest rise of the energy of 1 kg from one saved time to the next [J], with the gravity of the scene."""
+    """Maximum rise of the energy of 1 kg from one saved time to the next [J], with the gravity of the scene."""
     gravity = float(run.model.effects[0].gravity)
     kinetic = 0.5 * np.sum(run.velocities[:, 0] ** 2, axis=-1)
     return np.max(np.diff(gravity * run.positions[:, 0, 2] + kinetic), initial=-np.inf)
@@ -63,7 +64,7 @@ def _rise_of_energy(case: Case, run: CaseRun) -> float:
 STILL = 20.0
 
 
-def _stays(case: Case, short: bool) -> Outcome:
+def _late_movement(case: Case, short: bool) -> Outcome:
     """Movement of the nodes after `STILL` [m]."""
     rest = run_named(case.scene, case.dt, STILL)
     run = run_named(case.scene, case.dt, case.span(short))
@@ -104,14 +105,14 @@ def _bad_member(case: Case, short: bool) -> Outcome:
 
     others = np.delete(np.arange(BATCH), BAD)
     good = np.asarray(last(v))[others]
-    beside = np.asarray(last(v.at[BAD].set(jnp.nan)))[others]
-    differ = np.sum(np.any(good != beside, axis=(1, 2)))
-    return Outcome(float(differ), status_of(beside))
+    with_bad_member = np.asarray(last(v.at[BAD].set(jnp.nan)))[others]
+    differ = np.sum(np.any(good != with_bad_member, axis=(1, 2)))
+    return Outcome(float(differ), status_of(with_bad_member))
 
 
 @lru_cache(maxsize=1)
 def _simulated(scene: str, dt: float, duration: float, settings: tuple[tuple[str, Any], ...]) -> Solution:
-    """A run, the same for cases that are measured on one run."""
+    """A run; the last one is stored, for cases that share it."""
     return simulate(scene_of(scene), dt=dt, duration=duration, **dict(settings))
 
 
@@ -123,12 +124,6 @@ def _run(case: Case, short: bool) -> Solution:
     return _simulated(scene, case.dt, case.span(short), tuple(case.settings.items()))
 
 
-def _at(times: np.ndarray, known: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Values (k,) or (k, m) at times among the known ones."""
-    columns = [np.interp(times, known, column) for column in np.atleast_2d(values.T)]
-    return np.stack(columns, axis=-1)
-
-
 def _distance(case: Case, t: np.ndarray, positions: np.ndarray) -> float:
     """Maximum distance from the exact path, of heights or in the plane y = 0."""
     exact = case.exact.upto(t[-1])
@@ -136,7 +131,7 @@ def _distance(case: Case, t: np.ndarray, positions: np.ndarray) -> float:
     found = positions[:, [0, 2]] if plane else positions[:, 2:]
     if case.from_start:
         found = found - found[0]
-    apart = _at(exact.times, t, found) - exact.values.reshape(len(exact.times), -1)
+    apart = interpolate_rows(t, found, exact.times) - exact.values.reshape(len(exact.times), -1)
     return np.max(np.linalg.norm(apart, axis=1)) / case.size
 
 
@@ -145,13 +140,13 @@ def _rise(case: Case, t: np.ndarray, positions: np.ndarray) -> float:
     return np.max(positions[:, 2]) - positions[0, 2]
 
 
-def _lowest(case: Case, t: np.ndarray, positions: np.ndarray) -> float:
-    """Error of the greatest depth below `level`, over the exact one `size`."""
+def _depth_error(case: Case, t: np.ndarray, positions: np.ndarray) -> float:
+    """Relative error of the maximum depth below `level`; `size` is the exact one."""
     return abs((case.level - np.min(positions[:, 2])) / case.size - 1.0)
 
 
-def _return(case: Case, t: np.ndarray, positions: np.ndarray) -> float:
-    """What is missing of the start's height, or beyond it, when the point comes up the first time."""
+def _return_height_error(case: Case, t: np.ndarray, positions: np.ndarray) -> float:
+    """Difference between the height at the start and the height of the first return, over `size`."""
     z = positions[:, 2]
     return abs(z[0] - np.max(z[np.argmin(z) :])) / case.size
 
@@ -162,9 +157,13 @@ def _path(case: Case, t: np.ndarray, positions: np.ndarray) -> float:
     return abs(((positions[-1] - positions[0]) @ np.array(case.weights)) / exact - 1.0)
 
 
-def _late_motion(case: Case, t: np.ndarray, positions: np.ndarray) -> float:
-    """Motion [m] after the first second, in which the weight sinks into the seabed."""
-    late = positions[t >= 1.0]
+#: Time in which a weight sinks into the seabed [s].
+SINKING = 1.0
+
+
+def _motion_after_sinking(case: Case, t: np.ndarray, positions: np.ndarray) -> float:
+    """Maximum distance [m] from the position at the time `SINKING`, after that time."""
+    late = positions[t >= SINKING]
     return np.max(np.linalg.norm(late - late[0], axis=1))
 
 
@@ -176,12 +175,12 @@ def _angle(case: Case, t: np.ndarray, positions: np.ndarray) -> float:
 
 
 def _gain(case: Case, run: Solution) -> float:
-    """Energy gained in any step."""
+    """Maximum energy gained in a step, over the energy scale of the run."""
     return max(np.max(np.diff(run.balance)), 0.0) / run.energy_scale
 
 
 def _peak(case: Case, run: Solution) -> float:
-    """Error of the largest tension within the saved intervals."""
+    """Relative error of the maximum tension over all steps."""
     return abs(np.max(run.tension_max) / case.size - 1.0)
 
 
@@ -193,14 +192,14 @@ def _tension(case: Case, run: Solution) -> float:
 
 
 def _shape(case: Case, run: Solution, nodes: np.ndarray) -> float:
-    """Error of a weighted sum over the nodes (k, nodes)."""
+    """Maximum error of a weighted sum over the nodes (k, nodes), over `size`."""
     exact = case.exact.upto(run.t[-1])
     found = np.interp(exact.times, run.t, nodes @ np.array(case.weights))
     return np.max(np.abs(found - exact.values)) / case.size
 
 
-def _passes(case: Case, run: Solution) -> float:
-    """1 where ropes are above each other in two rows of the run and have changed sides in between.
+def _ropes_pass_through(case: Case, run: Solution) -> float:
+    """1 if ropes are above each other in two rows of the run and have changed sides in between.
 
     The weight bounces off sideways, round the end of the lower rope: if it is below this rope later, it has not passed
     through it.
@@ -219,7 +218,10 @@ def _passes(case: Case, run: Solution) -> float:
 
 
 def _heights_above(high: np.ndarray, low: np.ndarray) -> np.ndarray:
-    """How far a rope (nodes, 3) is above another where they cross as seen from above [m]."""
+    """Heights (crossings,) [m] of a rope (nodes, 3) above another at their crossings as seen from above.
+
+    Links a + s d and c + t e cross if s and t are both between 0 and 1.
+    """
     a = high[:-1, None]
     d = np.diff(high, axis=0)[:, None]
     c = low[None, :-1]
@@ -256,10 +258,10 @@ def _wake(case: Case, short: bool) -> Outcome:
 OF_PATHS: dict[str, Callable[[Case, np.ndarray, np.ndarray], float]] = {
     "distance": _distance,
     "rise": _rise,
-    "lowest": _lowest,
-    "return": _return,
+    "lowest": _depth_error,
+    "return": _return_height_error,
     "way": _path,
-    "late motion": _late_motion,
+    "late motion": _motion_after_sinking,
     "angle": _angle,
 }
 OF_MARCHES: dict[str, Callable[[Case, CaseRun], float]] = {
@@ -278,10 +280,10 @@ OF_RUNS: dict[str, Callable[[Case, Solution], float]] = {
     "twist": lambda case, run: _shape(case, run, run.twist),
     "heights": lambda case, run: _shape(case, run, run.positions[:, :, 2]),
     "way of body": lambda case, run: abs(run.body_position[-1, 0, 0] / case.size - 1.0),
-    "passes": _passes,
+    "passes": _ropes_pass_through,
 }
-OTHERS: dict[str, Measure] = {
-    "stays": _stays,
+OF_CASES: dict[str, Measure] = {
+    "stays": _late_movement,
     "too large a step": _too_large_step,
     "bad member": _bad_member,
     "wake": _wake,

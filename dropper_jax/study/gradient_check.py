@@ -1,4 +1,4 @@
-"""A gradient of a run against two runs along it, by a change of a size that matters."""
+"""Check a gradient of a run: its predicted change against the measured one, for a change of engineering size."""
 
 from __future__ import annotations
 
@@ -14,10 +14,11 @@ from dropper_jax.base.errors import SceneError
 
 #: A number, an array or a tree of arrays.
 Tree = TypeVar("Tree")
-#: Relative change of the number that matters most, and the difference of both changes from which a gradient is not
-#: trusted.
-SIZE = 0.005
-ALLOWED = 0.1
+#: Relative change of the number to which the function is most sensitive.
+RELATIVE_CHANGE = 0.005
+#: Difference of the measured and the predicted change, over the predicted one, up to which a gradient is trusted.
+MAX_DIFFERENCE = 0.1
+#: Values of `GradientCheck.status`.
 TRUSTED = "trusted"
 NOT_TRUSTED = "not_trusted"
 
@@ -27,8 +28,9 @@ class GradientCheck(NamedTuple):
 
     Attributes:
         predicted, measured: by the gradient, and by the function at both points.
-        ratio: measured over predicted; NaN if the gradient is 0 or not finite.
-        status: `trusted`, or `not_trusted` if they differ by more than 10 %.
+        ratio: measured over predicted; of a predicted change of 0: 1 if the measured one is 0, otherwise NaN.
+            `check_gradient` gives NaN for a gradient that is 0 or not finite.
+        status: `trusted`, or `not_trusted` if both changes differ by more than 10 % of the predicted one.
     """
 
     predicted: float
@@ -38,13 +40,15 @@ class GradientCheck(NamedTuple):
 
     @classmethod
     def of(cls, predicted: float, measured: float, rounding: float = 0.0) -> GradientCheck:
-        """The check of two changes; differences up to `rounding` do not matter."""
+        """The check of two changes; a difference up to `rounding` is allowed."""
         if predicted:
             ratio = measured / predicted
+        elif measured == 0.0:
+            ratio = 1.0
         else:
-            ratio = 1.0 if measured == 0.0 else np.nan
+            ratio = np.nan
         status = NOT_TRUSTED
-        if abs(measured - predicted) <= max(ALLOWED * abs(predicted), rounding):
+        if abs(measured - predicted) <= max(MAX_DIFFERENCE * abs(predicted), rounding):
             status = TRUSTED
         return cls(predicted, measured, ratio, status)
 
@@ -54,19 +58,19 @@ def check_gradient(
     x: Tree,
     gradient: Tree,
     scale: Tree | None = None,
-    size: float = SIZE,
+    size: float = RELATIVE_CHANGE,
 ) -> GradientCheck:
     """Whether a gradient, such as that of `jax.grad` through a run, predicts a change of engineering size.
 
         d = h s (s g)/max |s g|,    predicted 2 g.d,    measured f(x + d) - f(x - d)
 
-    An exact gradient of a run whose small changes grow predicts nothing: growth shows at this size, and only there.
+    In a chaotic run even an exact gradient does not predict such a change. Only a change of this size shows that.
 
     Args:
         function: of x, to a number; two evaluations.
         x: numbers, an array or a tree of arrays; `gradient` has the same form.
         scale: typical sizes s of the numbers, in the same form; by default their values, so that zeros do not change.
-        size: relative change h of the number that matters most.
+        size: relative change h of the number to which the function is most sensitive.
 
     Raises:
         SceneError: gradient or scale have another form than x, or size is not between 0 and 1.
@@ -86,5 +90,6 @@ def check_gradient(
     if not 0.0 < largest < np.inf:
         return GradientCheck(largest, np.nan, np.nan, NOT_TRUSTED)
     step = size * sizes * matters / largest
-    high, low = (float(function(restore(at + sign * step))) for sign in (1.0, -1.0))
+    high = float(function(restore(at + step)))
+    low = float(function(restore(at - step)))
     return GradientCheck.of(2.0 * float(slope @ step), high - low)

@@ -131,8 +131,8 @@ def test_large_reductions_that_a_compiler_gives_to_a_library_are_not_inline(monk
     assert one_kernel.is_inline(traced.jaxpr) == inline
 
 
-def test_derivatives_are_not_metered_where_no_processor_runs_the_warning(monkeypatch):
-    monkeypatch.setattr(one_kernel, "_has_processor", lambda: False)
+def test_derivatives_are_not_metered_where_no_cpu_runs_the_warning(monkeypatch):
+    monkeypatch.setattr(one_kernel, "_has_cpu", lambda: False)
     assert growth_meter(jnp.ones(3)) is None
 
 

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from jax import lax
 
-from dropper_jax.lanes import STRUCTURAL, lanes
+from dropper_jax.lanes import lanes
+from dropper_jax.lanes.rules import STRUCTURAL
 
 X = np.linspace(0.3, 2.0, 5 * 3 * 4).reshape(5, 3, 4)
 SHARED = np.linspace(-1.0, 1.0, 4)
@@ -87,3 +88,17 @@ def test_an_operation_written_in_a_new_way_leaves_all_to_vmap_and_is_named(monke
         found = lanes(axes, in_axes=(0, None))(X, SHARED)
     for a, b in zip(found, jax.vmap(axes, in_axes=(0, None))(X, SHARED), strict=True):
         np.testing.assert_array_equal(a, b)
+
+
+def test_a_fault_in_a_rule_is_no_reason_to_leave_all_to_vmap(monkeypatch):
+    def faulty(p, members, inputs):
+        return {}["no_such_key"]
+
+    monkeypatch.setitem(STRUCTURAL, "transpose", faulty)
+    with pytest.raises(KeyError, match="no_such_key"):
+        lanes(axes, in_axes=(0, None))(X, SHARED)
+
+
+def test_a_batch_without_a_mapped_argument_is_refused():
+    with pytest.raises(ValueError, match="at least one argument must be mapped"):
+        lanes(axes, in_axes=None)(X[0], SHARED)

@@ -12,7 +12,7 @@ from dropper_jax.cli.outputs import draw
 from dropper_jax.plots import motion, style, tension, time_panels
 from dropper_jax.plots.run import chosen_links, readable
 from dropper_jax.plots.style import force_unit
-from dropper_jax.run.end_links import Motion, held_points, point_loads
+from dropper_jax.run.end_links import Motion, loaded_fixed_points, point_loads
 
 
 def test_envelope_of_a_long_record_holds_every_sample():
@@ -119,7 +119,7 @@ def test_loads_of_a_point_are_the_pull_of_its_lines_along_them():
     load = point_loads(motion)["a"]
     np.testing.assert_allclose(load[0], 30.0 * np.array([0.6, 0.0, 0.8]))
     np.testing.assert_allclose(load[1], 3.0 * np.array([1.0, 0.0, 1.0]) / np.sqrt(2.0))  # half way: (4, 0, 4)
-    assert held_points(scene) == ["a"]
+    assert loaded_fixed_points(scene) == ["a"]
 
 
 @pytest.mark.parametrize("name", ["tension_history", "motion_history"])
@@ -145,13 +145,13 @@ def test_a_snapshot_shows_the_peak_and_unloaded_anchors_have_no_curve(longline):
     solution.tension[23, 3] = 5000.0
     run = readable(solution)
     assert run.peak == 23
-    names = held_points(solution.scene)
+    names = loaded_fixed_points(solution.scene)
     lazy = next(line for line in solution.scene.lines if names[0] in (line.start, line.end))
     others = [line.name for line in solution.scene.lines if line is not lazy and names[0] in (line.start, line.end)]
     assert not others
     solution.tension[:, next(w.links for w in solution.lines if w.name == lazy.name)] = 0.0
     run = readable(solution)
-    panel = tension.held_points_panel(run, tension.loads_of(run))
+    panel = tension.fixed_points_panel(run, tension.scale_tensions(run))
     assert names[0] not in [curve.name for curve in panel.curves]
     assert "1 below 1% of the maximum" in panel.title
 

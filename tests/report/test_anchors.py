@@ -8,7 +8,7 @@ import pytest
 
 import dropper_jax as dj
 from dropper_jax import SceneError, report_runs
-from dropper_jax.report.text import markdown
+from dropper_jax.report.text import report_markdown
 from dropper_jax.scene import AnchorSpec, utilisations
 from dropper_jax.study.tide import tidal_cycle
 
@@ -91,7 +91,7 @@ def test_the_report_has_utilisation_and_factor():
     assert used["mean"] == pytest.approx((across["mean"] / 0.5 + up["mean"]) / 5000.0, rel=1e-3)
     assert held["holding"]["factor"] == pytest.approx(1.0 / used["max"])
     assert held["holding"]["holds"] == (used["max"] * 1.5 <= 1.0)
-    assert "| anchor | dead weight |" in markdown(found, [{}])
+    assert "| anchor | dead weight |" in report_markdown(found, [{}])
     heavy = scene.with_values({"anchor.0.weight": 50000.0})
     assert heavy.anchors[0].weight == 50000.0
 

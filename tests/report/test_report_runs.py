@@ -11,7 +11,7 @@ import pytest
 from dropper_jax import SceneError, report_run, report_runs, write_vtk
 from dropper_jax.cli import main
 from dropper_jax.evaluation.extremes import Gumbel, fit_gumbel, storm_extreme
-from dropper_jax.report.text import markdown
+from dropper_jax.report.text import report_markdown
 
 pytest.importorskip("rainflow")
 
@@ -67,7 +67,7 @@ def test_steps_that_follow_an_accuracy_are_not_reported_as_the_interval_of_sampl
     found = report_runs({"equal.npz": equal, "accurate.npz": accurate})
     assert found["spread"]["dt_s"] == [0.02, None]
     assert found["spread"]["accuracy"] == [None, 0.02]
-    overview = [line.split(" | ")[-1] for line in markdown(found, [{}, {}]).splitlines() if "npz | ok" in line]
+    overview = [line.split(" | ")[-1] for line in report_markdown(found, [{}, {}]).splitlines() if "npz | ok" in line]
     assert overview == ["0.02 |", "by accuracy 0.02 |"]
 
 

@@ -6,7 +6,7 @@ from dropper_jax import report_runs
 from dropper_jax.report import sections
 from dropper_jax.report.parts import parts
 from dropper_jax.report.tables import SECTION_ROWS
-from dropper_jax.report.text import markdown
+from dropper_jax.report.text import report_markdown
 
 
 def point(i):
@@ -102,7 +102,7 @@ def test_parts_stand_before_tensions_where_there_are_many_lines(made):
     found = report_runs({"run": hung(11)})
     (part,) = found["runs"][0]["parts"]
     assert (part["part"], part["largest"]["line"], part["largest"]["n"]) == ("drop-*", "drop-10", 110.0)
-    text = markdown(found, [{}])
+    text = report_markdown(found, [{}])
     assert 0 < text.index("## Parts") < text.index("## Tension")
     assert "## Bodies" not in text
-    assert "## Parts" not in markdown(report_runs({"run": hung(10)}), [{}])
+    assert "## Parts" not in report_markdown(report_runs({"run": hung(10)}), [{}])

@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 import dropper_jax as dj
 from dropper_jax import load_scene
 from dropper_jax.study.load_convergence import load_convergence
-from dropper_jax.study.load_errors import twice_the_links
+from dropper_jax.study.twice_the_links import twice_the_links
 
 PERIOD = 0.2
 

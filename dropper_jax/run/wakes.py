@@ -20,7 +20,7 @@ from dropper_jax.effects.cylinder import steady_drag
 from dropper_jax.effects.morison_drag import relative_roughness
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.arrays import bare_model, static_pose
-from dropper_jax.run.wake_model import Elements, Wakes, solve_wakes
+from dropper_jax.run.wake_model import TURBULENCE, Elements, Wakes, solve_wakes
 from dropper_jax.scene import LineSlice, line_slices
 from dropper_jax.scene.data import first_nodes, link_differences
 
@@ -87,23 +87,22 @@ def scene_wakes(scene: Scene) -> SceneWakes:
         x=middle[:, :2] @ course,
         y=middle[:, :2] @ side,
         z=np.clip(middle[:, 2], -scene.sea.depth, 0.0),
-        wide=np.abs(along[:, :2] @ side),
-        high=np.abs(along[:, 2]),
+        width=np.abs(along[:, :2] @ side),
+        height=np.abs(along[:, 2]),
         diameter=drag_diameter(scene) * np.ones(len(middle)),
-        drag=coefficient * np.ones(len(middle)),
+        drag_coefficient=coefficient * np.ones(len(middle)),
     )
-    # default turbulence intensity of the current (assumed)
-    turbulence = 0.05
+    turbulence = TURBULENCE
     if drag["turbulence"] is not None:
         turbulence = float(drag["turbulence"])
     wakes = solve_wakes(elements, speed, scene.sea.depth, turbulence)
-    return SceneWakes(wakes, wakes.met / speed, line_slices(scene), float(np.arctan2(stream[1], stream[0])), middle)
+    return SceneWakes(wakes, wakes.inflow / speed, line_slices(scene), float(np.arctan2(stream[1], stream[0])), middle)
 
 
 def wake_facts(found: SceneWakes) -> Table:
     """Fractions of the current by line, total drag over that without wakes, and the momentum balance."""
     wakes = found.wakes
-    alone = 0.5 * np.sum(wakes.elements.drag * wakes.elements.area) * wakes.speed**2
+    alone = 0.5 * np.sum(wakes.elements.drag_coefficient * wakes.elements.area) * wakes.speed**2
     lines = []
     for line in found.lines:
         lines.append({"line": line.name, "share": spread(found.share[line.links], ("min", "mean", "max"))})

@@ -98,7 +98,7 @@ def _irregular(sea: Sea, spec: SeaSpec) -> Table:
         "components": int(sea.waves.size),
         "significant_height_m": hs,
         "mean_period_s": tz,
-        "peak_period_s": float(2.0 * np.pi / sea.waves.omega[int(np.argmax(np.asarray(sea.waves.amplitude)))]),
+        "peak_period_s": float(sea.waves.peak_period),
         "hs_over_depth": hs / spec.depth,
         "steepness": 2.0 * np.pi * hs / (spec.gravity * tz**2),
         "breaking_hs_m": breaking,

@@ -10,6 +10,7 @@ import numpy as np
 
 from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.errors import SceneError
+from dropper_jax.scene.fit import FIT_UNITS
 from fitting.from_file.angles import read_angles
 from fitting.from_file.cells import Cells, read_cells
 from fitting.from_file.clock import Rows, ordered_rows, unit_of_time
@@ -23,7 +24,7 @@ from fitting.traces.planar import pendulum_period
 from fitting.traces.trace import Convention, Trace
 
 #: Metres per unit of length.
-METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
+METRES = {name: size for name, (base, size) in FIT_UNITS.items() if base == "m"}
 #: Ratio of a unit of length to that which gravity shows, within which the unit is taken.
 FITS_UNIT = 1.3
 #: Period of the smoothing of a chain, whose links swing faster than its main motion.

@@ -36,8 +36,8 @@ class MorisonDrag(Effect):
 
     name = "morison_drag"
     needs_water = True
-    # roughness, table_kc, table_cdn, table_re and coefficients (run.flow_coefficients), turbulence and wakes (run.wakes)
-    # are read before the run only: `build` leaves them out, and the compiled program does not contain them
+    # read before the run only: roughness, table_kc, table_cdn, table_re and coefficients by run.flow_coefficients,
+    # turbulence and wakes by run.wakes; `build` leaves them out, and the compiled program does not contain them
     cdn: Array = parameter("drag coefficient across the link", unit="-", shape="link", low=0.0, default=None)
     cdt: Array = parameter("drag coefficient along the link", unit="-", shape="link", low=0.0, default=0.0)
     shelter: Array | None = parameter(

@@ -27,6 +27,7 @@ from dropper_jax.base.constants import SEA_WATER
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.read import Table
 
+#: Start of the name of a part in a scene.
 PREFIX = "library:"
 #: Density of foam and shell of a float over its volume [kg/m^3], and its coefficients as a sphere: drag on its frontal
 #: area (subcritical: Hoerner 1965, Fluid-dynamic drag), added mass of a sphere (Lamb 1932, article 92).
@@ -36,6 +37,8 @@ FLOAT_ADDED_MASS = 0.5
 #: Damping ratio of a link (internal damping over critical): numerical, not a property of the part; as in packaged
 #: scenes.
 PART_DAMPING = 0.1
+#: Drag coefficient of ropes across them, on the diameter d (DNV-OS-E301).
+ROPE_DRAG = 1.6
 #: The paper's sock of fully grown mussels [kg/m], the density assumed in `edulis-longline` [kg/m^3], and the months to
 #: full growth: the cycle with thinning-out of Galician ropes.
 SOCK_MASS = 21.8
@@ -117,15 +120,14 @@ def _rope(mass: float, density: float, square: float, cube: float, stiffness: fl
 
 
 def _rope_values(d: float, mass: float, displaced: float, stiffness: float, load: float) -> Table:
-    """Values of a rope of diameter d [m], mass by d^2 and displaced diameter over d; drag 1.6 over d
-    (DNV-OS-E301)."""
+    """Values of a rope of diameter d [m]: mass over d^2, displaced diameter over d, EA and breaking load [N]."""
     return {
         "mass": mass * d**2,
         "diameter": displaced * d,
         "EA": stiffness,
         "damping_ratio": PART_DAMPING,
         "breaking_load": load,
-        "cdn": 1.6 / displaced,
+        "cdn": ROPE_DRAG / displaced,
         "cdt": 0.0,
         "can": 1.1,
         "cat": 0.15,
@@ -210,6 +212,7 @@ def _family(law: str, numbers: list[float], **values: Any) -> Family:
     return Family(make=partial(MAKERS[law], *numbers), **values)
 
 
+#: Families of parts by name.
 FAMILIES = {name: _family(**row) for name, row in _rows("library.toml").items()}
 
 
@@ -236,13 +239,13 @@ def crop_values() -> list[Table]:
     """Numbers of each crop at its example size: name, mass per metre in air and in sea water of 1025 kg/m^3, displaced
     and outer diameter, drag and added mass coefficients across the outer one, bending stiffness (None: unknown), source
     and spread."""
-    found = []
+    rows = []
     for family, kind in FAMILIES.items():
         if not kind.spread:
             continue
         name = f"{family}-{kind.example:g}"
         values = part(name)[1]
-        found.append(
+        rows.append(
             {
                 "name": name,
                 "mass_kg_per_m": values["mass"],
@@ -256,7 +259,7 @@ def crop_values() -> list[Table]:
                 "spread": kind.spread,
             }
         )
-    return found
+    return rows
 
 
 def published_crops() -> list[Table]:

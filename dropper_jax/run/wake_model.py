@@ -207,8 +207,8 @@ class WakeSolver:
         of_narrow = self._spectrum(spacing, phases, upstream[:narrow], sigma_y[:narrow], profiles[:narrow])
         of_wide = self._spectrum(spacing, phases, upstream[narrow:], sigma_y[narrow:], profiles[narrow:])
         _, weight = depth_quadrature(self.heights, self.depth)
-        signs = np.where(np.arange(self.modes) > 0, 2.0, 1.0)  # positive and negative wave numbers
-        wide = spacing * float(np.einsum("cqz,cqz,q,z->", of_wide, of_wide + 2.0 * of_narrow, signs, weight))
+        both_signs = np.where(np.arange(self.modes) > 0, 2.0, 1.0)  # of the wave number
+        wide = spacing * float(np.einsum("cqz,cqz,q,z->", of_wide, of_wide + 2.0 * of_narrow, both_signs, weight))
         y = self.elements.y[upstream[:narrow]]
         return wide + self._pair_sum(y, sigma_y[:narrow], profiles[:narrow] * np.sqrt(weight))
 
@@ -263,7 +263,8 @@ class WakeSolver:
     def _combine(self, drag: float, square: float) -> tuple[float, float]:
         """Factor 1/U_c [s/m] and momentum deficit over rho [m^4/s^2] of `U_s = 1/U_c sum_i c_i a_i g_i h_i`.
 
-        With the factor b, `int (U - U_s) U_s dA = drag` is `U b drag - b^2 square = drag`, a quadratic equation.
+        With the factor b, `int (U - U_s) U_s dA = drag` is `U b drag - b^2 square = drag`, a quadratic equation. The
+        drag is that of all wakes over rho [m^4/s^2], or less where a wake cannot take it.
         """
         root = np.sqrt(max((self.speed * drag) ** 2 - 4.0 * square * drag, 0.0))
         factor = 1.0

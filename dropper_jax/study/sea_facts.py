@@ -43,7 +43,7 @@ def _waves(spec: SeaSpec) -> Table | None:
 
 
 def _regular(theory: str, height: float, length: float, period: float, depth: float, **more: float) -> Table:
-    """Facts of regular waves; `more` of those that only one theory knows, or knows better."""
+    """Facts of regular waves; `more` has those that one theory alone gives, or gives more accurately."""
     limit = highest(length, depth)
     return {
         "kind": "regular",

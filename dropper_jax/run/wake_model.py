@@ -116,7 +116,7 @@ class WakeSolver:
         reach: distance in sigma, and wave number times sigma, from which Gaussians and their spectra are left out.
         modes: number of Fourier modes across the current. Wakes too narrow for them are summed by pairs.
         chunk: wakes in one array operation, few enough for the cache.
-        heights: nodes of integrals over the depth.
+        heights: nodes of integrals over the depth: 48 change inflows of random lines in 25 m by 7e-7, 32 by 1e-4.
     """
 
     elements: Elements

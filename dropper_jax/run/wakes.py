@@ -68,7 +68,7 @@ def scene_wakes(scene: Scene) -> SceneWakes:
     Raises:
         SceneError: no drag, no current, a zero current, or too many links.
     """
-    _check_scene(scene)
+    depth = _checked_depth(scene)
     drag = scene.effects["morison_drag"]
     bare = dataclasses.replace(scene, effects={**scene.effects, "morison_drag": {**drag, "wakes": "none"}})
     model = bare_model(bare, "float64")
@@ -84,17 +84,18 @@ def scene_wakes(scene: Scene) -> SceneWakes:
     turbulence = TURBULENCE
     if drag["turbulence"] is not None:
         turbulence = float(drag["turbulence"])
-    elements = _elements(scene, middle, along, stream / speed)
-    wakes = solve_wakes(elements, speed, scene.sea.depth, turbulence)
+    elements = _elements(scene, depth, middle, along, stream / speed)
+    wakes = solve_wakes(elements, speed, depth, turbulence)
     return SceneWakes(wakes, wakes.inflow / speed, line_slices(scene), float(np.arctan2(stream[1], stream[0])), middle)
 
 
-def _check_scene(scene: Scene) -> None:
-    """Reject scenes without drag or current, or with too many links."""
+def _checked_depth(scene: Scene) -> float:
+    """Depth of the water [m]; scenes without drag or current, or with too many links, are rejected."""
     if "morison_drag" not in scene.effects or scene.sea is None or scene.sea.current is None:
         raise SceneError(f"effects.morison_drag.wakes: scene {scene.name!r} lacks morison_drag or [sea.current]")
     if scene.line.links > MAX_LINKS:
         raise SceneError(f"effects.morison_drag.wakes: more than {MAX_LINKS} links; allowed: at most {MAX_LINKS}")
+    return scene.sea.depth
 
 
 def _stream(scene: Scene, sea: Sea, middle: np.ndarray, along: np.ndarray) -> np.ndarray:
@@ -111,7 +112,7 @@ def _stream(scene: Scene, sea: Sea, middle: np.ndarray, along: np.ndarray) -> np
     return np.asarray(sea.current.profile(jnp.asarray([height]), sea.depth))[0, :2]
 
 
-def _elements(scene: Scene, middle: np.ndarray, along: np.ndarray, course: np.ndarray) -> Elements:
+def _elements(scene: Scene, depth: float, middle: np.ndarray, along: np.ndarray, course: np.ndarray) -> Elements:
     """The links as elements of the wake model, in a current along the unit vector `course` (2,)."""
     side = np.array([-course[1], course[0]])
     coefficient = scene.effects["morison_drag"]["cdn"]
@@ -120,7 +121,7 @@ def _elements(scene: Scene, middle: np.ndarray, along: np.ndarray, course: np.nd
     return Elements(
         x=middle[:, :2] @ course,
         y=middle[:, :2] @ side,
-        z=np.clip(middle[:, 2], -scene.sea.depth, 0.0),
+        z=np.clip(middle[:, 2], -depth, 0.0),
         width=np.abs(along[:, :2] @ side),
         height=np.abs(along[:, 2]),
         diameter=drag_diameter(scene) * np.ones(len(middle)),

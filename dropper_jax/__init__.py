@@ -1,6 +1,6 @@
 """A differentiable simulator of mussel droppers: chains of links, hanging, looped, damped, driven.
 
-The way of one step:
+From a scene to the next state:
 
     scene            load.scene.load_scene             a TOML file or a dict, checked, in SI units
       | run.build.build_model, run.build.initial_state

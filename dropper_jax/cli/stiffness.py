@@ -135,7 +135,7 @@ def _names(scene: Scene, given: str | None) -> list[str]:
     if given is not None:
         return split_names(given)
     names = [body.name for body in scene.bodies if not body.pinned]
-    names = names or [p.name for p in scene.points if p.is_free and p.on is None]
+    names = names or [p.name for p in scene.points if p.is_free and p.carrier is None]
     if not names:
         held = ", ".join(p.name for p in scene.points)
         raise SceneError(f"--points: the scene has no free point; allowed: fixed points by name, such as {held}")

@@ -24,17 +24,20 @@ class MorisonDrag(Effect):
 
     D is the line's `outer_diameter`, or its `diameter` without one. Axial drag acts on the wetted surface, pi D, as in
     MoorDyn (thesis (6.12) lacks the absolute value, (C.22)-(C.24) the relative velocity: errata). w is the submerged
-    fraction. The links' directions are those of the predicted middle
-    of the step, which is second order and keeps the force on its own node. `tangents = "implicit"` solves for them too.
+    fraction. The links' directions are those of the predicted middle of the step, which is second order and keeps the
+    force on its own node. `tangents = "implicit"` solves for them too.
     `coefficients` computes cdn per link from the flow of the linear sea, fixed for the run (`run.flow_coefficients`).
     `shelter` reduces the current, not the waves, that reaches a link behind others; `wakes` computes it from the lines
     upstream (`run.wakes`).
 
-    In both cases the force opposes the relative velocity: in water at rest it never adds energy.
+    With frozen and with implicit tangents alike, the force opposes the relative velocity of `drag_velocity`; at an
+    instant it never adds energy in water at rest.
     """
 
     name = "morison_drag"
     needs_water = True
+    # read before the run only: roughness, table_kc, table_cdn, table_re and coefficients by run.flow_coefficients,
+    # turbulence and wakes by run.wakes; `build` leaves them out, and the compiled program does not contain them
     cdn: Array = parameter("drag coefficient across the link", unit="-", shape="link", low=0.0, default=None)
     cdt: Array = parameter("drag coefficient along the link", unit="-", shape="link", low=0.0, default=0.0)
     shelter: Array | None = parameter(
@@ -44,7 +47,9 @@ class MorisonDrag(Effect):
         "height k of the roughness, for rough_cylinder", unit="m", shape="link", low=0.0, default=None
     )
     table_kc: Array | None = parameter("KC of the table, rising", unit="-", shape="table", low=0.0, default=None)
-    table_cdn: Array | None = parameter("cdn at those", unit="-", shape="table", low=0.0, default=None)
+    table_cdn: Array | None = parameter(
+        "drag coefficients of the table at `table_kc`", unit="-", shape="table", low=0.0, default=None
+    )
     table_re: Array | None = parameter("minimum and maximum Re of the table", unit="-", shape="table", default=None)
     tangents: str = option("directions of the links", choices=("frozen", "implicit"), default="frozen")
     turbulence: Array | None = parameter(
@@ -68,12 +73,12 @@ class MorisonDrag(Effect):
     @classmethod
     def build(cls, values: Values, scene: SceneData) -> Effect:
         """The effect with its coefficients; flow-dependent ones have their steady values until the flow is known."""
-        kept = {key: values[key] for key in ("cdn", "cdt", "shelter", "tangents")}
+        arguments = {key: values[key] for key in ("cdn", "cdt", "shelter", "tangents")}
         if values["coefficients"] == "rough_cylinder":
-            kept["cdn"] = steady_drag(relative_roughness(scene))
+            arguments["cdn"] = steady_drag(relative_roughness(scene))
         elif values["coefficients"] == "table":
-            kept["cdn"] = np.full(scene.line.links, values["table_cdn"][-1])
-        return cls(**kept)
+            arguments["cdn"] = np.full(scene.line.links, values["table_cdn"][-1])
+        return cls(**arguments)
 
     @property
     def needs_current(self) -> bool:
@@ -83,7 +88,7 @@ class MorisonDrag(Effect):
     def reach(self) -> int:
         return int(self.tangents == "implicit")
 
-    def _decay(self, k: Kinematics, skin: Array) -> Array:
+    def _drag_rate(self, k: Kinematics, skin: Array) -> Array:
         """Rate at which drag alone would stop nodes (nodes, 1) [1/s], from the relative speed at the start of the
         step."""
         speed = safe_norm(k.water.motion.velocity - (k.v if k.before is None else k.before))
@@ -97,7 +102,7 @@ class MorisonDrag(Effect):
         if self.tangents == "frozen":
             tangents = water.tangents
         skin = 0.5 * k.sea.density * line.drag_diameter * line.length
-        relative = water.motion.velocity - drag_velocity(k, self._decay(k, skin))
+        relative = water.motion.velocity - drag_velocity(k, self._drag_rate(k, skin))
         total = jnp.zeros_like(k.v)
         for part in line.parts():
             flow = part.at(relative)

@@ -82,7 +82,9 @@ class MorisonInertia(_InertiaForce):
     cat: Array = parameter("added mass coefficient along the link", unit="-", shape="link", low=0.0, default=None)
     fluid_acceleration: str = option("of the water", choices=("local", "material"), default="local")
     table_kc: Array | None = parameter("KC of the table, rising", unit="-", shape="table", low=0.0, default=None)
-    table_can: Array | None = parameter("can at those", unit="-", shape="table", low=0.0, default=None)
+    table_can: Array | None = parameter(
+        "added mass coefficients of the table at `table_kc`", unit="-", shape="table", low=0.0, default=None
+    )
     table_re: Array | None = parameter("minimum and maximum Re of the table", unit="-", shape="table", default=None)
     added_mass: str = option(
         "force of added mass that turns with its link", choices=("morison", "lagrangian"), default="morison"

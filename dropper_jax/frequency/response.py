@@ -258,8 +258,7 @@ def _waves(
             own = waves_of(spec, spec.waves, current)
         if own is None or own.size < 2:
             raise SceneError("sea.waves: is not an irregular linear sea. Use sea states, or kind 'spectrum'")
-        peak = own.omega[jnp.argmax(own.amplitude)]
-        return np.array([[own.significant_height, 2 * np.pi / peak]]), jax.tree.map(lambda x: x[None], own)
+        return np.array([[own.significant_height, own.peak_period]]), jax.tree.map(lambda x: x[None], own)
     states = np.atleast_2d(np.asarray(sea_states, float))
     if states.shape[1] != 2 or not np.all(np.isfinite(states) & (states > 0.0)):
         raise SceneError("sea_states: need rows of a significant height [m] and a peak period [s]; allowed: above 0")

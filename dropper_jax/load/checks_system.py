@@ -58,7 +58,7 @@ def _check_ends(scene: SceneData) -> None:
                 raise SceneError(f"line.{i}.{key}: {short_text(name)} is not a point; {nearest(name, names)}")
             used.add(name)
     for i, point in enumerate(scene.points):
-        if point.name not in used and point.on is None:
+        if point.name not in used and point.carrier is None:
             raise refuse(f"point.{i}.name", point.name, "is not an end of any line", ", ".join(sorted(used)))
 
 
@@ -140,7 +140,7 @@ def check_span(scene: SceneData, index: int) -> float:
 
 def _reached(scene: SceneData) -> set[str]:
     """Names of the points that lines connect to a fixed point."""
-    reached = {point.name for point in scene.points if not point.is_free or point.on}
+    reached = {point.name for point in scene.points if not point.is_free or point.carrier}
     before = 0
     while len(reached) > before:
         before = len(reached)
@@ -156,7 +156,8 @@ def _check_system_effects(scene: SceneData) -> Iterator[Check]:
     that need water."""
     nodes = scene.link_mass_nodes
     heavy = {line.end for line in scene.lines} | {line.start for line in scene.lines if nodes[line.name] != "far"}
-    heavy |= {buoy.point for buoy in scene.buoys} | {p.name for p in scene.points if p.mass or p.on or not p.is_free}
+    heavy |= {buoy.point for buoy in scene.buoys}
+    heavy |= {point.name for point in scene.points if point.mass or point.carrier or not point.is_free}
     for i, line in enumerate(scene.lines):
         yield (
             line.start not in heavy,
@@ -267,7 +268,7 @@ def attached_points(scene: SceneData) -> tuple[PointSpec, ...]:
                     )
                 if name in found:
                     raise refuse(path, name, "is used twice", "unique names among points")
-                found[name] = PointSpec(name=name, position=carrier.world(position), kind=kind, on=carrier.name)
+                found[name] = PointSpec(name=name, position=carrier.world(position), kind=kind, carrier=carrier.name)
     return tuple(found.values())
 
 

@@ -23,9 +23,11 @@ from functools import partial
 from importlib import resources
 from typing import Any
 
+from dropper_jax.base.constants import SEA_WATER
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.read import Table
 
+#: Start of the name of a part in a scene.
 PREFIX = "library:"
 #: Density of foam and shell of a float over its volume [kg/m^3], and its coefficients as a sphere: drag on its frontal
 #: area (subcritical: Hoerner 1965, Fluid-dynamic drag), added mass of a sphere (Lamb 1932, article 92).
@@ -35,16 +37,33 @@ FLOAT_ADDED_MASS = 0.5
 #: Damping ratio of a link (internal damping over critical): numerical, not a property of the part; as in packaged
 #: scenes.
 PART_DAMPING = 0.1
+#: Drag coefficient of ropes across them, on the diameter d (DNV-OS-E301).
+ROPE_DRAG = 1.6
 #: The paper's sock of fully grown mussels [kg/m], the density assumed in `edulis-longline` [kg/m^3], and the months to
 #: full growth: the cycle with thinning-out of Galician ropes.
-SOCK = 21.8
+SOCK_MASS = 21.8
 SOCK_DENSITY = 1300.0
 SOCK_MONTHS = 15.0
+#: Drag coefficient of the sock across it: that of `edulis-longline` (assumed).
+SOCK_DRAG = 1.4
 #: Bare rope in a sock [kg/m] and [m] (assumed).
 CORE_MASS = 0.1
 CORE_DIAMETER = 0.012
-#: Density of the sea water in `crop_values` [kg/m^3].
-SEA_WATER = 1025.0
+#: Half-grown dropper: outer diameter [m] at a mass [kg/m] (Knysh et al. 2020), drag coefficient on the outer diameter
+#: (assumed by Zhu et al. 2020).
+DROPPER_DIAMETER = 0.13
+DROPPER_MASS = 7.53
+DROPPER_DRAG = 1.3
+#: Drag coefficient of mussels along the rope (assumed).
+MUSSEL_DRAG_ALONG = 0.02
+#: Lantern net: mass with its scallops [kg/m] and their density [kg/m^3] (assumed), drag coefficient on the net's
+#: diameter (Fishes 2023, 8(4), 204), and along the net (assumed).
+NET_MASS = 10.0
+NET_DENSITY = 1500.0
+NET_DRAG = 0.83
+NET_DRAG_ALONG = 0.05
+#: Axial stiffness of the rope that carries a crop [N]: that of the sock in `edulis-longline` (assumed).
+CROP_STIFFNESS = 4e5
 
 
 @dataclass(frozen=True)
@@ -75,47 +94,49 @@ class Family:
 
 
 def _chain(
-    mass: float, stiffness: float, volume: float, across: float, along: float, strength: float, d: float
+    mass: float, stiffness: float, displaced: float, across: float, along: float, strength: float, d: float
 ) -> Table:
-    """Chain of bar diameter d; drag given over d (across) and d/pi (along) is converted to the displaced diameter."""
+    """Chain of bar diameter d [m], with the displaced diameter over d.
+
+    Drag given over d (across) and d/pi (along) is converted to the displaced diameter.
+    """
     return {
         "mass": mass * d**2,
-        "diameter": volume * d,
+        "diameter": displaced * d,
         "EA": stiffness * d**2,
         "damping_ratio": PART_DAMPING,
         "breaking_load": strength * d**2 * (44.0 - 80.0 * d),
-        "cdn": across / volume,
-        "cdt": along / (math.pi * volume),
+        "cdn": across / displaced,
+        "cdt": along / (math.pi * displaced),
         "can": 1.0,
         "cat": 0.5,
     }
 
 
 def _rope(mass: float, density: float, square: float, cube: float, stiffness: float, d: float) -> Table:
-    """Fibre rope of diameter d: breaking load `square d^2 + cube d^3`, stiffness relative to it."""
+    """Fibre rope of diameter d [m]: breaking load `square d^2 + cube d^3` [N], stiffness relative to it."""
     load = square * d**2 + cube * d**3
-    return _rope_values(d, mass, math.sqrt(4.0 * mass / (math.pi * density)), stiffness * load, load)
+    return _rope_values(d, mass, _displaced_diameter(mass, density), stiffness * load, load)
 
 
-def _rope_values(d: float, mass: float, volume: float, stiffness: float, load: float) -> Table:
-    """Values of a rope of diameter d [m], mass by d^2 and displaced diameter over d; drag 1.6 over d
-    (DNV-OS-E301)."""
+def _rope_values(d: float, mass: float, displaced: float, stiffness: float, load: float) -> Table:
+    """Values of a rope of diameter d [m]: mass over d^2, displaced diameter over d, EA and breaking load [N]."""
     return {
         "mass": mass * d**2,
-        "diameter": volume * d,
+        "diameter": displaced * d,
         "EA": stiffness,
         "damping_ratio": PART_DAMPING,
         "breaking_load": load,
-        "cdn": 1.6 / volume,
+        "cdn": ROPE_DRAG / displaced,
         "cdt": 0.0,
         "can": 1.1,
         "cat": 0.15,
     }
 
 
-def _plaited(mass: float, volume: float, stiffness: float, strength: float, d: float) -> Table:
-    """Rope of eight strands of diameter d, all values proportional to d^2; drag as for the other ropes."""
-    return _rope_values(d, mass, volume, stiffness * d**2, strength * d**2)
+def _plaited(mass: float, displaced: float, stiffness: float, strength: float, d: float) -> Table:
+    """Rope of eight strands of diameter d [m], all values proportional to d^2; drag as for the other ropes."""
+    return _rope_values(d, mass, displaced, stiffness * d**2, strength * d**2)
 
 
 def float_of(volume: float, density: float = FLOAT_DENSITY) -> Table:
@@ -125,12 +146,17 @@ def float_of(volume: float, density: float = FLOAT_DENSITY) -> Table:
     return {"kind": "free", "mass": density * volume, "volume": volume, **water}
 
 
-def _crop(density: float, drag: float, along: float, mass: float) -> Table:
-    """A crop of a mass [kg/m] and density as it displaces water, on a rope with the stiffness of the Edulis sock."""
+def _displaced_diameter(mass: float, density: float) -> float:
+    """Diameter of a cylinder of a mass per length and a density; over d if the mass is given over d^2."""
+    return math.sqrt(4.0 * mass / (math.pi * density))
+
+
+def _crop_values(mass: float, diameter: float, drag: float, along: float) -> Table:
+    """Values of a crop of a mass [kg/m] and displaced diameter [m] on its rope, drag across and along it."""
     return {
         "mass": mass,
-        "diameter": math.sqrt(4.0 * mass / (math.pi * density)),
-        "EA": 4e5,
+        "diameter": diameter,
+        "EA": CROP_STIFFNESS,
         "damping_ratio": PART_DAMPING,
         "cdn": drag,
         "cdt": along,
@@ -139,25 +165,34 @@ def _crop(density: float, drag: float, along: float, mass: float) -> Table:
     }
 
 
+def _crop(density: float, drag: float, along: float, mass: float) -> Table:
+    """A crop of a mass [kg/m], which displaces water by its density."""
+    return _crop_values(mass, _displaced_diameter(mass, density), drag, along)
+
+
 def _sock(months: float) -> Table:
+    """A mussel sock of this age: mass and cross-section grow linearly from those of the bare rope."""
     share = months / SOCK_MONTHS
-    mass = CORE_MASS + (SOCK - CORE_MASS) * share
+    mass = CORE_MASS + (SOCK_MASS - CORE_MASS) * share
     core = CORE_DIAMETER**2
-    full = 4.0 * SOCK / (math.pi * SOCK_DENSITY)
-    return {**_crop(1.0, 1.4, 0.02, mass), "diameter": math.sqrt(core + (full - core) * share)}
+    full = 4.0 * SOCK_MASS / (math.pi * SOCK_DENSITY)
+    return _crop_values(mass, math.sqrt(core + (full - core) * share), SOCK_DRAG, MUSSEL_DRAG_ALONG)
 
 
 def _dropper(mass: float) -> Table:
-    return {**_crop(SOCK_DENSITY, 1.3, 0.02, mass), "outer_diameter": 0.13 * math.sqrt(mass / 7.53)}
+    """A mussel dropper of a mass [kg/m], whose outer cross-section is proportional to it."""
+    outer = DROPPER_DIAMETER * math.sqrt(mass / DROPPER_MASS)
+    return {**_crop(SOCK_DENSITY, DROPPER_DRAG, MUSSEL_DRAG_ALONG, mass), "outer_diameter": outer}
 
 
 def _lantern(width: float) -> Table:
-    net = _crop(1500.0, 0.0, 0.05, 10.0)
-    return {**net, "cdn": 0.83 * width / net["diameter"]}
+    """A lantern net of this diameter [m]; its drag coefficient is converted to the displaced diameter."""
+    diameter = _displaced_diameter(NET_MASS, NET_DENSITY)
+    return _crop_values(NET_MASS, diameter, NET_DRAG * width / diameter, NET_DRAG_ALONG)
 
 
-#: What makes the values of a part of a size, after the numbers of its family.
-LAWS: dict[str, Callable[..., Table]] = {
+#: Functions that make the values of a part, by the `law` of its family: of the family's numbers, then of a size.
+MAKERS: dict[str, Callable[..., Table]] = {
     "chain": _chain,
     "rope": _rope,
     "plaited": _plaited,
@@ -174,9 +209,10 @@ def _rows(file: str) -> Table:
 
 
 def _family(law: str, numbers: list[float], **values: Any) -> Family:
-    return Family(make=partial(LAWS[law], *numbers), **values)
+    return Family(make=partial(MAKERS[law], *numbers), **values)
 
 
+#: Families of parts by name.
 FAMILIES = {name: _family(**row) for name, row in _rows("library.toml").items()}
 
 
@@ -203,13 +239,13 @@ def crop_values() -> list[Table]:
     """Numbers of each crop at its example size: name, mass per metre in air and in sea water of 1025 kg/m^3, displaced
     and outer diameter, drag and added mass coefficients across the outer one, bending stiffness (None: unknown), source
     and spread."""
-    found = []
+    rows = []
     for family, kind in FAMILIES.items():
         if not kind.spread:
             continue
         name = f"{family}-{kind.example:g}"
         values = part(name)[1]
-        found.append(
+        rows.append(
             {
                 "name": name,
                 "mass_kg_per_m": values["mass"],
@@ -223,7 +259,7 @@ def crop_values() -> list[Table]:
                 "spread": kind.spread,
             }
         )
-    return found
+    return rows
 
 
 def published_crops() -> list[Table]:

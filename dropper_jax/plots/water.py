@@ -77,7 +77,7 @@ def flow_map(name: str, found: SceneWakes, path: str | Path) -> Path:
     """Current [m/s] at the mean height of the lines, along and across it, with the lines' links [m]."""
     wakes = found.wakes
     e = wakes.elements
-    height = np.average(e.z, weights=e.drag * e.area + 1e-12)
+    height = np.average(e.z, weights=e.drag_coefficient * e.area + 1e-12)
     size = max(np.ptp(e.x), np.ptp(e.y), 10.0)
     x = np.linspace(e.x.min() - 0.1 * size, e.x.max() + 0.8 * size, 90)
     y = np.linspace(e.y.min() - 0.25 * size, e.y.max() + 0.25 * size, 160)

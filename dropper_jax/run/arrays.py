@@ -47,7 +47,7 @@ def bare_model(scene: SceneData, dtype: str | None = None) -> Model:
     if scene.sea is not None:
         sea = make_sea(scene.sea, line_reach(scene))
     corners: list[Point] = []
-    if scene.bodies or scene.buoys or any(point.body for point in scene.points):
+    if scene.bodies or scene.buoys or any(point.has_body for point in scene.points):
         from dropper_jax.run.bodies import make_bodies, make_point_loads  # noqa: PLC0415
 
         corners, rigid = make_bodies(scene, index)

@@ -146,10 +146,10 @@ def _shares(rigid: RigidBodies, positions: list[tuple[int, np.ndarray]]) -> Arra
 def make_point_loads(scene: SceneData, index: dict[str, int]) -> list[Effect]:
     """Masses and loads attached to the points."""
     found: list[Effect] = []
-    loaded = [p for p in scene.points if p.body]
+    loaded = [p for p in scene.points if p.has_body]
     gravity = as_array(scene.gravity)
     if loaded:
-        arrays = _columns(loaded, PointSpec.BODY)
+        arrays = _columns(loaded, PointSpec.BODY_FIELDS)
         kind = PointBodies
         if scene.sea is not None:
             kind = WetPointBodies

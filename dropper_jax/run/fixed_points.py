@@ -21,7 +21,7 @@ def with_points_fixed(model: Model) -> Model:
 
 def without_body(scene: Scene, body: str, model: Model, pose: State) -> tuple[Scene, list[str]]:
     """The scene with the points on a body fixed where they rest, in place of the body, and the names of the points."""
-    names = [point.name for point in scene.points if point.on == body]
+    names = [point.name for point in scene.points if point.carrier == body]
     if not names:
         raise SceneError(f"body {body!r}: no line is attached to it")
     known = [point.name for point in model.points]

@@ -42,7 +42,7 @@ class Connected(NamedTuple):
 def _connected(scene: Scene) -> list[Connected]:
     """The systems of lines that only fixed points have in common."""
     points = {point.name: point for point in scene.points}
-    label = {name: point.on if point.on and point.is_free else name for name, point in points.items()}
+    label = {name: point.carrier if point.carrier and point.is_free else name for name, point in points.items()}
     parent = {name: name for name in label.values()}
 
     def root(name: str) -> str:
@@ -66,12 +66,12 @@ def _connected(scene: Scene) -> list[Connected]:
 def _lifts(scene: Scene, sea: SeaSpec, system: Connected) -> list[tuple[float, float]]:
     """Height [m] and lift under water, buoyancy less weight [N], of each float, mass, buoy and body of a system."""
     free = [point for point in system.points.values() if point.is_free]
-    items = [(point.position, point.volume or 0.0, point.mass or 0.0) for point in free if point.body]
+    items = [(point.position, point.volume or 0.0, point.mass or 0.0) for point in free if point.has_body]
     for buoy in scene.buoys:
         if buoy.point in system.points:
             volume = 0.25 * np.pi * buoy.diameter**2 * buoy.height
             items.append((system.points[buoy.point].position, volume, buoy.mass))
-    carriers = {point.on for point in free}
+    carriers = {point.carrier for point in free}
     for body in scene.bodies:
         if body.name in carriers:
             volume = sum(0.25 * np.pi * c.diameter**2 * c.length for c in body.cylinders)
@@ -82,7 +82,7 @@ def _lifts(scene: Scene, sea: SeaSpec, system: Connected) -> list[tuple[float, f
 
 def _moved_points(scene: Scene) -> set[str]:
     """Names of fixed points that an effect or a vessel moves."""
-    moved = {point.name for point in scene.points if point.on}
+    moved = {point.name for point in scene.points if point.carrier}
     for values in scene.effects.values():
         names = [values.get("point"), *(values.get("also") or ()), *(values.get("points") or ())]
         moved |= {name for name in names if isinstance(name, str)}

@@ -43,7 +43,7 @@ def release_pages(arrays: Iterable[Any]) -> None:
 
 
 def take_every(array: np.ndarray, every: int) -> np.ndarray:
-    """Every `step`-th row, in memory: for a mapped file the system maps long stretches around each row."""
+    """Every `every`-th row, in memory: for a mapped file the system maps long stretches around each row."""
     rows = 50  # number of distant rows read at once
     found = np.empty_like(array[::every], subok=False)
     for begin in range(0, len(found), rows):

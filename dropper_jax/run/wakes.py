@@ -20,15 +20,28 @@ from dropper_jax.effects.cylinder import steady_drag
 from dropper_jax.effects.morison_drag import relative_roughness
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.arrays import bare_model, static_pose
-from dropper_jax.run.wake_model import Elements, Wakes, solve_wakes
+from dropper_jax.run.wake_model import TURBULENCE, Elements, Wakes, solve_wakes
 from dropper_jax.scene import LineSlice, line_slices
 from dropper_jax.scene.data import first_nodes, link_differences
+from dropper_jax.sea import Sea
+
+#: Maximum number of links with wakes: 200 rows of `longline-rows` have 20 800.
+MAX_LINKS = 30000
+#: Minimum speed of a current that has wakes [m/s]: its direction is otherwise rounding.
+MIN_SPEED = 1e-6
 
 
 @dataclasses.dataclass(frozen=True)
 class SceneWakes:
-    """Solved wakes, fraction of the current per link (n,), the lines, direction of the current [rad], positions (n,
-    3)."""
+    """Wakes of a scene's links.
+
+    Attributes:
+        wakes: the solved wakes.
+        share: fraction of the current at each link (n,).
+        lines: the lines, with their links.
+        direction: of the current from x towards y [rad].
+        positions: middles of the links (n, 3) [m].
+    """
 
     wakes: Wakes
     share: np.ndarray
@@ -55,55 +68,71 @@ def scene_wakes(scene: Scene) -> SceneWakes:
     Raises:
         SceneError: no drag, no current, a zero current, or too many links.
     """
-    most = 30000  # maximum number of links with wakes: 200 rows of `longline-rows` have 20 800
-    drag = scene.effects.get("morison_drag")
-    if drag is None or scene.sea is None or scene.sea.current is None:
-        raise SceneError(f"effects.morison_drag.wakes: scene {scene.name!r} lacks morison_drag or [sea.current]")
-    if scene.line.links > most:
-        raise SceneError(f"effects.morison_drag.wakes: more than {most} links; allowed: at most {most}")
+    depth = _checked_depth(scene)
+    drag = scene.effects["morison_drag"]
     bare = dataclasses.replace(scene, effects={**scene.effects, "morison_drag": {**drag, "wakes": "none"}})
     model = bare_model(bare, "float64")
-    sea = model.needed_sea
     nodes = static_pose(bare, model).positions
-    first = nodes[first_nodes(scene)]
     along = link_differences(scene, nodes[None])[0]
-    middle = first + 0.5 * along
-    weight = np.linalg.norm(along, axis=1) * drag_diameter(scene)
-    height = float(np.sum(weight * middle[:, 2]) / np.sum(weight))
-    stream = np.zeros(2)
-    if sea.current is not None:
-        stream = np.asarray(sea.current.profile(jnp.asarray([height]), sea.depth))[0, :2]
+    middle = nodes[first_nodes(scene)] + 0.5 * along
+    stream = _stream(scene, model.needed_sea, middle, along)
     speed = float(np.hypot(*stream))
-    if speed < 1e-6:
+    if speed < MIN_SPEED:
         raise SceneError(
             "effects.morison_drag.wakes: the current is zero at the height of the lines; allowed: above 0 m/s"
         )
-    course = stream / speed
-    side = np.array([-course[1], course[0]])
-    coefficient = drag["cdn"]
-    if coefficient is None:
-        coefficient = steady_drag(relative_roughness(scene))
-    elements = Elements(
-        x=middle[:, :2] @ course,
-        y=middle[:, :2] @ side,
-        z=np.clip(middle[:, 2], -scene.sea.depth, 0.0),
-        wide=np.abs(along[:, :2] @ side),
-        high=np.abs(along[:, 2]),
-        diameter=drag_diameter(scene) * np.ones(len(middle)),
-        drag=coefficient * np.ones(len(middle)),
-    )
-    # default turbulence intensity of the current (assumed)
-    turbulence = 0.05
+    turbulence = TURBULENCE
     if drag["turbulence"] is not None:
         turbulence = float(drag["turbulence"])
-    wakes = solve_wakes(elements, speed, scene.sea.depth, turbulence)
-    return SceneWakes(wakes, wakes.met / speed, line_slices(scene), float(np.arctan2(stream[1], stream[0])), middle)
+    elements = _elements(scene, depth, middle, along, stream / speed)
+    wakes = solve_wakes(elements, speed, depth, turbulence)
+    return SceneWakes(wakes, wakes.inflow / speed, line_slices(scene), float(np.arctan2(stream[1], stream[0])), middle)
+
+
+def _checked_depth(scene: Scene) -> float:
+    """Depth of the water [m]; scenes without drag or current, or with too many links, are rejected."""
+    if "morison_drag" not in scene.effects or scene.sea is None or scene.sea.current is None:
+        raise SceneError(f"effects.morison_drag.wakes: scene {scene.name!r} lacks morison_drag or [sea.current]")
+    if scene.line.links > MAX_LINKS:
+        raise SceneError(f"effects.morison_drag.wakes: more than {MAX_LINKS} links; allowed: at most {MAX_LINKS}")
+    return scene.sea.depth
+
+
+def _stream(scene: Scene, sea: Sea, middle: np.ndarray, along: np.ndarray) -> np.ndarray:
+    """Horizontal current (2,) [m/s] at the mean height of the links, weighted by their area.
+
+    Args:
+        middle: middles of the links (n, 3) [m].
+        along: vectors from their first to their last node (n, 3) [m].
+    """
+    if sea.current is None:
+        return np.zeros(2)
+    area = np.linalg.norm(along, axis=1) * drag_diameter(scene)
+    height = float(np.sum(area * middle[:, 2]) / np.sum(area))
+    return np.asarray(sea.current.profile(jnp.asarray([height]), sea.depth))[0, :2]
+
+
+def _elements(scene: Scene, depth: float, middle: np.ndarray, along: np.ndarray, course: np.ndarray) -> Elements:
+    """The links as elements of the wake model, in a current along the unit vector `course` (2,)."""
+    side = np.array([-course[1], course[0]])
+    coefficient = scene.effects["morison_drag"]["cdn"]
+    if coefficient is None:
+        coefficient = steady_drag(relative_roughness(scene))
+    return Elements(
+        x=middle[:, :2] @ course,
+        y=middle[:, :2] @ side,
+        z=np.clip(middle[:, 2], -depth, 0.0),
+        width=np.abs(along[:, :2] @ side),
+        height=np.abs(along[:, 2]),
+        diameter=drag_diameter(scene) * np.ones(len(middle)),
+        drag_coefficient=coefficient * np.ones(len(middle)),
+    )
 
 
 def wake_facts(found: SceneWakes) -> Table:
     """Fractions of the current by line, total drag over that without wakes, and the momentum balance."""
     wakes = found.wakes
-    alone = 0.5 * np.sum(wakes.elements.drag * wakes.elements.area) * wakes.speed**2
+    alone = 0.5 * np.sum(wakes.elements.drag_coefficient * wakes.elements.area) * wakes.speed**2
     lines = []
     for line in found.lines:
         lines.append({"line": line.name, "share": spread(found.share[line.links], ("min", "mean", "max"))})

@@ -124,7 +124,7 @@ class SceneData(DeclaredSection):
         if len(self.lines) > 1 or self.bodies or self.buoys or first.nodes == "shared":
             return True
         hangs_free = not first.rigid and any(p.is_free for p in self.points if p.name == first.start)
-        return hangs_free or any(point.body for point in self.points)
+        return hangs_free or any(point.has_body for point in self.points)
 
     @property
     def link_mass_nodes(self) -> dict[str, str]:
@@ -133,8 +133,9 @@ class SceneData(DeclaredSection):
 
         The last applies to compound links, which are divided by their centre of mass.
         """
-        carried = [body.name for body in self.bodies]
-        loaded = {p.name for p in self.points if p.body or p.on in carried} | {buoy.point for buoy in self.buoys}
+        bodies = [body.name for body in self.bodies]
+        loaded = {point.name for point in self.points if point.has_body or point.carrier in bodies}
+        loaded |= {buoy.point for buoy in self.buoys}
         ends: Counter[str] = Counter()
         for line in self.lines:
             ends.update({line.start, line.end})
@@ -161,7 +162,7 @@ class SceneData(DeclaredSection):
     def to_dict(self) -> Table:
         """Plain values (text, numbers, lists, tables) from which `from_dict` recreates the scene."""
         table = as_table(self)
-        table["point"] = plain([point for point in self.points if point.on is None])
+        table["point"] = plain([point for point in self.points if point.carrier is None])
         table["effects"] = {}
         for name, values in self.effects.items():
             table["effects"][name] = plain({key: value for key, value in values.items() if value is not None})

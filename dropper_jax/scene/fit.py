@@ -25,6 +25,7 @@ Free parameters, sensors, and prior knowledge of the rig's values:
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -32,15 +33,16 @@ from dropper_jax.base.errors import Check, SceneError, nearest
 from dropper_jax.base.fields import option, parameter
 from dropper_jax.base.read import DeclaredSection, Plain, Table, as_table, items, part, read_list, refuse
 
-#: Units of `sensor` and `prior` in SI, by quantity; `%` is relative to the scene's value.
-PRIOR_UNITS: dict[str, tuple[str, float]] = {
+#: Units of `sensor` and `prior`: the SI unit of the quantity, and the unit's size in it; `%` is relative to the scene's
+#: value.
+FIT_UNITS: dict[str, tuple[str, float]] = {
     "%": ("%", 0.01),
     "m": ("m", 1.0),
     "cm": ("m", 1e-2),
     "mm": ("m", 1e-3),
     "rad": ("rad", 1.0),
     "mrad": ("rad", 1e-3),
-    "deg": ("rad", 0.017453292519943295),
+    "deg": ("rad", math.radians(1.0)),
     "kg": ("kg", 1.0),
     "g": ("kg", 1e-3),
     "s": ("s", 1.0),
@@ -48,7 +50,7 @@ PRIOR_UNITS: dict[str, tuple[str, float]] = {
     "m/s^2": ("m/s^2", 1.0),
     "gn": ("m/s^2", 9.80665),
     "rad/s": ("rad/s", 1.0),
-    "deg/s": ("rad/s", 0.017453292519943295),
+    "deg/s": ("rad/s", math.radians(1.0)),
     "N": ("N", 1.0),
     "kN": ("N", 1e3),
     "px": ("px", 1.0),
@@ -60,13 +62,20 @@ PRIOR_UNITS: dict[str, tuple[str, float]] = {
     "N m s/rad": ("N m s/rad", 1.0),
 }
 #: Quantities that a sensor may measure, and their units.
-CHANNELS = {"angle": "rad", "position": "m", "pixel": "px", "tension": "N", "depth": "m"}
-CHANNELS |= {"accelerometer": "m/s^2", "gyro": "rad/s"}
+CHANNELS = {
+    "angle": "rad",
+    "position": "m",
+    "pixel": "px",
+    "tension": "N",
+    "depth": "m",
+    "accelerometer": "m/s^2",
+    "gyro": "rad/s",
+}
 
 
-def in_si(value: float, unit: str) -> tuple[float, str]:
+def to_si(value: float, unit: str) -> tuple[float, str]:
     """A value in SI (a fraction for `%`) and its unit there."""
-    base, factor = PRIOR_UNITS[unit]
+    base, factor = FIT_UNITS[unit]
     return value * factor, base
 
 
@@ -76,16 +85,16 @@ class SensorSpec(DeclaredSection):
 
     channel: str = option("measured channel", choices=tuple(CHANNELS))
     resolution: float = parameter("smallest difference that it resolves", unit="-", above=0.0)
-    unit: str = option("unit of the resolution", choices=tuple(PRIOR_UNITS), default="rad")
+    unit: str = option("unit of the resolution", choices=tuple(FIT_UNITS), default="rad")
 
     def checks(self) -> Iterator[Check]:
-        fitting = [name for name, (base, _) in PRIOR_UNITS.items() if base == CHANNELS[self.channel]]
+        fitting = [name for name, (base, _) in FIT_UNITS.items() if base == CHANNELS[self.channel]]
         yield self.unit not in fitting, f"unit: {self.unit!r} does not measure this; {nearest(self.unit, fitting)}"
 
     @property
-    def si(self) -> float:
+    def in_si_units(self) -> float:
         """The resolution in SI."""
-        return in_si(self.resolution, self.unit)[0]
+        return to_si(self.resolution, self.unit)[0]
 
 
 @dataclass(frozen=True)
@@ -94,7 +103,7 @@ class PriorSpec(DeclaredSection):
 
     of: str = option("path of one or several numbers", type=str)
     sigma: float = parameter("standard deviation around the scene's value", unit="-", above=0.0)
-    unit: str = option("unit of sigma", choices=tuple(PRIOR_UNITS))
+    unit: str = option("unit of sigma", choices=tuple(FIT_UNITS))
     common: bool = option("whether all of them have the same relative error", type=bool, default=False)
 
     def checks(self) -> Iterator[Check]:
@@ -104,9 +113,9 @@ class PriorSpec(DeclaredSection):
         )
 
     @property
-    def si(self) -> tuple[float, str]:
+    def in_si_units(self) -> tuple[float, str]:
         """Sigma in SI (a fraction for `%`), and the unit there."""
-        return in_si(self.sigma, self.unit)
+        return to_si(self.sigma, self.unit)
 
 
 def _read_free(value: Plain, path: str) -> tuple[str, ...]:
@@ -145,4 +154,4 @@ class FitSpec(DeclaredSection):
 
     def resolution(self, channel: str) -> float:
         """Smallest difference [SI] that the channel's sensor resolves; 0 if the rig does not specify it."""
-        return max((s.si for s in self.sensors if s.channel == channel), default=0.0)
+        return max((sensor.in_si_units for sensor in self.sensors if sensor.channel == channel), default=0.0)

@@ -24,13 +24,14 @@ class PointSpec(DeclaredSection):
     drag_area: float | None = parameter("its drag coefficient times area", unit="m^2", low=0.0, default=None)
     added_mass: float | None = parameter("its added mass coefficient", unit="-", low=0.0, default=None)
 
-    #: The body to which it is attached, if it was created by one.
-    on: str | None = None
+    #: Name of the body or vessel that carries it, if it is an attachment of one.
+    carrier: str | None = None
 
-    BODY: ClassVar[tuple[str, ...]] = ("mass", "volume", "drag_area", "added_mass")
+    #: Properties of a body at the point.
+    BODY_FIELDS: ClassVar[tuple[str, ...]] = ("mass", "volume", "drag_area", "added_mass")
 
     def checks(self) -> Iterator[Check]:
-        for key in self.BODY:
+        for key in self.BODY_FIELDS:
             value = getattr(self, key)
             yield (
                 value is not None and not self.is_free,
@@ -43,9 +44,9 @@ class PointSpec(DeclaredSection):
         return self.kind == "free"
 
     @property
-    def body(self) -> bool:
-        """Whether there is a mass or a volume at the point."""
-        return any(getattr(self, key) is not None for key in self.BODY)
+    def has_body(self) -> bool:
+        """Whether any property of a body at the point is given."""
+        return any(getattr(self, key) is not None for key in self.BODY_FIELDS)
 
 
 @section

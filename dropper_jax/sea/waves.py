@@ -67,6 +67,11 @@ class Waves:
         return self.intrinsic
 
     @property
+    def peak_period(self) -> Array:
+        """Period of the component with the largest amplitude [s]."""
+        return 2.0 * jnp.pi / self.omega[jnp.argmax(self.amplitude)]
+
+    @property
     def shortest(self) -> Array:
         """Length of the shortest waves [m]."""
         return 2.0 * jnp.pi / jnp.max(self.wave_number)

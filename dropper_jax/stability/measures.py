@@ -15,6 +15,7 @@ from jax import Array
 from dropper_jax.base.interpolation import interpolate_rows
 from dropper_jax.run.build import build
 from dropper_jax.run.simulate import Solution, simulate
+from dropper_jax.run.wake_model import depth_quadrature
 from dropper_jax.run.wakes import scene_wakes
 from dropper_jax.stability import derivatives
 from dropper_jax.stability.case import Case, Outcome, scene_of, status_of
@@ -243,12 +244,12 @@ def _wake(case: Case, short: bool) -> Outcome:
     run = _run(case, short)
     wakes = scene_wakes(run.scene).wakes
     y = np.linspace(-40.0, 40.0, 8001)
-    nodes, weight = np.polynomial.legendre.leggauss(40)
+    z, weight = depth_quadrature(40, wakes.depth)
     plane = wakes.plane(float(wakes.elements.x.max()) + 5.0)
-    deficit = plane.deficit(y, 0.5 * wakes.depth * (nodes - 1.0))
-    lost = float(np.sum((wakes.speed - deficit) * deficit @ (0.5 * wakes.depth * weight)) * (y[1] - y[0]))
+    deficit = plane.deficit_on_grid(y, z)
+    lost = float(np.sum((wakes.speed - deficit) * deficit @ weight) * (y[1] - y[0]))
     error = abs(lost / float(np.sum(wakes.drag)) - 1.0)
-    if not (np.all(wakes.met > 0.0) and np.all(wakes.met <= wakes.speed)):
+    if not (np.all(wakes.inflow > 0.0) and np.all(wakes.inflow <= wakes.speed)):
         error = np.inf
     return Outcome(error, run.status)
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -16,7 +18,7 @@ from dropper_jax.run.simulate import Solution
 from dropper_jax.sea import Sea
 
 #: Maximum number of times at which the water is evaluated.
-MOST_TIMES = 400
+MAX_TIMES = 400
 
 
 def regime(solution: Solution) -> dict[str, float]:
@@ -31,17 +33,16 @@ def regime(solution: Solution) -> dict[str, float]:
     model = build_model(solution.scene, "float64")
     if model.sea is None or model.line.diameter is None:
         raise ValueError("solution: its scene has no [sea] or no diameter. Use a scene with both")
-    every = max(1, len(solution.t) // MOST_TIMES)
-    free, links = _far_ends(solution, model)
+    every = max(1, math.ceil(len(solution.t) / MAX_TIMES))
+    ends, links = _far_ends(solution, model)
     nodes, v, t = (take_every(a, every) for a in (solution.positions, solution.velocities, solution.t))
-    arrays = map(jnp.asarray, (free, nodes, v[:, free], t))
-    speed = np.asarray(_across(model.sea, *arrays)).max(axis=0)
+    arrays = map(jnp.asarray, (ends, nodes, v[:, ends], t))
+    speed = np.asarray(_normal_speeds(model.sea, *arrays)).max(axis=0)
     diameter = np.asarray(model.line.drag_diameter)[links]
     period = shortest = float("nan")
     if model.sea.waves is not None:
-        waves = model.sea.waves
-        period = float(2 * np.pi / np.asarray(waves.omega)[int(np.argmax(np.asarray(waves.amplitude)))])
-        shortest = float(waves.shortest)
+        period = float(model.sea.waves.peak_period)
+        shortest = float(model.sea.waves.shortest)
     return {
         "relative_speed_m_per_s": float(speed.max()),
         "keulegan_carpenter": np.max(speed / diameter) * period,
@@ -51,28 +52,29 @@ def regime(solution: Solution) -> dict[str, float]:
 
 
 @cached_jit()
-def _across(sea: Sea, free: Array, nodes: Array, v: Array, t: Array) -> Array:
-    """Speeds (k, looked) [m/s] of the water normal to the links before the nodes `free`, relative to the nodes.
+def _normal_speeds(sea: Sea, ends: Array, nodes: Array, v: Array, t: Array) -> Array:
+    """Speeds (k, m) [m/s] of the water normal to the links, relative to their far nodes; 0 above the surface.
 
     Args:
-        nodes: all of them (k, n + 1, 3) [m] at times t (k,) [s].
-        v: velocities of the evaluated nodes (k, looked, 3) [m/s].
+        ends: far nodes of the links (m,); the node before each is the link's other one.
+        nodes: positions of all nodes (k, n, 3) [m] at times t (k,) [s].
+        v: velocities of the far nodes (k, m, 3) [m/s].
     """
 
-    def one(nodes: Array, v: Array, t: Array) -> Array:
-        r = nodes[free]
-        along = r - nodes[free - 1]
+    def speeds_at(nodes: Array, v: Array, t: Array) -> Array:
+        r = nodes[ends]
+        along = r - nodes[ends - 1]
         # the ends of a slack rope may coincide
         tangent = along / jnp.maximum(jnp.linalg.norm(along, axis=1, keepdims=True), 1e-12)
         motion = sea.at(r, t)
         u = jnp.where((r[:, 2] < motion.elevation)[:, None], motion.velocity - v, 0.0)
         return jnp.linalg.norm(u - jnp.sum(u * tangent, axis=1, keepdims=True) * tangent, axis=1)
 
-    return jax.vmap(one)(nodes, v, t)
+    return jax.vmap(speeds_at)(nodes, v, t)
 
 
 def _far_ends(solution: Solution, model: Model) -> tuple[np.ndarray, np.ndarray]:
-    """End nodes of the evaluated links, and the links: of one line all except a fixed end, of a system all."""
+    """Far node of each link, and the links. Of a single line a link that ends at a fixed point is left out."""
     nodes = np.concatenate([np.arange(line.nodes.start + 1, line.nodes.stop) for line in solution.lines])
     count = len(nodes)
     if model.geometry.is_path:

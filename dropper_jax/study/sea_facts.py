@@ -43,7 +43,7 @@ def _waves(spec: SeaSpec) -> Table | None:
 
 
 def _regular(theory: str, height: float, length: float, period: float, depth: float, **more: float) -> Table:
-    """Facts of regular waves; `more` of those that only one theory knows, or knows better."""
+    """Facts of regular waves; `more` has those that one theory alone gives, or gives more accurately."""
     limit = highest(length, depth)
     return {
         "kind": "regular",
@@ -98,7 +98,7 @@ def _irregular(sea: Sea, spec: SeaSpec) -> Table:
         "components": int(sea.waves.size),
         "significant_height_m": hs,
         "mean_period_s": tz,
-        "peak_period_s": float(2.0 * np.pi / sea.waves.omega[int(np.argmax(np.asarray(sea.waves.amplitude)))]),
+        "peak_period_s": float(sea.waves.peak_period),
         "hs_over_depth": hs / spec.depth,
         "steepness": 2.0 * np.pi * hs / (spec.gravity * tz**2),
         "breaking_hs_m": breaking,

@@ -9,7 +9,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import Plain, Values, read_list, read_number, read_text, refuse
-from dropper_jax.scene.fit import PRIOR_UNITS
+from dropper_jax.scene.fit import FIT_UNITS
 
 #: Value of a missing entry.
 Default = TypeVar("Default", float, None)
@@ -63,7 +63,7 @@ def read_vector(table: Values, path: str, key: str, count: int) -> np.ndarray:
 
 def read_unit(table: Values, path: str, key: str, measures: str) -> str:
     """The unit at a key, one of a quantity whose SI unit is `measures`."""
-    fitting = [name for name, (base, _) in PRIOR_UNITS.items() if base == measures]
+    fitting = [name for name, (base, _) in FIT_UNITS.items() if base == measures]
     unit = read_text(require_value(table, path, key, ", ".join(fitting)), f"{path}.{key}")
     if unit not in fitting:
         raise SceneError(f"{path}.{key}: {unit!r} is not a unit of this quantity; allowed: {', '.join(fitting)}")

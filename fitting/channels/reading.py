@@ -49,7 +49,7 @@ from dropper_jax.base.read import (
 )
 from dropper_jax.load.packaged import parse_toml
 from dropper_jax.scene import SceneData
-from dropper_jax.scene.fit import in_si
+from dropper_jax.scene.fit import to_si
 from fitting.channels.channel import Channel, Given
 from fitting.channels.data import CameraSpec, Data, Run, Sensor
 from fitting.channels.entries import check_once, optional_number, read_column_names, read_name, read_unit, require_value
@@ -83,7 +83,7 @@ class Columns(NamedTuple):
     def read(self, columns: Sequence[str], unit: str) -> tuple[np.ndarray, np.ndarray]:
         """Times (k,) [s] and values (k, m) [SI] of columns that are in this file."""
         found = [self.values[self.find_name(column) or column] for column in columns]
-        return self.t, in_si(1.0, unit)[0] * np.stack(found, axis=1)
+        return self.t, to_si(1.0, unit)[0] * np.stack(found, axis=1)
 
 
 def read_columns(path: Path) -> Columns:
@@ -127,12 +127,12 @@ def read_sensor(table: Values, path: str, scene: SceneData, cameras: tuple[Camer
     if noise_unit != "%":
         noise_unit = read_unit({"noise_unit": noise_unit}, path, "noise_unit", cls.measures)
     if noise is not None:
-        noise, _ = in_si(noise, noise_unit)
+        noise, _ = to_si(noise, noise_unit)
     return Sensor(
         channel,
         noise,
         noise_unit == "%",
-        in_si(optional_number(table, path, "offset", 0.0), unit)[0],
+        to_si(optional_number(table, path, "offset", 0.0), unit)[0],
         optional_number(table, path, "gain", 1.0),
         optional_number(table, path, "delay", 0.0),
     )

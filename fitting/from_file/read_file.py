@@ -10,6 +10,7 @@ import numpy as np
 
 from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.errors import SceneError
+from dropper_jax.scene.fit import FIT_UNITS
 from fitting.from_file.angles import read_angles
 from fitting.from_file.cells import Cells, read_cells
 from fitting.from_file.clock import Rows, ordered_rows, unit_of_time
@@ -23,7 +24,7 @@ from fitting.traces.planar import pendulum_period
 from fitting.traces.trace import Convention, Trace
 
 #: Metres per unit of length.
-METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
+METRES = {name: size for name, (base, size) in FIT_UNITS.items() if base == "m"}
 #: Ratio of a unit of length to that which gravity shows, within which the unit is taken.
 FITS_UNIT = 1.3
 #: Period of the smoothing of a chain, whose links swing faster than its main motion.
@@ -97,13 +98,7 @@ def read_measured(path: str | Path, given: Given = NOTHING, links: int | None = 
     rows = used_rows(cells, columns)
     motion = motion_of(cells, columns, rows.t, rows.values, given)
     period = main_period(motion.t, motion.theta)
-    time = None
-    if columns.time is not None:
-        time = columns.time.name
-    unit = columns.time_unit
-    if given.rate and unit is None:
-        unit = "frames"
-    second, how = unit_of_time(cells.file, motion.t, period, unit, given.rate or columns.rate, time)
+    second, how = clock_unit(cells.file, columns, motion.t, period, given)
     # dates in seconds since 1970 lose digits
     start = second * rows.start
     if abs(start) >= LATE:
@@ -129,12 +124,7 @@ def read_measured(path: str | Path, given: Given = NOTHING, links: int | None = 
         notes += [*swing.notes, f"the reading at rest, {zero:.4g} rad, is subtracted"]
     lengths, note = lengths_in_metres(cells.file, columns.length_unit, motion, times, period, given, links)
     notes += note
-    fastest = period
-    if lengths is not None and count > 1:
-        fastest = pendulum_period(lengths)
-    elif count > 1:
-        fastest = 0.5 * period
-    trace, note = thinned(trace, fastest)
+    trace, note = thinned(trace, fastest_period(period, count, lengths))
     notes += note
     open_end = motion.lengths is not None and bool(np.isnan(motion.lengths[-1])) and count > 1
     return Measured(trace, zero, swing, lengths, open_end, tuple(notes))
@@ -155,6 +145,26 @@ def used_rows(cells: Cells, columns: Columns) -> Rows:
         if not np.isfinite(values).any():
             raise SceneError(f"{cells.file}: {column.name!r} is empty in the rows that are used. Name other columns")
     return rows
+
+
+def clock_unit(file: str, columns: Columns, t: np.ndarray, period: float, given: Given) -> tuple[float, str]:
+    """Unit of the file's clock [s] from its times (k,) and the main period in this unit, and how it was found."""
+    name = None
+    if columns.time is not None:
+        name = columns.time.name
+    unit = columns.time_unit
+    if given.rate and unit is None:
+        unit = "frames"
+    return unit_of_time(file, t, period, unit, given.rate or columns.rate, name)
+
+
+def fastest_period(period: float, count: int, lengths: np.ndarray | None) -> float:
+    """Shortest period [s] of a motion of this main period and number of links, whose lengths (n,) [m] may be known."""
+    if count == 1:
+        return period
+    if lengths is None:
+        return 0.5 * period  # assumed for links of unknown lengths
+    return pendulum_period(lengths)
 
 
 def thinned(trace: Trace, fastest: float) -> tuple[Trace, list[str]]:

@@ -74,9 +74,9 @@ def rig_priors(scene: Scene, model: Model, parameters: Sequence[Parameter]) -> t
         elif mine:
             share = np.zeros(len(found))
             share[mine] = [1 / (len(mine) * _nonzero(found[j], option)) for j in mine]
-            common.append(Common(share, prior.si[0]))
+            common.append(Common(share, prior.in_si_units[0]))
         elif all(p.unit == "kg" for p in known):
-            carried = float(np.hypot(carried, prior.si[0]))
+            carried = float(np.hypot(carried, prior.in_si_units[0]))
     massive = np.array([float(power_of_mass(p.unit)) for p in found])
     return tuple(found), JointPrior(tuple(common), carried, massive)
 
@@ -97,7 +97,7 @@ def power_of_mass(unit: str) -> int:
 
 def _width(prior: PriorSpec, p: Parameter, path: str) -> float:
     """Standard deviation of a prior in the unit of the parameter."""
-    sigma, unit = prior.si
+    sigma, unit = prior.in_si_units
     if unit == "%":
         return sigma * abs(_nonzero(p, path))
     if unit != p.unit:

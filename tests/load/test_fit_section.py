@@ -23,7 +23,7 @@ def test_what_a_rig_knows_survives_plain_values():
     assert Scene.from_dict(first.to_dict()) == first
     assert first.fit.free == ("b_l",)
     assert first.fit.resolution("angle") == pytest.approx(np.radians(0.36))
-    assert first.fit.priors[0].si == (pytest.approx(0.003), "%")
+    assert first.fit.priors[0].in_si_units == (pytest.approx(0.003), "%")
 
 
 def test_what_a_rig_knows_is_no_part_of_the_model():

@@ -58,7 +58,7 @@ RAMP = {"sea.ramp": 5.0}
 NO_CASE: dict[type, set[str]] = {
     Scene: {"points", "lines", "effects", "start", "run", "sea", "buoys", "failures", "anchors", "bodies", "vessels"}
     | {"written", "template"},
-    PointSpec: {"on"},
+    PointSpec: {"carrier"},
     # rows of the deck are type1, type2, ..., one for each kind of link; no law of the package has further constants
     LineType: {"name", "constants"},
     LineSpec: {"centre_of_mass", "inertia", "constants"},

@@ -44,15 +44,15 @@ def inflows_by_all_pairs(e, speed, depth, turbulence=0.05):
         if e.x[i] > at + e.diameter[i]:
             at = e.x[i]
             up = np.flatnonzero(e.x < at - 2.0 * e.diameter)
-            away, size = at - e.x[up], e.drag[up] * e.diameter[up]
+            away, size = at - e.x[up], e.drag_coefficient[up] * e.diameter[up]
             grown = (0.5 * size) ** 2 + (0.25 / 1.1774) ** 2 * size * away + (turbulence * away) ** 2
-            wide, high = (np.sqrt(grown + extent[up] ** 2 / (2 * np.pi)) for extent in (e.wide, e.high))
+            wide, high = (np.sqrt(grown + extent[up] ** 2 / (2 * np.pi)) for extent in (e.width, e.height))
             h = np.array([over(nodes, j, high[k]) for k, j in enumerate(up)]).reshape(len(up), 48)
             spread = np.add.outer(wide**2, wide**2)
             g = np.outer(wide, wide) * np.sqrt(2 * np.pi / spread)
             both = g * np.exp(-0.5 * np.subtract.outer(e.y[up], e.y[up]) ** 2 / spread) * ((h * weight) @ h.T)
             one, two = np.sqrt(2 * np.pi) * wide * (h @ weight), np.diag(both)
-            thrust = 0.5 * e.drag[up] * e.area[up] * met[up] ** 2
+            thrust = 0.5 * e.drag_coefficient[up] * e.area[up] * met[up] ** 2
             amplitude = (met[up] * one - np.sqrt((met[up] * one) ** 2 - 4 * two * thrust)) / (2 * two)
             share = amplitude * (met[up] - amplitude * two / one)
             if len(up):
@@ -68,7 +68,7 @@ def lost(wakes, x, depth):
     """Momentum `int (U - U_s) U_s dA` lost at x, by quadrature over the plane."""
     y = np.linspace(-80.0, 80.0, 8001)
     nodes, weight = np.polynomial.legendre.leggauss(40)
-    deficit = wakes.plane(x).deficit(y, 0.5 * depth * (nodes - 1.0))
+    deficit = wakes.plane(x).deficit_on_grid(y, 0.5 * depth * (nodes - 1.0))
     return float(np.sum((wakes.speed - deficit) * deficit @ (0.5 * depth * weight)) * (y[1] - y[0]))
 
 
@@ -78,7 +78,7 @@ def test_one_dropper_leaves_the_wake_of_schlichting(away):
     wakes = solve_wakes(droppers([0.0], z=-5.0, high=10.0), 0.5, 10.0, turbulence=0.0)
     x = away * C * D
     half = 0.25 * np.sqrt(C * D * x)
-    deficit = wakes.plane(x).deficit(np.array([0.0, half]), np.array([-5.0]))[:, 0] / 0.5
+    deficit = wakes.plane(x).deficit_on_grid(np.array([0.0, half]), np.array([-5.0]))[:, 0] / 0.5
     assert deficit[0] == pytest.approx(0.98 * np.sqrt(C * D / x), rel=0.2)
     assert deficit[1] / deficit[0] == pytest.approx(0.5, abs=0.02 if away > 100 else 0.1)  # far behind it
 
@@ -90,14 +90,14 @@ def test_a_cylinders_far_wake_is_as_wide_and_deep_as_measured():
     wakes = solve_wakes(droppers([0.0], z=-0.5, high=1.0, diameter=d, drag=1.0), 6.7, 1.0, turbulence=0.0)
     nodes, weight = np.polynomial.legendre.leggauss(20)
     y = np.linspace(0.0, 0.05, 2001)
-    defect = wakes.plane(420.0 * d).deficit(y, 0.5 * (nodes - 1.0)) @ (0.5 * weight) / 6.7
+    defect = wakes.plane(420.0 * d).deficit_on_grid(y, 0.5 * (nodes - 1.0)) @ (0.5 * weight) / 6.7
     assert np.interp(-0.5 * defect[0], -defect, y) == pytest.approx(width, rel=0.15)
     assert defect[0] == pytest.approx(0.5 * d / (width * np.sqrt(np.pi / np.log(2.0))), rel=0.1)
 
 
 def test_one_dropper_meets_the_whole_current_and_takes_its_drag_from_it():
     wakes = solve_wakes(droppers([0.0]), 0.4, 11.0)
-    assert wakes.met[0] == 0.4
+    assert wakes.inflow[0] == 0.4
     assert wakes.drag[0] == pytest.approx(0.5 * C * D * 8.0 * 0.4**2)
     for x in (2.0, 20.0, 100.0):
         assert lost(wakes, x, 11.0) == pytest.approx(wakes.drag[0], rel=0.01)
@@ -114,27 +114,27 @@ def test_momentum_lost_behind_rows_is_their_drag(rows):
 
 def test_rows_behind_each_other_meet_less_and_less():
     elements, shape = block(4, apart=2.0, between=4.0)
-    met = solve_wakes(elements, 0.3, 11.0).met.reshape(shape)[15] / 0.3
+    met = solve_wakes(elements, 0.3, 11.0).inflow.reshape(shape)[15] / 0.3
     assert met[0] == 1.0
     assert np.all(np.diff(met) < -0.02)
     assert met[-1] > 0.5
     across = solve_wakes(droppers(np.zeros(9), np.arange(9.0)), 0.3, 11.0)
-    np.testing.assert_array_equal(across.met, 0.3)  # side by side
+    np.testing.assert_array_equal(across.inflow, 0.3)  # side by side
 
 
 def test_a_dense_farm_is_slowed_as_much_as_was_measured():
     # Plew et al. (2005): 36 to 63 % within the farm
     elements, _ = block(20, half=12)
     wakes = solve_wakes(elements, 0.2, 11.0)
-    assert 0.36 < 1.0 - wakes.met.mean() / 0.2 < 0.63
+    assert 0.36 < 1.0 - wakes.inflow.mean() / 0.2 < 0.63
     assert wakes.balance < 0.9  # said: water would turn aside
 
 
 def test_shares_do_not_depend_on_the_speed_or_on_where_the_farm_lies():
     elements, _ = block(3)
-    one = solve_wakes(elements, 0.2, 11.0).met / 0.2
+    one = solve_wakes(elements, 0.2, 11.0).inflow / 0.2
     moved = replace(elements, x=elements.x + 300.0, y=elements.y - 70.0)
-    np.testing.assert_allclose(solve_wakes(moved, 1.3, 11.0).met / 1.3, one, rtol=1e-9)
+    np.testing.assert_allclose(solve_wakes(moved, 1.3, 11.0).inflow / 1.3, one, rtol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -145,7 +145,7 @@ def test_shares_do_not_depend_on_the_speed_or_on_where_the_farm_lies():
 def test_inflows_are_those_of_all_pairs_of_wakes(count, long, wide, depth):
     # long: wakes as wide as the farm and as high as the water; wide: most wakes out of each other's reach
     elements = scattered(count, long, wide, seed=count)
-    met = solve_wakes(elements, 0.3, depth).met
+    met = solve_wakes(elements, 0.3, depth).inflow
     assert met.min() < 0.29
     np.testing.assert_allclose(met, inflows_by_all_pairs(elements, 0.3, depth), atol=3e-13, rtol=0.0)
 
@@ -155,9 +155,9 @@ def test_two_hundred_rows_slow_the_water_by_their_drag():
     elements, shape = block(200, apart=8.0, between=12.0, half=8)
     wakes = solve_wakes(elements, 0.3, 25.0)
     assert wakes.balance == pytest.approx(1.0, abs=1e-9)
-    middle = wakes.met.reshape(shape)[8]
+    middle = wakes.inflow.reshape(shape)[8]
     assert np.all(np.diff(middle) < 0.0)
-    assert len(wakes.met) > 3000
+    assert len(wakes.inflow) > 3000
     assert 0.1 < middle[-1] < 0.27
 
 

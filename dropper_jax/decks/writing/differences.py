@@ -74,7 +74,7 @@ def _effects(scene: Scene) -> Iterator[str]:
 def moved_points(scene: Scene) -> set[str]:
     """Names of the points moved by effects or vessels."""
     vessels = {vessel.name for vessel in scene.vessels}
-    found = {point.name for point in scene.points if point.on in vessels}
+    found = {point.name for point in scene.points if point.carrier in vessels}
     for name in MOTIONS.keys() & scene.effects.keys():
         found |= set(_named_points(scene.effects[name], MOTIONS[name]))
     return found
@@ -176,7 +176,7 @@ def _points(scene: Scene) -> Iterator[str]:
             yield f"{of}: attachment {buoy.attachment:g} m is not represented; lines end at its base"
         if buoy.end_added_mass != "hemisphere":
             yield f"{of}: end_added_mass {buoy.end_added_mass!r} is not represented; MoorDyn: hemisphere"
-        if scene.point(buoy.point).body:
+        if scene.point(buoy.point).has_body:
             yield f"point {buoy.point!r}: its own body, in addition to the {of}, is not represented"
 
 

@@ -148,8 +148,8 @@ def _points(scene: Scene) -> Iterator[tuple[str, str]]:
         attached |= body.attachments
     on_buoys = {buoy.point for buoy in scene.buoys}
     for point in scene.points:
-        if point.on in numbers:
-            kind = f"Body{numbers[point.on]}"
+        if point.carrier in numbers:
+            kind = f"Body{numbers[point.carrier]}"
         elif point.is_free:
             kind = "Free"
         elif point.name in moved:

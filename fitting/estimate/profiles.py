@@ -26,8 +26,9 @@ PROFILE_ITERATIONS = 15
 
 
 def profile(result: SceneFit, name: str, *, points: int = 3) -> Profile:
-    """Refit all other parameters with one fixed at `points` values on either side, up to `PROFILE_REACH` errors.
+    """Profile likelihood of a parameter: all others are refitted with it fixed at `points` values on either side.
 
+    The values reach `PROFILE_REACH` standard errors from the estimate, within the parameter's bounds.
     The interval is where twice the growth stays below the `PROFILE_LEVEL` quantile of chi-square with one degree of
     freedom (Wilks 1938). It is interpolated in the root of the growth. If the standard error exceeds that from the
     noise (correlated residuals, a partly wrong model), the growth is scaled down accordingly (Kent 1982).

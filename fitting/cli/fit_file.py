@@ -21,7 +21,7 @@ SMALL_ERROR = 0.003
 if TYPE_CHECKING:
     from dropper_jax.load.scene import Scene
     from fitting.calibration.result import FitResult
-    from fitting.from_file.read_file import Given
+    from fitting.from_file.read_file import FileOptions
     from fitting.traces.trace import Trace
 
 
@@ -40,14 +40,14 @@ def add_file_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def given_of(args: argparse.Namespace) -> Given:
+def given_of(args: argparse.Namespace) -> FileOptions:
     """What the options state about the files.
 
     Raises:
         SceneError: a number that is not positive.
     """
     from fitting.from_file.angles import RADIANS
-    from fitting.from_file.read_file import Given
+    from fitting.from_file.read_file import FileOptions
 
     lengths = None
     if args.lengths is not None:
@@ -57,7 +57,7 @@ def given_of(args: argparse.Namespace) -> Given:
             positive(getattr(args, key), f"--{key}", unit)
     if args.unit is not None and args.unit not in RADIANS:
         raise SceneError(f"--unit: {args.unit!r} is unknown; allowed: {', '.join(RADIANS)}")
-    return Given(
+    return FileOptions(
         columns=column_names(args.columns),
         unit=args.unit,
         rate=args.rate,

@@ -80,9 +80,7 @@ def with_frames_missing(trace):
         (out_of_plane, with_frames_lost, "out of its plane, from"),
     ],
 )
-def test_a_kick_is_reported_with_its_time_and_the_windows_it_disturbs_are_left_out(
-    rig, shared, change, change_trace, words
-):
+def test_a_kick_is_reported_with_its_time_and_its_windows_are_left_out(rig, shared, change, change_trace, words):
     """In the plane or out of it, also with frames missing there."""
     trace = change_trace(kicked(rig(TRUTH), change))
     simulator = shared[0] if shared else None

@@ -7,7 +7,7 @@ from written_files import DAMPING, LENGTH, RATE, double_pendulum, points, swing,
 from dropper_jax import SceneError
 from fitting.from_file.cells import read_cells
 from fitting.from_file.columns import find_columns
-from fitting.from_file.read_file import Given, read_measured
+from fitting.from_file.read_file import FileOptions, read_measured
 from fitting.traces.lines import LARGEST
 
 T, PHI = swing()
@@ -43,8 +43,8 @@ def test_unit_of_angle_follows_from_the_period_without_a_name(tmp_path):
 def test_a_unit_that_the_period_contradicts_is_noted(tmp_path):
     file = write(tmp_path / "a.csv", ["t,signal"], np.stack([T, PHI], axis=1))
     note = "angle in deg, but the period grows with the amplitude as in rad: check the unit, --unit rad"
-    assert note in read_measured(file, Given(unit="deg")).notes
-    assert "angle in rad" in read_measured(file, Given(unit="rad")).notes
+    assert note in read_measured(file, FileOptions(unit="deg")).notes
+    assert "angle in rad" in read_measured(file, FileOptions(unit="rad")).notes
 
 
 def test_a_repeated_a_swapped_and_a_restarted_row_are_said(tmp_path):
@@ -87,7 +87,7 @@ def test_frames_need_a_rate_and_a_comment_gives_it(tmp_path):
     bare = write(tmp_path / "a.csv", ["frame,angle_rad"], rows)
     with pytest.raises(SceneError, match=r"--rate 60"):
         read_measured(bare)
-    assert 9.81 / read_measured(bare, Given(rate=RATE)).swing.stiffness == pytest.approx(LENGTH, rel=0.01)
+    assert 9.81 / read_measured(bare, FileOptions(rate=RATE)).swing.stiffness == pytest.approx(LENGTH, rel=0.01)
     said = write(tmp_path / "b.csv", ["# fps: 100", "frame,angle_rad"], rows)
     assert 9.81 / read_measured(said).swing.stiffness == pytest.approx(LENGTH, rel=0.01)
 

@@ -7,6 +7,7 @@ from written_files import DAMPING, LENGTH, RATE, double_pendulum, points, swing,
 from dropper_jax import SceneError
 from fitting.from_file.cells import read_cells
 from fitting.from_file.columns import find_columns
+from fitting.from_file.points import find_chain
 from fitting.from_file.read_file import FileOptions, read_measured
 from fitting.traces.lines import LARGEST
 
@@ -131,6 +132,21 @@ def test_a_film_with_two_points_per_link_may_miss_one_or_see_two_as_one(tmp_path
     found = read_measured(write(tmp_path / "a.csv", ["t,x1,y1,x2,y2,x3,y3,x4,y4"], np.stack([t, *columns], axis=1)))
     assert np.isfinite(found.trace.theta).all(axis=1).sum() > 250
     assert found.lengths[0] / found.lengths[1] == pytest.approx(0.2 / 0.15, rel=0.06)
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_the_pivot_of_points_that_coincide_in_some_frames_is_where_the_first_link_turns(seed):
+    """A circle through such points has its centre hundreds of metres away."""
+    _, phi = double_pendulum()
+    first, second = (-1j * np.exp(1j * phi)).T
+    joint = 0.2 * first
+    columns = points(0.05 * first, 0.15 * first, joint + 0.04 * second, joint + 0.12 * second)
+    markers = np.array(columns[::2]) + 1j * np.array(columns[1::2])
+    few = np.random.default_rng(seed).choice(len(phi), 5, replace=False)
+    markers[0, few] = markers[1, few]
+    chain, _ = find_chain("film", markers, None)
+    assert abs(chain.pivot) < 1e-3
+    assert np.median(np.abs(chain.joints[1])) == pytest.approx(0.2, abs=1e-3)
 
 
 def driven():

@@ -105,6 +105,12 @@ class JointFriction(Law):
     def rates(self, k: Kinematics) -> Array:
         return self.relative_rates(k)
 
+    def sliding_power(self, k: Kinematics) -> Array:
+        if self.dry is None:
+            return jnp.zeros(())
+        rates = self.relative_rates(k)
+        return jnp.sum(_per_joint(self.dry, len(rates)) * _size(rates))
+
     def holding(self, k: Kinematics, z: Array, h: Array) -> Array:
         return _size(z - 2 * self._rho(k, h) * self.relative_rates(k)) < self._limit(z)
 

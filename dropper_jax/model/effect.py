@@ -164,6 +164,10 @@ class Law(Effect, ABC):
         """Rates (joints, c) conjugate to z: the power of `law_force` is `sum(z * rates)`."""
         raise NotImplementedError
 
+    def sliding_power(self, k: Kinematics) -> Array:
+        """Power [W] that the law takes from a motion in which no joint sticks."""
+        raise NotImplementedError
+
     def holding(self, k: Kinematics, z: Array, h: Array) -> Array:
         """Which joints (joints, 1) were stuck at the middle of the step."""
         raise NotImplementedError

@@ -117,7 +117,7 @@ def _link_axis(axes: Axes, run: Run, letter: Literal["x", "y"]) -> None:
     if letter == "y":
         axes.hlines(edges, 0.0, 1.0, transform=axes.get_yaxis_transform(), color="white", lw=1.0)
     else:
-        axes.vlines(edges, 0.0, 1.0, transform=axes.get_xaxis_transform(), color="#E3E5E8", lw=1.0)
+        axes.vlines(edges, 0.0, 1.0, transform=axes.get_xaxis_transform(), color=style.LIGHT, lw=1.0)
         axes.tick_params(axis="x", rotation=45)
         axes.grid(False, axis="x")
 

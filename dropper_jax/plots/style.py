@@ -38,6 +38,8 @@ def force_unit(values: ArrayLike) -> tuple[str, float]:
 CYCLE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#6B6B6B")
 FIRST, SECOND = CYCLE[:2]
 FAINT = "#9AA0A6"
+#: Of grids and bands behind curves.
+LIGHT = "#E3E5E8"
 DARK = "#2B2F33"
 ALERT = "#B00020"
 
@@ -60,7 +62,7 @@ RC = {
     "xtick.color": "#5F6368",
     "ytick.color": "#5F6368",
     "axes.grid": True,
-    "grid.color": "#E3E5E8",
+    "grid.color": LIGHT,
     "grid.linewidth": 0.7,
     "axes.axisbelow": True,
     # an offset or a power of ten next to an axis overlaps other labels

@@ -42,7 +42,7 @@ from fitting.calibration.law_fits import (
     part_of,
 )
 from fitting.calibration.preparation import Prepared
-from fitting.calibration.undetected import undetected_parts, unit_work
+from fitting.calibration.undetected import dissipated_per_unit, undetected_parts
 from fitting.estimate.factors import solve_spd
 from fitting.estimate.least_squares import Objective, continue_fit, descend, fit_windows
 from fitting.estimate.noise import lag_one
@@ -110,7 +110,9 @@ def compare_laws(
     fits.fit_others(first, same)
     folds = fair(blocks(fits.prepared.windows.run), fits.prepared.windows.released)
     scores = [score(one, folds) for one in fits.found.values()]
-    per_unit = {dry: unit_work(fits.prepared, one.simulator, one.owner) for dry, one in fits.families.items()}
+    per_unit = {
+        dry: dissipated_per_unit(fits.prepared, family.simulator, family.owner) for dry, family in fits.families.items()
+    }
 
     def open_parts(one: Solution, dry: bool) -> tuple[str, ...]:
         return undetected_parts(one, fits.families[dry].owner, per_unit[dry])

@@ -3,8 +3,10 @@
 A sudden disturbance leaves windows that no start value explains, while earlier windows fit as well as before. A kick in
 the plane affects one window; motion out of the plane affects all that follow. The windows are found by least-trimmed
 squares (Rousseeuw 1984): parameters are fitted to the windows that fit best, then all starts to these parameters, until
-the selection no longer changes. Windows that are bad from the first one of a run on are a misfit of another kind. This
-check runs before lost windows are split, because shorter windows can follow any motion.
+the selection no longer changes. Windows that are bad from the first one of a run on are a misfit of another kind.
+
+The search uses the windows before lost ones are split, because shorter windows can follow any motion. It runs only if
+windows were lost.
 """
 
 from __future__ import annotations
@@ -24,9 +26,11 @@ from fitting.estimate.residuals import Solution
 from fitting.estimate.windows import Starts, Windows, pick, with_rows
 from fitting.traces.planar import wrap
 
-#: Fraction of the windows that a search starts with and must leave, its rounds, and maximum evaluations of starts.
+#: Fraction of the windows that a search starts with and must leave: a kick early in a run may disturb most of them.
 TRUSTED = 1 / 3
+#: Maximum number of rounds of a search.
 ROUNDS = 5
+#: Maximum evaluations of a fit of starts alone.
 ITERATIONS = 12
 #: Ratio of a window's misfit to that of most, and to the previous one, above which only a kick explains it. The misfit
 #: of lengths wrong by 1 % or of a wrong law changes by less than a factor 4 from one window to the next.
@@ -51,24 +55,25 @@ class Kick(NamedTuple):
 def without_kicks(
     prepared: Prepared, fit: Callable[..., Solution], loss: Loss = LEAST_SQUARES
 ) -> tuple[Prepared, list[Candidate]]:
-    """The preparation without the windows that kicks disturb, started from the end of their fit, and their names.
+    """The preparation without disturbed windows, started from the fit of the others, and a `Candidate` per kick.
+
+    The candidate describes the kick: the run, its time and the windows that are left out.
 
     Args:
         prepared: with the noise claimed by the traces, its windows not yet split.
         fit: an estimator, such as `estimate`.
     """
-
     windows = prepared.windows
 
     def fit_some(off: np.ndarray, begin: Solution) -> Solution:
-        seen = replace(prepared.starting_at(begin), windows=windows.without_samples(off))
-        return _as_claimed(fit(seen, "windows", loss), windows)
+        some = replace(prepared.starting_at(begin), windows=windows.without_samples(off))
+        return _as_claimed(fit(some, "windows", loss), windows)
 
     found, clean = find_kicks(_as_claimed(fit(prepared, "windows", loss), windows), fit_some)
     if not found:
         return prepared, []
     off = np.isin(np.arange(windows.count), np.concatenate([kick.windows for kick in found]))
-    names = []
+    candidates = []
     removed = []
     for kick in found:
         last = float(windows.ends[kick.windows[-1]])
@@ -76,12 +81,12 @@ def without_kicks(
         if len(kick.windows) > 1:
             what = "is disturbed, or moves out of its plane, from"
         words = f" about {kick.time:.2f} s: windows from {kick.begin:.3g} to {last:.3g} s left out"
-        names.append(Candidate(f"{prepared.traces[kick.run].name} {what}{words}"))
+        candidates.append(Candidate(f"{prepared.traces[kick.run].name} {what}{words}"))
         removed.append((kick.run, kick.begin, last))
         if kick.begin < windows.begin[kick.windows[0]]:
             windows = windows.end_early(kick.windows[0] - 1, kick.begin)
     fewer = replace(prepared, windows=windows.exclude(off), starts=pick(clean.starts, ~off), begin=clean.values)
-    return replace(fewer, left_out=(*prepared.left_out, *removed)), names
+    return replace(fewer, left_out=(*prepared.left_out, *removed)), candidates
 
 
 def _as_claimed(solution: Solution, claimed: Windows) -> Solution:
@@ -97,46 +102,94 @@ def find_kicks(solution: Solution, fit: Callable[[np.ndarray, Solution], Solutio
         solution: of separate windows.
         fit: fits without some windows (K,) bool, from another solution.
     """
+    trimmed = _trimmed_fit(solution, fit)
+    if trimmed is None:
+        return [], solution
+    kicks, clean = _locate_kicks(trimmed, solution.windows)
+    if not kicks:
+        return [], solution
+    return kicks, clean
+
+
+class _TrimmedFit(NamedTuple):
+    """A fit to the windows that fit best.
+
+    Attributes:
+        solution: parameters of the good windows, and starts of all windows at them.
+        misfit: of all windows (K,).
+        good: whether each window is among them (K,).
+    """
+
+    solution: Solution
+    misfit: np.ndarray
+    good: np.ndarray
+
+    @property
+    def limit(self) -> float:
+        """Misfit above which only a kick explains a window."""
+        return KICKED * float(np.median(self.misfit[self.good]))
+
+
+def _min_windows(windows: Windows) -> int:
+    """Minimum number of good windows."""
+    return int(np.ceil(TRUSTED * windows.count))
+
+
+def _trimmed_fit(solution: Solution, fit: Callable[[np.ndarray, Solution], Solution]) -> _TrimmedFit | None:
+    """The fit to the windows that fit best, in rounds until they no longer change; None if all windows fit alike."""
     windows = solution.windows
     size = misfit(solution)
-    few = int(np.ceil(TRUSTED * windows.count))
-    good = size <= np.sort(size)[min(max(few, 2), windows.count) - 1]
+    min_windows = _min_windows(windows)
+    good = size <= np.sort(size)[min(max(min_windows, 2), windows.count) - 1]
     clean = solution
-    starts = solution.starts
     if not np.any(size > KICKED * np.median(size[good])):
-        return [], solution
+        return None
     for _ in range(ROUNDS):
-        clean = fit(~good, replace(clean, starts=starts))
-        own = _only_starts(clean, windows, clean.starts)
-        ahead = _only_starts(clean, windows, starts_from_previous_windows(own, ~good))
-        sizes = misfit(own), misfit(ahead)
-        better = sizes[1] < sizes[0]
-        size = np.minimum(*sizes)
-        starts = with_rows(own.starts, better, pick(ahead.starts, better))
+        clean = fit(~good, clean)
+        from_own_start = _only_starts(clean, windows, clean.starts)
+        starts = starts_from_previous_windows(from_own_start, ~good)
+        from_previous_window = _only_starts(clean, windows, starts)
+        own_size = misfit(from_own_start)
+        previous_size = misfit(from_previous_window)
+        better = previous_size < own_size
+        size = np.minimum(own_size, previous_size)
+        starts = with_rows(from_own_start.starts, better, pick(from_previous_window.starts, better))
+        clean = replace(clean, starts=starts)
         before = good
         good = size <= KICKED * np.median(size[good])
-        if good.sum() < few or (before == good).all():
+        if good.sum() < min_windows or (before == good).all():
             break
-    limit = KICKED * np.median(size[good])
-    while good.sum() >= few:
+    return _TrimmedFit(clean, size, good)
+
+
+def _locate_kicks(trimmed: _TrimmedFit, windows: Windows) -> tuple[list[Kick], Solution]:
+    """Kicks in windows, and the fit with the starts found on the way; none if bad windows continue previous ones.
+
+    A bad window that continues the previous one up to its end was fitted on a wrong branch and is not kicked.
+    """
+    clean = trimmed.solution
+    size = trimmed.misfit.copy()
+    good = trimmed.good.copy()
+    limit = trimmed.limit
+    while good.sum() >= _min_windows(windows):
         # the window of the kick may itself have too few samples
         first = np.flatnonzero(~good & np.r_[True, good[:-1]] & np.r_[False, windows.run[1:] == windows.run[:-1]])
         first = first[size[first] > KICKED * size[first - 1]]
         if not len(first):
             break
-        own = _only_starts(clean, windows, starts)
-        times, continued = _fit_following(clean, first, starts_from_previous_windows(own, ~good), limit)
+        from_own_start = _only_starts(clean, windows, clean.starts)
+        starts = starts_from_previous_windows(from_own_start, ~good)
+        times, continued = _fit_following(clean, first, starts, limit)
         left = misfit(continued)
-        whole = left <= limit
-        if not whole.any():
-            early = np.minimum(times, _first_missed(clean, first - 1, starts, limit))
-            return _kicks_at(windows, first, early, good), replace(clean, starts=starts)
-        # on a wrong branch, not kicked
-        mine = first[whole]
-        starts = with_rows(starts, mine, pick(continued.starts, whole))
+        recovered = left <= limit
+        if not recovered.any():
+            early = np.minimum(times, _first_missed(clean, first - 1, clean.starts, limit))
+            return _kicks_at(windows, first, early, good), clean
+        mine = first[recovered]
+        clean = replace(clean, starts=with_rows(clean.starts, mine, pick(continued.starts, recovered)))
         good[mine] = True
-        size[mine] = left[whole]
-    return [], solution
+        size[mine] = left[recovered]
+    return [], clean
 
 
 def _kicks_at(windows: Windows, first: np.ndarray, times: np.ndarray, good: np.ndarray) -> list[Kick]:

@@ -1,8 +1,8 @@
 """Parts of a damping law that the traces could not have shown.
 
 Let w_i be the energy that a unit of coefficient i would dissipate in the measured motion (its power over the whole
-trace, without any simulation). A part of a law with coefficients c dissipates w . c. A fraction `SHARE` of the total
-loss is excluded if
+trace, without any simulation). A part of a law with coefficients c dissipates w . c, the whole law W, the total loss.
+That a part dissipates a fraction `SHARE` of W is excluded if
 
     w . c + z sqrt(w' C w) < SHARE W,       C: covariance of c given all other parameters of the law
 
@@ -20,8 +20,7 @@ import numpy as np
 from jax import Array
 from scipy.special import ndtri
 
-from dropper_jax.effects.joint_friction import JointFriction
-from dropper_jax.model import Model
+from dropper_jax.model import Law, Model
 from dropper_jax.model.slots import Force
 from fitting.calibration.preparation import Prepared
 from fitting.estimate.factors import solve_spd
@@ -33,31 +32,38 @@ from fitting.traces import planar
 from fitting.traces.noise import smooth_stretch
 
 
-def dissipation(model: Model, theta: Array, omega: Array) -> Array:
-    """Power [W] dissipated by the damping in a pose with rates."""
+def _damping_power(model: Model, theta: Array, omega: Array) -> Array:
+    """Power [W] that the damping takes from a motion.
+
+    Args:
+        theta, omega: angles (n,) [rad] and rates (n,) [rad/s] of the links.
+    """
     s = planar.to_state(model, theta, omega)
     k = model.instant(s.r, s.v, s.t, model.ends(s.t))
-    taken = jnp.zeros(())
+    power = jnp.zeros(())
     for effect in model.having(Force):
         if effect.name in DAMPING:
-            taken = taken - jnp.sum(effect.force(k) * k.v)
-        if isinstance(effect, JointFriction) and effect.dry is not None:
-            rate = jnp.sum(jnp.abs(effect.relative_rates(k)), axis=1)
-            taken = taken + jnp.sum(jnp.broadcast_to(effect.dry, (model.line.links + 1,))[: len(rate)] * rate)
-    return taken
+            power = power - jnp.sum(effect.force(k) * k.v)
+    for law in model.having(Law):
+        if law.name in DAMPING:
+            power = power + law.sliding_power(k)
+    return power
 
 
-#: Fraction of the lost energy that must be detectable for a part, and normal quantile of its upper limit.
+#: Fraction of the lost energy that must be detectable for a part.
 SHARE = 0.1
+#: Normal quantile of the upper limit of a part's share, that of one end of a 90 % interval.
 LIMIT = float(ndtri(0.95))
-
-
 #: Half width of the smoother of the measured motion, as a fraction of the shortest link's period.
 SMOOTHER = 0.06
 
 
-def unit_work(prepared: Prepared, simulator: Simulator, owner: Sequence[str | None]) -> np.ndarray:
-    """Energy dissipated in the measured motions by a unit of every coefficient (k,) [J per unit]; otherwise 0."""
+def dissipated_per_unit(prepared: Prepared, simulator: Simulator, owner: Sequence[str | None]) -> np.ndarray:
+    """Energy dissipated in the measured motions by a unit of every coefficient (k,) [J per unit].
+
+    Args:
+        owner: the part of the law that each parameter belongs to; None, with energy 0, if it belongs to none.
+    """
     found = np.zeros(len(owner))
     whole = np.array([p.value for p in simulator.parameters])
     others = np.array([part is None for part in owner])
@@ -65,7 +71,7 @@ def unit_work(prepared: Prepared, simulator: Simulator, owner: Sequence[str | No
     @jax.jit
     def power(values: Array, theta: Array, omega: Array) -> Array:
         model = apply(simulator.model, simulator.parameters, values)
-        return jax.vmap(lambda a, w: dissipation(model, *planar.close_chain(model, a, w)))(theta, omega)
+        return jax.vmap(lambda a, w: _damping_power(model, *planar.close_chain(model, a, w)))(theta, omega)
 
     for run, trace in enumerate(prepared.traces):
         mine = prepared.windows.run == run
@@ -83,7 +89,12 @@ def unit_work(prepared: Prepared, simulator: Simulator, owner: Sequence[str | No
 
 
 def undetected_parts(law: Solution, owner: Sequence[str | None], per_unit: np.ndarray) -> tuple[str, ...]:
-    """Parts of a law for which the traces do not exclude that they dissipate `SHARE` of the energy."""
+    """Parts of a law for which the traces do not exclude that they dissipate `SHARE` of the energy.
+
+    Args:
+        owner: the part of the law that each parameter belongs to; None if it belongs to none.
+        per_unit: energy dissipated by a unit of each coefficient (k,) [J per unit].
+    """
     free = np.flatnonzero(~law.problem.held_mask)
     if not len(free) or not per_unit.any():
         return ()

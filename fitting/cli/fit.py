@@ -164,7 +164,7 @@ def check_files(files: Sequence[str]) -> None:
 
 def check_intervals(args: argparse.Namespace, scene: Scene) -> None:
     """Reject intervals of parameters that are not free, and a bootstrap of one draw, before anything is fitted."""
-    from fitting.estimate.scene_fit import check_draws
+    from fitting.estimate.bootstrap import check_draws
     from fitting.parameters.names import default_free, default_rig
 
     if args.bootstrap is not None:
@@ -197,7 +197,8 @@ def _full_path(scene: Scene, name: str, option: str) -> str:
 
 def add_intervals(result: SceneFit, args: argparse.Namespace, say: Progress) -> None:
     """Intervals by --profile and --bootstrap."""
-    from fitting.estimate.scene_fit import bootstrap, profiles
+    from fitting.estimate.bootstrap import bootstrap
+    from fitting.estimate.profiles import profiles
 
     if args.profile is not None:
         result.profiles = profiles(result, args.profile, say)

@@ -21,7 +21,7 @@ SMALL_ERROR = 0.003
 if TYPE_CHECKING:
     from dropper_jax.load.scene import Scene
     from fitting.calibration.result import FitResult
-    from fitting.from_file.read_file import Given
+    from fitting.from_file.read_file import FileOptions
     from fitting.traces.trace import Trace
 
 
@@ -40,13 +40,13 @@ def add_file_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def given_of(args: argparse.Namespace) -> Given:
+def given_of(args: argparse.Namespace) -> FileOptions:
     """What the options state about the files.
 
     Raises:
         SceneError: a number that is not positive, an unknown unit.
     """
-    from fitting.from_file.read_file import Given
+    from fitting.from_file.read_file import FileOptions
     from fitting.traces.trace import RADIANS
 
     lengths = None
@@ -58,7 +58,7 @@ def given_of(args: argparse.Namespace) -> Given:
     units = [*RADIANS, "counts"]
     if args.unit is not None and args.unit not in units:
         raise SceneError(f"--unit: {args.unit!r} is unknown; allowed: {', '.join(units)}")
-    return Given(
+    return FileOptions(
         columns=column_names(args.columns),
         unit=args.unit,
         rate=args.rate,

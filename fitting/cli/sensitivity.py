@@ -58,11 +58,11 @@ def run(args: argparse.Namespace) -> int:
 
     problem = sensitivity.study(scene, args.of, args.to)
     say = progress(args.quiet)
-    box = None
+    ranges = None
     if args.method:
-        box = sensitivity.ranges(problem, by_name(map(_range, args.range), "--range"))
+        ranges = sensitivity.ranges(problem, by_name(map(_range, args.range), "--range"))
         samples = SAMPLES if args.samples is None else args.samples
-        found = sensitivity.global_indices(problem.batch, problem.names, box, args.method, samples, args.seed or 0)
+        found = sensitivity.global_indices(problem.batch, problem.names, ranges, args.method, samples, args.seed or 0)
         text = global_text(found, args.of)
     else:
         found = sensitivity.local(problem, say, args.check)
@@ -74,7 +74,7 @@ def run(args: argparse.Namespace) -> int:
             global_picture(found, args.of, picture(args.plot, "tornado"))
         else:
             local_picture(found, picture(args.plot, "tornado"))
-    verdict = sensitivity.check_step(problem, box, say)
+    verdict = sensitivity.check_step(problem, ranges, say)
     warnings = [*found.warnings, *verdict.warnings]
     print_warnings(warnings)
     failure = verdict.failure

@@ -130,7 +130,8 @@ def run(args: argparse.Namespace) -> int:
     if fitted:
         found["trace"]["fit"] = fitted.to_json()
     if plot:
-        from fitting.sweep.pictures import draw_against_trace, draw_sweep
+        from fitting.sweep.pictures import draw_sweep
+        from fitting.sweep.trace_pictures import draw_against_trace
 
         if scores:
             draw_against_trace(scores, plot, fitted)

@@ -8,11 +8,11 @@ from pathlib import Path
 from dropper_jax.base.files import atomic_write
 from dropper_jax.base.read import Table
 from dropper_jax.base.toml_text import as_toml
-from fitting.from_file.read_file import Measured
+from fitting.from_file.read_file import MeasuredFile
 from fitting.traces.trace import write_trace
 
 
-def write_case(folder: Path, measured: list[Measured], scene: Table, options: tuple[str, ...]) -> str:
+def write_case(folder: Path, measured: list[MeasuredFile], scene: Table, options: tuple[str, ...]) -> str:
     """Write the traces and the scene; nothing is replaced.
 
     Returns:

@@ -31,8 +31,11 @@ LENS = 0.001
 GOOD = 1.5
 #: Difference of two directions of one rigid link, as a fraction of their motion, beyond their noise.
 SAME_LINK = 0.01
-#: Most points whose order is tried.
+#: Maximum number of points whose order is tried.
 MOST_POINTS = 5
+#: Maximum distance of a pivot over the extent of the points. A link as long as this that swings by 0.6 degrees moves by
+#: its extent. From farther away, the tolerance of a lens (`LENS`) exceeds half of it, so that any motion fits.
+FARTHEST_PIVOT = 100.0
 
 
 @dataclass(frozen=True)
@@ -147,6 +150,8 @@ def chain_of(points: list[np.ndarray], pivot: complex | None, sigma: float) -> C
     in_pairs = pivot is None and len(points) % 2 == 0
     if pivot is None:
         pivot = pivot_of(first, rest, sigma)
+        if is_far(pivot, points):
+            return None
     start = np.full(len(first), pivot)
     worst = rigid(first, start, sigma)
     if worst > KEPT:
@@ -258,6 +263,13 @@ def pivot_of(first: np.ndarray, others: Sequence[np.ndarray], sigma: float) -> c
         if rigid(first, other, sigma) < KEPT:
             return pivot_of_pair(first, other, centre, sigma)
     return centre
+
+
+def is_far(pivot: complex, points: Sequence[np.ndarray]) -> bool:
+    """Whether a pivot is too far from points (m, k) to follow from their motion."""
+    middle = np.nanmean(points)
+    extent = np.nanquantile(np.abs(np.subtract(points, middle)), MOST_ROWS)
+    return bool(np.abs(pivot - middle) > FARTHEST_PIVOT * extent)
 
 
 def pivot_of_pair(one: np.ndarray, other: np.ndarray, near: complex, sigma: float) -> complex:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,26 +28,30 @@ from fitting.traces.trace import Convention, Trace
 METRES = {name: size for name, (base, size) in FIT_UNITS.items() if base == "m"}
 #: Ratio of a unit of length to that which gravity shows, within which the unit is taken.
 FITS_UNIT = 1.3
-#: Period of the smoothing of a chain, whose links swing faster than its main motion.
-SMOOTHED = 0.6
-#: Rows that show the noise.
-FOR_NOISE = 6000
-#: First time [s] above which the clock of a trace starts at its first row.
-LATE = 1e5
+#: Smoothing period of a chain over its main period: below 1, because its links swing faster than its main motion.
+SMOOTHING_PERIODS = 0.6
+#: Number of rows from the middle of a file that show its noise, which takes longer than the fit if it uses all rows.
+NOISE_ROWS = 6000
+#: First time [s] from which the clock of a trace starts at its first row: dates in seconds since 1970 lose digits.
+LATEST_START = 1e5
+#: Shortest period of a chain of unknown lengths, as a fraction of its main period.
+SHORTEST_PERIOD = 0.5
+#: Minimum number of rows after the start of the span that the user gives.
+FEWEST_ROWS = 10
 
 
 @dataclass(frozen=True)
-class Given:
-    """What a user states about a file; None: found from it.
+class FileOptions:
+    """What a user states about a file; None: found from the file.
 
     Attributes:
-        columns: by `time`, `theta_1`, `x_1`, `y_1` ..., the names of columns.
+        columns: names of columns by `time`, `theta_1`, `x_1`, `y_1` ...
         unit: of angles, `rad`, `deg` or `counts`.
         rate: frames or rows per second [1/s].
-        counts: of an encoder per turn.
+        counts: counts per turn of an encoder.
         lengths: of the links [m].
         mass: of each link's end [kg].
-        begin: start of the span that is used [s] of the file's clock.
+        begin: start of the span that is used, on the file's clock [s].
     """
 
     columns: Mapping[str, str] | None = None
@@ -59,11 +64,11 @@ class Given:
 
 
 #: Everything is found from the file.
-NOTHING = Given()
+NO_OPTIONS = FileOptions()
 
 
 @dataclass(frozen=True)
-class Measured:
+class MeasuredFile:
     """A file as a trace.
 
     Attributes:
@@ -83,10 +88,11 @@ class Measured:
     notes: tuple[str, ...]
 
 
-def read_measured(path: str | Path, given: Given = NOTHING, links: int | None = None) -> Measured:
+def read_measured(path: str | Path, given: FileOptions = NO_OPTIONS, links: int | None = None) -> MeasuredFile:
     """A file as a trace.
 
     Args:
+        given: what the user states about the file.
         links: of the scene, if there is one: lengths are then known.
 
     Raises:
@@ -95,42 +101,37 @@ def read_measured(path: str | Path, given: Given = NOTHING, links: int | None = 
     path = Path(path)
     cells = read_cells(path)
     columns = find_columns(cells, given.columns)
-    rows = used_rows(cells, columns)
-    motion = motion_of(cells, columns, rows.t, rows.values, given)
-    period = main_period(motion.t, motion.theta)
-    second, how = clock_unit(cells.file, columns, motion.t, period, given)
-    # dates in seconds since 1970 lose digits
-    start = second * rows.start
-    if abs(start) >= LATE:
-        start = 0.0
-    times = start + second * motion.t
-    period = second * period
+    rows = _used_rows(cells, columns)
+    motion = _read_motion(cells, columns, rows, given)
     count = motion.theta.shape[1]
+    clock = _clock(cells.file, columns, rows, motion, given)
     if links is not None and count != links:
         raise SceneError(f"{cells.file}: shows {count} links, but the scene has {links}. Use the scene of this file")
-    notes = [*columns.notes, how, *rows.notes, *motion.notes]
-    if rows.start and not start:
+    notes = [*columns.notes, clock.note, *rows.notes, *motion.notes]
+    if clock.starts_at_first_row:
         notes.append("the clock starts at the first row")
     # zero and sign of a scene's own links follow from its pose
     convention = Convention(unit="rad")
     if count == 1 or columns.points or links is None:
         convention = Convention("down", 1, "rad")
-    trace = Trace(path.stem, times, motion.theta, convention=convention)
-    trace = cut_span(trace, given)
+    trace = Trace(path.stem, clock.times, motion.theta, convention=convention)
+    trace = _cut_span(trace, given)
     swing = None
     zero = 0.0
     if count == 1:
-        trace, swing, zero = free_part(cells.file, trace, period)
+        trace, swing, zero = _free_part(cells.file, trace, clock.period)
         notes += [*swing.notes, f"the reading at rest, {zero:.4g} rad, is subtracted"]
-    lengths, note = lengths_in_metres(cells.file, columns.length_unit, motion, times, period, given, links)
-    notes += note
-    trace, note = thinned(trace, fastest_period(period, count, lengths))
+    lengths = None
+    if links is None or given.lengths is not None:
+        lengths, note = _lengths(cells.file, columns.length_unit, motion, clock, given)
+        notes += note
+    trace, note = _thinned(trace, _shortest_period(count, lengths, clock.period))
     notes += note
     open_end = motion.lengths is not None and bool(np.isnan(motion.lengths[-1])) and count > 1
-    return Measured(trace, zero, swing, lengths, open_end, tuple(notes))
+    return MeasuredFile(trace, zero, swing, lengths, open_end, tuple(notes))
 
 
-def used_rows(cells: Cells, columns: Columns) -> Rows:
+def _used_rows(cells: Cells, columns: Columns) -> Rows:
     """The rows with their times, and the columns that show the motion.
 
     Raises:
@@ -147,27 +148,59 @@ def used_rows(cells: Cells, columns: Columns) -> Rows:
     return rows
 
 
-def clock_unit(file: str, columns: Columns, t: np.ndarray, period: float, given: Given) -> tuple[float, str]:
-    """Unit of the file's clock [s] from its times (k,) and the main period in this unit, and how it was found."""
-    name = None
+def _read_motion(cells: Cells, columns: Columns, rows: Rows, given: FileOptions) -> Motion:
+    """The motion by the values of the columns."""
+    if columns.points:
+        return read_points(cells.file, rows.t, rows.values[:, ::2].T + 1j * rows.values[:, 1::2].T)
+    return read_angles(cells.file, rows.t, rows.values, given.unit or columns.angle_unit, given.counts)
+
+
+class _Clock(NamedTuple):
+    """Times of a motion.
+
+    Attributes:
+        times: (k,) [s].
+        period: main period of the motion [s].
+        starts_at_first_row: whether the time of the first row was subtracted.
+        note: how the unit of time was found.
+    """
+
+    times: np.ndarray
+    period: float
+    starts_at_first_row: bool
+    note: str
+
+
+def _clock(file: str, columns: Columns, rows: Rows, motion: Motion, given: FileOptions) -> _Clock:
+    """The clock of a motion, in seconds.
+
+    Raises:
+        SceneError: frames without a rate, times of no unit.
+    """
+    period = main_period(motion.t, motion.theta)
+    column = None
     if columns.time is not None:
-        name = columns.time.name
+        column = columns.time.name
     unit = columns.time_unit
     if given.rate and unit is None:
         unit = "frames"
-    return unit_of_time(file, t, period, unit, given.rate or columns.rate, name)
+    second, note = unit_of_time(file, motion.t, period, unit, given.rate or columns.rate, column)
+    start = second * rows.start
+    if abs(start) >= LATEST_START:
+        start = 0.0
+    return _Clock(start + second * motion.t, second * period, bool(rows.start) and not start, note)
 
 
-def fastest_period(period: float, count: int, lengths: np.ndarray | None) -> float:
-    """Shortest period [s] of a motion of this main period and number of links, whose lengths (n,) [m] may be known."""
+def _shortest_period(count: int, lengths: np.ndarray | None, period: float) -> float:
+    """Shortest period [s] of a motion of `count` links with this main period [s]; lengths (n,) [m], if known."""
     if count == 1:
         return period
     if lengths is None:
-        return 0.5 * period  # assumed for links of unknown lengths
+        return SHORTEST_PERIOD * period
     return pendulum_period(lengths)
 
 
-def thinned(trace: Trace, fastest: float) -> tuple[Trace, list[str]]:
+def _thinned(trace: Trace, fastest: float) -> tuple[Trace, list[str]]:
     """The trace with as many rows as a motion of this shortest period [s] needs, and a note if rows were left out."""
     t, theta, many = thin(trace.t, trace.theta, fastest)
     if len(t) == len(trace.t):
@@ -178,23 +211,16 @@ def thinned(trace: Trace, fastest: float) -> tuple[Trace, list[str]]:
     return replace(trace, t=t, theta=theta), [f"{len(trace.t)} rows thinned to {len(t)}, {what}"]
 
 
-def motion_of(cells: Cells, columns: Columns, t: np.ndarray, values: np.ndarray, given: Given) -> Motion:
-    """The motion by the columns' values (k, columns)."""
-    if columns.points:
-        return read_points(cells.file, t, values[:, ::2].T + 1j * values[:, 1::2].T)
-    return read_angles(cells.file, t, values, given.unit or columns.angle_unit, given.counts)
-
-
-def cut_span(trace: Trace, given: Given) -> Trace:
+def _cut_span(trace: Trace, given: FileOptions) -> Trace:
     """The trace from the time on that the user gives.
 
     Raises:
-        SceneError: hardly a row is left.
+        SceneError: fewer than `FEWEST_ROWS` rows are left.
     """
     if given.begin is None:
         return trace
     found = trace.between(given.begin, np.inf)
-    if len(found.t) < 10:
+    if len(found.t) < FEWEST_ROWS:
         raise SceneError(
             f"{trace.name}: {len(found.t)} rows after --from {given.begin:g} s; the file has {trace.t[0]:g} to "
             f"{trace.t[-1]:g} s"
@@ -202,13 +228,12 @@ def cut_span(trace: Trace, given: Given) -> Trace:
     return found
 
 
-def free_part(file: str, trace: Trace, period: float) -> tuple[Trace, Swing, float]:
-    """The free swing of one link, about its zero, and that zero [rad]."""
+def _free_part(file: str, trace: Trace, period: float) -> tuple[Trace, Swing, float]:
+    """The free swing of one link about its zero, the swing's values, and that zero [rad]."""
     trace = without_spikes(trace)
     known = np.isfinite(trace.theta[:, 0])
     trace = replace(trace, t=trace.t[known], theta=trace.theta[known])
-    # rows in the middle, where it swings; the noise of a long file would take longer than its fit
-    middle = slice(max(0, (len(trace.t) - FOR_NOISE) // 2), (len(trace.t) + FOR_NOISE) // 2)
+    middle = slice(max(0, (len(trace.t) - NOISE_ROWS) // 2), (len(trace.t) + NOISE_ROWS) // 2)
     sigma = float(noise(replace(trace, t=trace.t[middle], theta=trace.theta[middle]))[0])
     swing = find_swing(file, trace.t, trace.theta[:, 0], period, sigma)
     part = trace.between(swing.begin, swing.end)
@@ -218,20 +243,13 @@ def free_part(file: str, trace: Trace, period: float) -> tuple[Trace, Swing, flo
     return replace(part, theta=part.theta - zero), swing, zero
 
 
-def lengths_in_metres(
-    file: str,
-    unit: str | None,
-    motion: Motion,
-    times: np.ndarray,
-    period: float,
-    given: Given,
-    links: int | None,
+def _lengths(
+    file: str, unit: str | None, motion: Motion, clock: _Clock, given: FileOptions
 ) -> tuple[np.ndarray | None, list[str]]:
-    """Lengths of the links (n,) [m], and notes.
+    """Lengths of the links (n,) [m], and notes; None for one link, whose length follows from its swing.
 
     Args:
         unit: of the points, if their names give it.
-        times: of the motion (k,) [s].
 
     Raises:
         SceneError: several links without lengths.
@@ -242,20 +260,32 @@ def lengths_in_metres(
         if len(given.lengths) != count:
             raise SceneError(f"--lengths: {len(given.lengths)} values; {file} shows {count} links")
         return np.array(given.lengths), ["lengths as given"]
-    if count == 1 or links is not None:
+    if count == 1:
         return None, []
     if motion.lengths is None or motion.joint is None:
         raise SceneError(
             f"{file}: the angles of {count} links do not show their lengths. Give them [m]: --lengths {missing}"
         )
-    shown = gravity_of_last_link(times, motion.joint, motion.theta[:, -1], SMOOTHED * period)
-    lengths = motion.lengths.copy()
+    shown = gravity_of_last_link(clock.times, motion.joint, motion.theta[:, -1], SMOOTHING_PERIODS * clock.period)
+    if shown is None and unit not in METRES:
+        raise SceneError(f"{file}: the points show no scale. Give the lengths of the links [m]: --lengths {missing}")
+    return _scaled_lengths(motion.lengths, unit, shown)
+
+
+def _scaled_lengths(
+    lengths: np.ndarray, unit: str | None, shown: tuple[float, float] | None
+) -> tuple[np.ndarray, list[str]]:
+    """Lengths of the links (n,) [m] by the unit of their points, or by gravity, and how.
+
+    Args:
+        lengths: (n,) in the unit of the points; NaN for a last link of unknown length.
+        shown: gravity and length of the last link in the unit of the points, if the motion shows them.
+    """
+    lengths = lengths.copy()
     if np.isnan(lengths[-1]):
         lengths[-1] = np.nanmean(lengths)
         if shown is not None:
             lengths[-1] = shown[1]
-    if shown is None and unit not in METRES:
-        raise SceneError(f"{file}: the points show no scale. Give the lengths of the links [m]: --lengths {missing}")
     scale = 1.0
     if shown is not None:
         scale = GRAVITY / shown[0]

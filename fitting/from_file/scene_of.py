@@ -10,7 +10,7 @@ import numpy as np
 
 from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.read import Table
-from fitting.from_file.read_file import Given, Measured
+from fitting.from_file.read_file import FileOptions, MeasuredFile
 from fitting.traces.planar import pendulum_period
 
 #: Drag at the start of the fit of several links, per mass [1/s], [1/m].
@@ -19,7 +19,7 @@ DAMPING = 0.02
 RULER = 0.2
 
 
-def propose_scene(measured: Measured, given: Given) -> Table:
+def propose_scene(measured: MeasuredFile, given: FileOptions) -> Table:
     """Plain values of a scene with its `[fit]`."""
     count = measured.trace.links
     mass = 1.0

@@ -9,7 +9,7 @@ import numpy as np
 from dropper_jax.base.constants import GRAVITY
 from fitting.calibration.laws import DRAG
 from fitting.calibration.result import FitResult
-from fitting.from_file.read_file import Measured
+from fitting.from_file.read_file import MeasuredFile
 from fitting.report.tables import significant
 
 
@@ -24,7 +24,7 @@ class Value:
     remark: str = ""
 
 
-def found_values(result: FitResult, measured: Measured, mass: float | None) -> list[Value]:
+def found_values(result: FitResult, measured: MeasuredFile, mass: float | None) -> list[Value]:
     """The values that the file shows.
 
     Args:

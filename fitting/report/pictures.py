@@ -97,7 +97,7 @@ def residuals(result: FitResult, run: int) -> Figure:
     rest = measured - simulated
     band = 2 * np.nanstd(rest)
     for j, ax in enumerate(axes):
-        ax.axhspan(-band, band, color="#E3E5E8", lw=0, label="2 standard deviations of all links")
+        ax.axhspan(-band, band, color=style.LIGHT, lw=0, label="2 standard deviations of all links")
         ax.plot(t, rest[:, j], ".", ms=1.5, color=style.SECOND)
     style.legend_above(axes[0])
     style.time_axis(axes[-1], t)

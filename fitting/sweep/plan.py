@@ -93,6 +93,7 @@ class Plan:
         chunk: cases advanced together on one device.
         settings: further fields of `Stepper`.
         listed: whether the axes' values are paired row by row instead of combined.
+        built: model and start of the scene, if they are built already: an equilibrium at the start takes seconds.
     """
 
     scene: Scene
@@ -102,6 +103,7 @@ class Plan:
     chunk: int = 64
     settings: dict[str, Any] = field(default_factory=dict)
     listed: bool = False
+    built: tuple[Model, State] | None = field(default=None, repr=False, compare=False)
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -124,6 +126,8 @@ class Plan:
     @cached_property
     def base(self) -> tuple[Model, State]:
         """Model and start of the base case."""
+        if self.built is not None:
+            return self.built
         return build(self.scene)
 
     @cached_property

@@ -209,9 +209,8 @@ class Program:
                 if axis.parameters:  # numbers of another model
                     axis = replace(axis, parameters=resolve(base[0], [axis.path], option="vary"))
                 own.append(axis)
-            self._plans[shape] = replace(plan, scene=plan.scene.with_values(values), axes=tuple(own))
-            # fills the cached property: its start may be an equilibrium, which takes seconds
-            self._plans[shape].__dict__["base"] = base
+            scene = plan.scene.with_values(values)
+            self._plans[shape] = replace(plan, scene=scene, axes=tuple(own), built=base)
         return shape, base
 
     def _program(self, shape: Shape, arguments: tuple[Any, ...]) -> jax.stages.Compiled:

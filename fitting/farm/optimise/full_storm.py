@@ -18,7 +18,7 @@ from dropper_jax.model import Model, State, state
 from dropper_jax.run.build import build_model, stepper_of
 from dropper_jax.run.chunks import compile_run, first_carry, run_chunks
 from fitting.farm.optimise.models import in_waves, sea_of, still_scene
-from fitting.farm.optimise.quantities import Quantity, Steps
+from fitting.farm.optimise.quantities import LimitedSignal, Steps
 from fitting.farm.optimise.storm import highest_signals
 from fitting.farm.optimise.values import near_rest
 from fitting.farm.site import Case, Site
@@ -35,16 +35,16 @@ class Storms:
 
 @component
 class StepPeaks:
-    """The largest value of each quantity at a step (q,), whose extremes over all steps a run keeps."""
+    """The maximum of each quantity at a step (q,), whose extremes over all steps a run keeps."""
 
-    quantities: tuple[Quantity, ...] = option("of the storm")
+    quantities: tuple[LimitedSignal, ...] = option("of the storm")
 
     def __call__(self, model: Model, before: State, after: State) -> tuple[Array, Array]:
         peaks = highest_signals(self.quantities, model, Steps(after.r[None], after.tension[None], jnp.ones(1)))
         return jnp.concatenate(peaks), after.t
 
 
-def full_storm(site: Site, scene: Scene, case: Case, quantities: tuple[Quantity, ...], near: State) -> Storms:
+def full_storm(site: Site, scene: Scene, case: Case, quantities: tuple[LimitedSignal, ...], near: State) -> Storms:
     """The whole run of a case of a design.
 
     The time before `skip`, or before a line breaks, is not counted.

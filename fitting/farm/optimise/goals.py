@@ -31,8 +31,8 @@ from dropper_jax.run.arrays import bare_model
 from dropper_jax.run.growth import overgrown
 from fitting.farm.optimise.quantities import (
     Clearance,
-    Motion,
-    Quantity,
+    LimitedSignal,
+    NodeDisplacement,
     anchor_loads,
     line_nodes,
     named_quantity,
@@ -132,13 +132,13 @@ class StormLimit:
     of: tuple[str, ...] | str
     limit: float
 
-    def quantity(self, model: Model, number: int) -> Quantity:
+    def quantity(self, model: Model, number: int) -> LimitedSignal:
         """The quantity with a limit of 1; `number` counts constraints of this kind from 1."""
         if isinstance(self.of, str):
             return named_quantity(self.of, model, self.path, self.limit)
         if self.kind == "clearance":
             return Clearance(f"clearance {number}", _pairs(model, self.of), self.limit)
-        return Motion(f"motion {number}", _nodes(model, self.of), 1.0 / self.limit)
+        return NodeDisplacement(f"motion {number}", _nodes(model, self.of), 1.0 / self.limit)
 
 
 @dataclass(frozen=True)
@@ -149,19 +149,19 @@ class Goals:
     depths: tuple[Depth, ...]
     limits: tuple[StormLimit, ...]
 
-    def quantities(self, site: Site, model: Model, kind: str = "intact") -> tuple[Quantity, ...]:
+    def quantities(self, site: Site, model: Model, kind: str = "intact") -> tuple[LimitedSignal, ...]:
         """The quantities of storms: all with a limit of 1, and the objective last if it depends on storms.
 
         If a line breaks (`kind` "broken") these are the loads of parts and anchors, with their own factors.
         """
-        found: list[Quantity] = [part_load(model, part, kind) for part in site.parts]
+        found: list[LimitedSignal] = [part_load(model, part, kind) for part in site.parts]
         found += [quantity for anchor in site.anchors for quantity in anchor_loads(model, anchor, kind)]
         if kind != "intact":
             return tuple(found)
         for _, limits in groupby(self.limits, key=lambda limit: limit.kind):
             found += [limit.quantity(model, i) for i, limit in enumerate(limits, 1)]
         if self.objective.of == "motion":
-            found.append(Motion("largest motion", _nodes(model, self.objective.lines)))
+            found.append(NodeDisplacement("largest motion", _nodes(model, self.objective.lines)))
         return tuple(found)
 
 

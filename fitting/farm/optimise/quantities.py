@@ -20,7 +20,7 @@ from jax import Array
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.numerics import horizontal_norm, safe_norm
 from dropper_jax.model import Model
-from dropper_jax.run import quantities as named
+from dropper_jax.run import quantities as run_quantities
 from dropper_jax.run.end_links import load_on_fixed_point
 from fitting.farm.site import Anchor, Part
 
@@ -37,7 +37,7 @@ class Steps(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Quantity(ABC):
+class LimitedSignal(ABC):
     """A signal over time with a peak; `name` in tables, static."""
 
     name: str
@@ -56,7 +56,7 @@ class Quantity(ABC):
 
 
 @dataclass(frozen=True)
-class Load(Quantity):
+class Load(LimitedSignal):
     """Tension times `scale` of some links; with factor over capacity as scale their utilisation."""
 
     links: tuple[int, ...]
@@ -67,8 +67,8 @@ class Load(Quantity):
 
 
 @dataclass(frozen=True)
-class AnchorLoad(Quantity):
-    """Utilisation of an anchor, as in `dropper_jax.scene.point`, times the factor.
+class AnchorLoad(LimitedSignal):
+    """Utilisation of an anchor, as in `dropper_jax.scene.anchor.AnchorSpec.utilisation`, times the factor.
 
     Attributes:
         links: those that end at its point; signs: 1 for links that start there, -1 for links that end there.
@@ -103,20 +103,25 @@ class AnchorLoad(Quantity):
         return across + rising
 
 
+#: Distance of two nodes over the required one below which the signal no longer grows: it stays finite if nodes meet.
+CLOSEST = 1e-3
+
+
 @dataclass(frozen=True)
-class Clearance(Quantity):
+class Clearance(LimitedSignal):
     """Ratio of the required distance [m] to that of pairs of free nodes."""
 
     pairs: tuple[tuple[int, int], ...]
-    least: float
+    required_distance: float
 
     def signal(self, model: Model, steps: Steps) -> Array:
         one, other = np.array(self.pairs).T
-        return self.least / jnp.maximum(safe_norm(steps.r[:, one] - steps.r[:, other]), 1e-3 * self.least)
+        distance = safe_norm(steps.r[:, one] - steps.r[:, other])
+        return self.required_distance / jnp.maximum(distance, CLOSEST * self.required_distance)
 
 
 @dataclass(frozen=True)
-class Motion(Quantity):
+class NodeDisplacement(LimitedSignal):
     """Displacement of nodes from their mean position [m], times `scale`."""
 
     nodes: tuple[int, ...]
@@ -131,10 +136,10 @@ class Motion(Quantity):
 
 
 @dataclass(frozen=True)
-class Named(Quantity):
+class NamedQuantity(LimitedSignal):
     """The maximum of a quantity by name, times `scale`."""
 
-    of: named.Quantity
+    of: run_quantities.Quantity
     scale: float
 
     def signal(self, model: Model, steps: Steps) -> Array:
@@ -143,20 +148,20 @@ class Named(Quantity):
         return self.scale * found
 
 
-#: Signals of `Named`: positive ones that positions and tensions determine.
+#: Signals of `NamedQuantity`: positive ones that positions and tensions determine.
 LIMITED = ("tension", "anchor", "offset")
 
 
-def named_quantity(name: str, model: Model, option: str, limit: float) -> Named:
+def named_quantity(name: str, model: Model, option: str, limit: float) -> NamedQuantity:
     """The quantity of a name such as `tension.west-leg.fairlead.max`, relative to its limit.
 
     Raises:
         SceneError: an unknown name, or one without a limit in storms.
     """
-    found = named.quantity(name, model, option)
+    found = run_quantities.quantity(name, model, option)
     if found.signal not in LIMITED or found.statistic != "max":
         raise SceneError(f"{option}: {name!r} cannot be limited; allowed: maxima of {', '.join(LIMITED)}")
-    return Named(name, found, 1.0 / limit)
+    return NamedQuantity(name, found, 1.0 / limit)
 
 
 def line_nodes(model: Model, names: Sequence[str]) -> dict[str, np.ndarray]:
@@ -170,7 +175,11 @@ def line_nodes(model: Model, names: Sequence[str]) -> dict[str, np.ndarray]:
 
 
 def part_load(model: Model, part: Part, kind: str) -> Load:
-    """Utilisation of a part: load times factor over capacity, the worst of its links."""
+    """Utilisation of a part: load times factor over capacity, the worst of its links.
+
+    Args:
+        kind: of load case that selects the factor, `intact` or `broken`.
+    """
     links = model.geometry.line_links(part.lines)
     counts = [len(links[name]) for name in part.lines]
     scale = np.repeat(part.factors.by_kind[kind] / part.capacity, counts)
@@ -179,7 +188,11 @@ def part_load(model: Model, part: Part, kind: str) -> Load:
 
 
 def anchor_loads(model: Model, anchor: Anchor, kind: str) -> list[AnchorLoad]:
-    """Utilisation of each of its points and, with a limit of the angle, that of the angle."""
+    """Utilisation of each of its points and, with a limit of the angle, that of the angle.
+
+    Args:
+        kind: of load case that selects the factor, `intact` or `broken`.
+    """
     found = []
     graph = model.geometry
     factor = anchor.factor[kind]

@@ -1,7 +1,7 @@
 """Windows of storms: peaks and their derivatives by the variables, statics included.
 
 A window is a separate run. It starts from equilibrium, and its waves rise over `WINDOW_RAMP` seconds with the phase of
-the storm from `begin` on. When it meets the storm's largest waves, its motion no longer depends on the start. Its steps
+the storm from `begin` on. When it meets the storm's highest waves, its motion no longer depends on the start. Its steps
 follow an accuracy.
 
     dJ/dp_k = (J(m + h dm/dp_k, r_0 + h dr_0/dp_k, T_0 + h dT_0/dp_k) - J(m - ..., ...))/2h
@@ -38,7 +38,7 @@ from dropper_jax.stepping.progress import Progress, Trajectory, begin
 from dropper_jax.stepping.stepper import make_stepper
 from dropper_jax.study.march import spare_rows
 from fitting.farm.optimise.models import in_waves, numbered_slopes
-from fitting.farm.optimise.quantities import Quantity, Steps
+from fitting.farm.optimise.quantities import LimitedSignal, Steps
 from fitting.farm.optimise.values import RunStart
 from fitting.sensitivity.own_steps import find_own_lengths
 
@@ -78,7 +78,7 @@ class Peaks:
 def peaks(
     start: RunStart,
     sea: Sea,
-    quantities: tuple[Quantity, ...],
+    quantities: tuple[LimitedSignal, ...],
     run: WindowRun,
     heights: np.ndarray | None = None,
 ) -> Peaks:
@@ -220,20 +220,20 @@ def _counted_steps(lengths: list[Array], rows: list[Trajectory]) -> Steps:
 
 
 @cached_jit(static=("quantities",))
-def _hard(quantities: tuple[Quantity, ...], model: Model, steps: Steps) -> Array:
+def _hard(quantities: tuple[LimitedSignal, ...], model: Model, steps: Steps) -> Array:
     """Hard peaks (q,)."""
     highest = highest_signals(quantities, model, steps)
     return jnp.stack([jnp.max(jnp.where(steps.time > 0.0, x, -jnp.inf)) for x in highest])
 
 
 @cached_jit(static=("quantities",))
-def _soft(quantities: tuple[Quantity, ...], model: Model, heights: Array, steps: Steps) -> Array:
+def _soft(quantities: tuple[LimitedSignal, ...], model: Model, heights: Array, steps: Steps) -> Array:
     """Soft peaks (q,), whose widths are those of peaks of these heights (q,)."""
     return jnp.stack([q.soft(model, steps, heights[i]) for i, q in enumerate(quantities)])
 
 
-def highest_signals(quantities: tuple[Quantity, ...], model: Model, steps: Steps) -> list[Array]:
-    """The largest value of each quantity at every time (q lists of k)."""
+def highest_signals(quantities: tuple[LimitedSignal, ...], model: Model, steps: Steps) -> list[Array]:
+    """The maximum of each quantity at every time (q lists of k)."""
     return [jnp.max(q.signal(model, steps), axis=1) for q in quantities]
 
 
@@ -251,7 +251,7 @@ class Settings(DeclaredSection):
     window: float = parameter("length of a window", unit="s", above=0.0, default=60.0)
     before: float = parameter("part of it before the peak load", unit="s", low=0.0, default=45.0)
     renew: int = whole_number("steps until windows are updated", default=3)
-    rounds: int = whole_number("most rounds", default=8)
+    rounds: int = whole_number("maximum number of rounds", default=8)
     enough: float = parameter("minimum relative gain of a round", unit="-", low=0.0, default=0.003)
     reach: float = parameter("first reach of a step", unit="-", above=0.0, high=1.0, default=0.15)
     margin: float = parameter("below the limits", unit="-", low=0.0, high=0.5, default=0.01)

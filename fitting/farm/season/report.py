@@ -37,7 +37,7 @@ def write_season(found: Table, folder: str | Path) -> dict[str, Path]:
 
 
 def page(found: Table) -> str:
-    """The page's text."""
+    """The page as Markdown."""
     verdict = "The schedule does not hold: see below."
     if found["holds"]:
         verdict = "The schedule holds in every month."
@@ -49,15 +49,17 @@ def page(found: Table) -> str:
         f"{found['least_share']:.0%} of their lift. Depths are those at rest below the water's level, over all levels "
         "and currents.",
         bullets(found["flags"]),
-        table([*head, "to sinking [m]", "to lifting [m]"], [_cells(row) for row in found["months"]]),
+        table([*head, "to sinking [m]", "to lifting [m]"], [_month_cells(row) for row in found["months"]]),
         "![Floats and their bounds](season.png)",
     ]
     return "\n\n".join(part for part in parts if part) + "\n"
 
 
-def _cells(row: Table) -> list[str]:
+def _month_cells(row: Table) -> list[str]:
     """A month of the page's table."""
-    change = f"{row['change']:+d}" if row["change"] else "-"
+    change = "-"
+    if row["change"]:
+        change = f"{row['change']:+d}"
     margins = (row["sinking_m"], row["lifting_m"])
     return [
         row["month"],
@@ -72,17 +74,27 @@ def _cells(row: Table) -> list[str]:
     ]
 
 
+#: Height up to which an unlimited number of floats is drawn, over the maximum of all others.
+UNLIMITED_HEIGHT = 1.5
+#: Maximum number of months whose names fit next to one another.
+MOST_UPRIGHT = 6
+
+
 @style.plot_style()
 def draw(found: Table, path: Path) -> Path:
-    """Floats of each month between their bounds, and the depths of the backbone."""
+    """Draw floats of each month between their bounds, and the depths of the backbone."""
     months = found["months"]
-    at = range(len(months))
+    number = range(len(months))
     figure = style.new_figure(7.5, 4.6)
     upper, lower = figure.subplots(2, 1, sharex=True)
-    floats, least, most = np.transpose([[row["floats"], row["least"], row["most"]] for row in months])
-    top = np.clip(most, least, np.maximum(least, int(1.5 * max(*floats, *least)) + 1))
-    upper.fill_between(at, least, top, step="mid", color="#E3E5E8", label="allowed")
-    upper.step(at, floats, where="mid", color=style.FIRST, lw=2, label="floats")
+    floats = np.array([row["floats"] for row in months])
+    minimum = np.array([row["least"] for row in months])
+    maximum = np.array([row["most"] for row in months])
+    # no limit on floats is UNLIMITED: cut at 1.5 times the others
+    highest = int(UNLIMITED_HEIGHT * max(floats.max(), minimum.max())) + 1
+    top = np.clip(maximum, minimum, np.maximum(minimum, highest))
+    upper.fill_between(number, minimum, top, step="mid", color=style.LIGHT, label="allowed")
+    upper.step(number, floats, where="mid", color=style.FIRST, lw=2, label="floats")
     upper.set(ylabel="floats", ylim=(0.0, None))
     upper.locator_params(axis="y", integer=True)
     upper.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.2)
@@ -90,13 +102,16 @@ def draw(found: Table, path: Path) -> Path:
         ("shallowest_m", "lifting_m", -1, style.CYCLE[5]),
         ("deepest_m", "sinking_m", 1, style.DARK),
     ):
-        lower.plot(at, [row[key] for row in months], "o-", ms=3.5, color=colour, label=key.removesuffix("_m"))
+        lower.plot(number, [row[key] for row in months], "o-", ms=3.5, color=colour, label=key.removesuffix("_m"))
+        # the limit is the same in every month
         if months[0][margin] is not None:
             lower.axhline(months[0][key] + sign * months[0][margin], color=colour, lw=1, ls="--", label="its limit")
     lower.invert_yaxis()
     # half a name of a month on either side
     lower.set(ylabel="backbone, depth [m]", xlim=(-0.4, len(months) - 0.6))
     lower.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4, borderaxespad=0.2)
-    rotation = 30 if len(months) > 6 else 0
-    lower.set_xticks(list(at), [row["month"] for row in months], rotation=rotation)
+    rotation = 0
+    if len(months) > MOST_UPRIGHT:
+        rotation = 30
+    lower.set_xticks(list(number), [row["month"] for row in months], rotation=rotation)
     return style.save(figure, path)

@@ -212,7 +212,7 @@ class AnchorTable(Section, AnchorSpec):
 class Exclusion(Section):
     """`[exclusion]`: maximum displacement of nodes from their positions in calm water."""
 
-    excursion: float = parameter("largest horizontal way", unit="m", above=0.0)
+    excursion: float = parameter("maximum horizontal displacement", unit="m", above=0.0)
     lines: tuple[str, ...] = option("lines whose nodes count", type=list, default=("*",))
 
 
@@ -221,8 +221,8 @@ class Backbone(Section):
     """`[backbone]`: range of depths below the water's level for lines at rest."""
 
     lines: tuple[str, ...] = option("lines of the backbone", type=list)
-    shallowest: float | None = parameter("least depth", unit="m", default=None)
-    deepest: float | None = parameter("largest depth", unit="m", above=0.0, default=None)
+    shallowest: float | None = parameter("minimum depth", unit="m", default=None)
+    deepest: float | None = parameter("maximum depth", unit="m", above=0.0, default=None)
 
     def check(self, path: str) -> None:
         low = self.shallowest

@@ -17,7 +17,8 @@ from fitting.channels.observe import differentiate_channels, observe_channels, s
 from fitting.channels.result import ChannelFit
 from fitting.channels.sensors import projection
 from fitting.channels.setup import setup_with_directions
-from fitting.estimate.scene_fit import bootstrap, profiles
+from fitting.estimate.bootstrap import bootstrap
+from fitting.estimate.profiles import profiles
 
 MASS, LENGTH, DAMPING, DELAY, START = 0.2, 0.5, 0.04, 0.021, 0.8
 T = np.arange(0.0, 4.0, 0.04)

@@ -7,7 +7,8 @@ from written_files import DAMPING, LENGTH, RATE, double_pendulum, points, swing,
 from dropper_jax import SceneError
 from fitting.from_file.cells import read_cells
 from fitting.from_file.columns import find_columns
-from fitting.from_file.read_file import Given, read_measured
+from fitting.from_file.points import find_chain
+from fitting.from_file.read_file import FileOptions, read_measured
 from fitting.traces.lines import LARGEST
 
 T, PHI = swing()
@@ -43,8 +44,8 @@ def test_unit_of_angle_follows_from_the_period_without_a_name(tmp_path):
 def test_a_unit_that_the_period_contradicts_is_noted(tmp_path):
     file = write(tmp_path / "a.csv", ["t,signal"], np.stack([T, PHI], axis=1))
     note = "angle in deg, but the period grows with the amplitude as in rad: check the unit, --unit rad"
-    assert note in read_measured(file, Given(unit="deg")).notes
-    assert "angle in rad" in read_measured(file, Given(unit="rad")).notes
+    assert note in read_measured(file, FileOptions(unit="deg")).notes
+    assert "angle in rad" in read_measured(file, FileOptions(unit="rad")).notes
 
 
 def test_a_repeated_a_swapped_and_a_restarted_row_are_said(tmp_path):
@@ -87,7 +88,7 @@ def test_frames_need_a_rate_and_a_comment_gives_it(tmp_path):
     bare = write(tmp_path / "a.csv", ["frame,angle_rad"], rows)
     with pytest.raises(SceneError, match=r"--rate 60"):
         read_measured(bare)
-    assert 9.81 / read_measured(bare, Given(rate=RATE)).swing.stiffness == pytest.approx(LENGTH, rel=0.01)
+    assert 9.81 / read_measured(bare, FileOptions(rate=RATE)).swing.stiffness == pytest.approx(LENGTH, rel=0.01)
     said = write(tmp_path / "b.csv", ["# fps: 100", "frame,angle_rad"], rows)
     assert 9.81 / read_measured(said).swing.stiffness == pytest.approx(LENGTH, rel=0.01)
 
@@ -131,6 +132,21 @@ def test_a_film_with_two_points_per_link_may_miss_one_or_see_two_as_one(tmp_path
     found = read_measured(write(tmp_path / "a.csv", ["t,x1,y1,x2,y2,x3,y3,x4,y4"], np.stack([t, *columns], axis=1)))
     assert np.isfinite(found.trace.theta).all(axis=1).sum() > 250
     assert found.lengths[0] / found.lengths[1] == pytest.approx(0.2 / 0.15, rel=0.06)
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_the_pivot_of_points_that_coincide_in_some_frames_is_where_the_first_link_turns(seed):
+    """A circle through such points has its centre hundreds of metres away."""
+    _, phi = double_pendulum()
+    first, second = (-1j * np.exp(1j * phi)).T
+    joint = 0.2 * first
+    columns = points(0.05 * first, 0.15 * first, joint + 0.04 * second, joint + 0.12 * second)
+    markers = np.array(columns[::2]) + 1j * np.array(columns[1::2])
+    few = np.random.default_rng(seed).choice(len(phi), 5, replace=False)
+    markers[0, few] = markers[1, few]
+    chain, _ = find_chain("film", markers, None)
+    assert abs(chain.pivot) < 1e-3
+    assert np.median(np.abs(chain.joints[1])) == pytest.approx(0.2, abs=1e-3)
 
 
 def driven():

@@ -1,0 +1,112 @@
+"""Profile likelihood of a parameter: growth of the cost, with all others refitted, and the interval that it gives."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.special import chdtri
+
+from dropper_jax.base.errors import Progress, SceneError, nearest, silent
+from fitting.estimate.factors import invert_spd
+from fitting.estimate.least_squares import descend, level_of
+from fitting.estimate.residuals import Solution
+from fitting.estimate.scene_fit import Profile, SceneFit
+from fitting.estimate.uncertainty import degrees_of_freedom
+from fitting.parameters.names import full_names
+
+#: Probability that the interval contains the true value: that of all other intervals of a fit.
+PROFILE_LEVEL = 0.90
+#: Distance of the outermost value from the estimate [standard errors]. The interval of a quadratic growth ends at 1.64:
+#: one that grows up to 3.3 times slower is still bounded.
+PROFILE_REACH = 3.0
+#: Maximum evaluations at each value.
+PROFILE_ITERATIONS = 15
+
+
+def profile(result: SceneFit, name: str, *, points: int = 3) -> Profile:
+    """Profile likelihood of a parameter: all others are refitted with it fixed at `points` values on either side.
+
+    The values reach `PROFILE_REACH` standard errors from the estimate, within the parameter's bounds.
+    The interval is where twice the growth stays below the `PROFILE_LEVEL` quantile of chi-square with one degree of
+    freedom (Wilks 1938). It is interpolated in the root of the growth. If the standard error exceeds that from the
+    noise (correlated residuals, a partly wrong model), the growth is scaled down accordingly (Kent 1982).
+    """
+    solution = result.solution
+    index = solution.problem.names.index(name)
+    std_error = float(result.uncertainty.std_error[index])
+    p = solution.problem.parameters[index]
+    frozen = solution.problem.held_mask.copy()
+    frozen[index] = True
+    level_there = level_of(replace(solution.problem, frozen=frozen), solution.gap_weight)
+    unit = _unit(solution, index, std_error)
+    best = float(solution.values[index])
+    cost = level_of(solution.problem, solution.gap_weight).cost(solution.evaluation, solution.values)
+    found = {best: 0.0}
+    converged = True
+    for side in (-1, 1):
+        point = solution
+        for j in range(1, points + 1):
+            value = float(np.clip(best + side * PROFILE_REACH * std_error * j / points, p.low, p.high))
+            if value in found:
+                break
+            values = point.values.copy()
+            values[index] = value
+            along = point.eliminated[..., index] * (value - point.values[index])
+            starts = point.problem.move_starts(point.starts, point.values, along)
+            evaluation = level_there.problem.evaluate(values, starts)
+            begin = replace(point, values=values, starts=evaluation.starts, evaluation=evaluation, history=[])
+            point = descend(level_there, begin, PROFILE_ITERATIONS)
+            converged &= point.status == "ok"
+            found[value] = (point.cost - cost) / unit
+    at, growth = np.array(sorted(found.items())).T
+    limit = 0.5 * float(chdtri(1, 1 - PROFILE_LEVEL))
+    low = _crossing(at, growth, best, limit, -1)
+    high = _crossing(at, growth, best, limit, 1)
+    return Profile(name, at, growth, low, high, converged)
+
+
+def _unit(solution: Solution, index: int, std_error: float) -> float:
+    """Growth of the cost [units of the assumed noise] that counts as one."""
+    own = np.diag(invert_spd(solution.free_information))[solution.free == index]
+    noise = solution.chi2 / degrees_of_freedom(solution)
+    return max(noise, std_error**2 / max(float(own[0]), 1e-300), 1e-300)
+
+
+def _crossing(at: np.ndarray, growth: np.ndarray, best: float, limit: float, side: int) -> float:
+    """Where the root of the growth, which is nearly linear, crosses the limit; the last point if it does not."""
+    one = np.flatnonzero(side * (at - best) >= 0)[::side]  # outwards from the best
+    distance = np.abs(at[one] - best)
+    root = np.sqrt(np.maximum(growth[one], 0.0))
+    if root[-1] < np.sqrt(limit):
+        return best + side * float(distance[-1])
+    return best + side * float(np.interp(np.sqrt(limit), np.maximum.accumulate(root), distance))
+
+
+#: Fraction of the whole work that is done when the profiles start, for progress reports: the fit takes most of it.
+PROFILES_FRACTION = 0.96
+
+
+def profiles(result: SceneFit, names: Sequence[str] = (), progress: Progress = silent) -> list[Profile]:
+    """Profile likelihoods of free parameters, by their names or those of their fields; of all by default.
+
+    Raises:
+        SceneError: a parameter that is not free.
+    """
+    known = result.solution.problem.names
+    found = []
+    for name in names or known:
+        if name in known:
+            full = name
+        else:
+            full = full_names(result.scene, [name], "profile")[0]
+        mine = [p for p in known if p == full or p.startswith((f"{full}.", f"{full}@"))]
+        if not mine:
+            raise SceneError(f"profile: {full!r} is not a free parameter; {nearest(full, known)}")
+        found += mine
+    rows = []
+    for name in dict.fromkeys(found):
+        progress(PROFILES_FRACTION, f"profile of {name}")
+        rows.append(profile(result, name))
+    return rows

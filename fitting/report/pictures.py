@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
 
@@ -104,7 +103,7 @@ def residuals(result: FitResult, run: int) -> Figure:
     return figure
 
 
-def first_drawn(axes: Sequence[Axes]) -> Axes:
+def first_drawn(axes: np.ndarray) -> Axes:
     """The first panel with curves: a recording may show nothing of a link."""
     return next((ax for ax in axes if ax.lines), axes[0])
 

@@ -36,6 +36,8 @@ TAGGED_CALLS = (
     ("jax.experimental.xla_metadata", "xla_metadata_call2"),
     ("jax.experimental.scheduling_groups", "xla_metadata_call"),
 )
+#: Operations of kernels in a kernel.
+OF_KERNELS = ("one_kernel", *(name for _, name in TAGGED_CALLS))
 TAG_NAME = "xla_cpu_small_call"
 TAG = {TAG_NAME: "true", "inlineable": "false"}
 #: Number of elements up to which XLA compiles a reduction inline where it gives larger ones to a library (YNNPACK).
@@ -222,7 +224,7 @@ def _is_inline_operation(eqn: core.JaxprEqn) -> bool:
     name = eqn.primitive.name
     if name.startswith("reduce_") and name != "reduce_precision" and _calls_reductions():
         return eqn.invars[0].aval.size <= LARGEST_REDUCTION
-    return name in INLINE
+    return name in INLINE or name in OF_KERNELS
 
 
 @functools.cache

@@ -28,6 +28,6 @@ CALLS = {
     "checkpoint": "jaxpr",
     "remat2": "jaxpr",
 }
-MARKERS = ["optimization_barrier", "pvary", "one_kernel", "xla_metadata_call", "xla_metadata_call2"]
-#: Operations that XLA compiles inline, without a call of a library.
+MARKERS = ["optimization_barrier", "pvary"]
+#: Operations of JAX that XLA compiles inline, without a call of a library.
 INLINE = ELEMENTWISE.union(SHAPES, PARTS, REDUCTIONS, BITS, LOOPS, CALLS, MARKERS)

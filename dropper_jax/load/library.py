@@ -49,11 +49,11 @@ SOCK_DRAG = 1.4
 #: Bare rope in a sock [kg/m] and [m] (assumed).
 CORE_MASS = 0.1
 CORE_DIAMETER = 0.012
-#: Half-grown dropper: outer diameter [m] at a mass [kg/m] (Knysh et al. 2020), drag coefficient on the outer diameter
+#: Half-grown dropper on a collector rope: outer diameter [m] at a mass [kg/m] (Knysh et al. 2020), drag coefficient on the outer diameter
 #: (assumed by Zhu et al. 2020).
-DROPPER_DIAMETER = 0.13
-DROPPER_MASS = 7.53
-DROPPER_DRAG = 1.3
+COLLECTOR_DIAMETER = 0.13
+COLLECTOR_MASS = 7.53
+COLLECTOR_DRAG = 1.3
 #: Drag coefficient of mussels along the rope (assumed).
 MUSSEL_DRAG_ALONG = 0.02
 #: Lantern net: mass with its scallops [kg/m] and their density [kg/m^3] (assumed), drag coefficient on the net's
@@ -181,8 +181,8 @@ def _sock(months: float) -> Table:
 
 def _dropper(mass: float) -> Table:
     """A mussel dropper of a mass [kg/m], whose outer cross-section is proportional to it."""
-    outer = DROPPER_DIAMETER * math.sqrt(mass / DROPPER_MASS)
-    return {**_crop(SOCK_DENSITY, DROPPER_DRAG, MUSSEL_DRAG_ALONG, mass), "outer_diameter": outer}
+    outer = COLLECTOR_DIAMETER * math.sqrt(mass / COLLECTOR_MASS)
+    return {**_crop(SOCK_DENSITY, COLLECTOR_DRAG, MUSSEL_DRAG_ALONG, mass), "outer_diameter": outer}
 
 
 def _lantern(width: float) -> Table:

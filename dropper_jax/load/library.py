@@ -50,8 +50,7 @@ SOCK_DRAG = 1.4
 CORE_MASS = 0.1
 CORE_DIAMETER = 0.012
 #: Half-grown dropper on a collector rope: outer diameter [m] at a mass [kg/m] (Knysh et al. 2020), drag coefficient on
-#: the outer diameter
-#: (assumed by Zhu et al. 2020).
+#: the outer diameter (assumed by Zhu et al. 2020).
 COLLECTOR_DIAMETER = 0.13
 COLLECTOR_MASS = 7.53
 COLLECTOR_DRAG = 1.3

@@ -114,8 +114,8 @@ def step_lengths(
     s: State,
     dt: float | Array,
     intervals: int,
-    accuracy: float | Array | None = None,
     most: int | None = None,
+    accuracy: float | Array | None = None,
 ) -> Steps:
     """The steps of a run over `intervals` of dt [s], scalar or (intervals,), from s; not differentiated.
 
@@ -123,10 +123,10 @@ def step_lengths(
     has derivatives in both modes with the steps held constant.
 
     Args:
-        accuracy: that the steps follow, as `run.accuracy` of a scene, with one dt for all intervals; by default a step
-            covers an interval, or parts of it where it does not converge.
         most: capacity for steps; default: half more than the intervals, and 64; `MOST_CHOSEN` with an accuracy. What
             exceeds it counts as failed.
+        accuracy: that the steps follow, as `run.accuracy` of a scene, with one dt for all intervals; by default a step
+            covers an interval, or parts of it where it does not converge.
     """
     model, s, dt = jax.lax.stop_gradient((model, s, jnp.asarray(dt, model.dtype)))
     if accuracy is None:
@@ -175,10 +175,10 @@ def integrate(
     dt: float | Array,
     steps: int,
     save_every: int = 1,
-    accuracy: float | Array | None = None,
-    most: int | None = None,
     checkpoint: bool = False,
     warn: bool = True,
+    accuracy: float | Array | None = None,
+    most: int | None = None,
 ) -> tuple[State, Trajectory]:
     """Run `steps` steps of `dt` from `s`: a pure function to `jit`, `grad`, `jacfwd` and `vmap` over model, s and dt.
 
@@ -191,14 +191,14 @@ def integrate(
         stepper: from `make_stepper`; static.
         dt: step [s], or one for each step (steps,); with an accuracy the time between saved states.
         steps: a multiple of `save_every`; with an accuracy the number of saved states.
-        accuracy: that the steps follow, as `run.accuracy` of a scene. The tensions saved are then means over the
-            interval before, and `failed` and `first_bad` are those of the whole run.
-        most: capacity for these steps, for which reverse mode has memory; see `step_lengths`. A run of more has failed.
         checkpoint: for long reverse-mode runs: store states at about sqrt(steps) times only and repeat the steps from
             there in the backward pass (one more forward run, memory ~ sqrt(steps)). Not needed in forward mode.
         warn: whether a derivative in reverse mode that has grown by more than e^10 gives a `RuntimeWarning`, once. It
             takes a call of Python per gradient, so JAX does not cache the compiled gradient between processes, and
             is left out of what `dj.one_kernel` compiles.
+        accuracy: that the steps follow, as `run.accuracy` of a scene. The tensions saved are then means over the
+            interval before, and `failed` and `first_bad` are those of the whole run.
+        most: capacity for these steps, for which reverse mode has memory; see `step_lengths`. A run of more has failed.
 
     Returns:
         The last state, and the saved ones.
@@ -217,7 +217,7 @@ def integrate(
     meter = growth_meter(model, s, dt) if warn else None
     follows = accuracy is not None
     if follows or (stepper.halvings and stepper.integrator.implicit):
-        found = step_lengths(stepper, model, s, dt, steps, accuracy, most)
+        found = step_lengths(stepper, model, s, dt, steps, most, accuracy)
         return along_accepted_steps(stepper.plain, model, s, found, save_every, checkpoint, meter, follows)
     return _given_steps(stepper.plain, model, s, dt, steps, save_every, checkpoint, meter)
 

@@ -103,7 +103,7 @@ class Plan:
     chunk: int = 64
     settings: dict[str, Any] = field(default_factory=dict)
     listed: bool = False
-    built: tuple[Model, State] | None = field(default=None, repr=False, compare=False)
+    built: tuple[Model, State] | None = None
 
     @property
     def shape(self) -> tuple[int, ...]:

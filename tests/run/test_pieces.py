@@ -40,10 +40,11 @@ def test_a_long_run_shows_at_least_so_many_pieces():
 
 
 def test_a_piece_keeps_within_its_bytes(monkeypatch):
-    model, s = dj.build("conical-pendulum")
-    assert chunks._chunk_size(s) == chunks.MOST_SAVES
+    scene = dj.load_scene("conical-pendulum").with_values({"run.dt": 0.01})
+    _, s = dj.build(scene)
+    assert chunks._chunk_size(s, scene.run) == chunks.MOST_SAVES
     monkeypatch.setattr(chunks, "CHUNK_BYTES", 1000)
-    assert 1 <= chunks._chunk_size(s) < 20
+    assert 1 <= chunks._chunk_size(s, scene.run) < 20
 
 
 def test_a_dropper_at_thirty_times_its_step_is_warned_of():

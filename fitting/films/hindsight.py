@@ -193,6 +193,6 @@ def exposure_share(positions: np.ndarray) -> float:
         scale = 1.4826 * float(np.median(off)) + 1e-9
         weight = np.minimum(1.0, OUTLYING * scale / np.maximum(off, 1e-12))
     error = scale / np.sqrt(np.sum(weight * x**2))
-    if not share > 4.0 * error:  # standard errors; NaN is no share
+    if not share > 4.0 * error:  # standard errors; true for NaN as well
         return 0.0
     return min(share, 1 / 24)  # that of an exposure as long as a frame

@@ -8,6 +8,7 @@ from rod_cases import pinned_arm
 
 from dropper_jax import SceneError, build, load_scene, natural_modes
 from fitting.sensitivity import local, study
+from fitting.sensitivity.own_steps import saved_times
 from fitting.sensitivity.result import local_text
 
 TABLE = {
@@ -57,11 +58,14 @@ def differences(of, path, value, start="static"):
 @pytest.mark.check
 def test_a_run_from_the_static_pose_differentiates_through_it(storm):
     at = jnp.asarray(storm.values)
+    plan = storm.plan
+    steps = storm.steps
+    times = saved_times(steps)
     exact = jax.jit(jax.jacfwd(lambda values: storm(values)))(at)
-    reverse = jax.jit(jax.grad(lambda values: storm.plan.evaluate(storm.model, storm.start, values, True)[0]))(at)
+    reverse = jax.jit(jax.grad(lambda values: plan.evaluate(storm.model, storm.start, values, steps, True)))(at)
     assert np.asarray(reverse) == pytest.approx(np.asarray(exact), rel=1e-9)
     found = local(storm)
-    run = jax.jit(lambda model, s: storm.plan.measure(model, s, storm.plan.march(model, s, storm.scene.run.saves)))
+    run = jax.jit(lambda model, s: plan.measure(model, s, plan.march(model, s, steps), times))
     for i, p in enumerate(storm.parameters):
         expected = differences(lambda scene, model, s: float(run(model, s)), p.name, p.value)
         assert exact[i] == pytest.approx(expected, rel=1e-6), p.name

@@ -186,16 +186,30 @@ def widen(values: np.ndarray, limits: Callable[[float, float], object]) -> None:
 SIMILAR = 4.0
 
 
+#: Height of the limits that contain all panels over that of the widest, above which each panel keeps its own middle.
+APART = 2.0
+
+
 def share_scales(panels: Iterable[Axes]) -> None:
-    """The same vertical limits for panels of similar ranges, so that curves in different panels can be compared."""
+    """The same vertical scale for panels of similar ranges, so that curves in different panels can be compared.
+
+    Their limits are the same too, unless they are so far apart that curves would be flat, as the coordinates of a
+    float far from the origin.
+    """
     limits = [(np.ptp(axes.get_ylim()), axes) for axes in panels]
     left = sorted(limits, key=lambda item: -item[0])
     while left:
         widest = left[0][0]
         group = [axes for height, axes in left if height * SIMILAR >= widest]
         ends = [axes.get_ylim() for axes in group]
+        low = np.min(ends)
+        high = np.max(ends)
         for axes in group:
-            axes.set_ylim(np.min(ends), np.max(ends))
+            if high - low > APART * widest:
+                middle = np.mean(axes.get_ylim())
+                axes.set_ylim(middle - 0.5 * widest, middle + 0.5 * widest)
+            else:
+                axes.set_ylim(low, high)
         left = left[len(group) :]
 
 

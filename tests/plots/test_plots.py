@@ -7,6 +7,7 @@ from functools import cache
 import matplotlib
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from PIL import Image
 
 from dropper_jax import Scene, SceneError, plots
@@ -321,3 +322,14 @@ def test_envelopes_of_similar_loads_have_one_scale():
     style.share_scales(panels)
     similar = [19.0, 1.3, 19.0, 1.3, 1.3]
     np.testing.assert_allclose([axes.get_ylim() for axes in panels], np.outer(similar, [-0.05, 1.0]))
+
+
+def test_panels_far_apart_share_the_scale_and_close_ones_the_limits():
+    axes = Figure().subplots(3)
+    for panel, limits in zip(axes, [(132.0, 134.0), (-1.0, 0.5), (0.0, 1.0)], strict=True):
+        panel.set_ylim(*limits)
+    style.share_scales(axes)
+    assert [np.mean(panel.get_ylim()) for panel in axes] == pytest.approx([133.0, -0.25, 0.5])
+    assert [np.ptp(panel.get_ylim()) for panel in axes] == pytest.approx([2.0, 2.0, 2.0])
+    style.share_scales(axes[1:])
+    assert axes[1].get_ylim() == axes[2].get_ylim() == pytest.approx((-1.25, 1.5))

@@ -11,8 +11,11 @@ from fitting.traces.trace import RADIANS, unwrap
 
 #: Range of whole numbers above which they are not degrees.
 LARGEST_DEGREES = 400.0
-#: Fraction of the rows of a log that must differ by exactly one step.
+#: Fraction of the rows of a log that must have the step that a log's rows have.
 EVERY_STEP = 0.97
+#: Interval of a row over the median one above which nothing else than one step is written; least fraction of such rows.
+PAUSE = 2.0
+PAUSES = 0.005
 
 
 def read_angles(file: str, t: np.ndarray, raw: np.ndarray, unit: str | None, counts: float | None) -> Motion:
@@ -51,8 +54,9 @@ def read_angles(file: str, t: np.ndarray, raw: np.ndarray, unit: str | None, cou
     theta = raw
     if turn:
         theta = unwrap(raw, turn)
-    if theta.shape[1] == 1 and is_log_of_steps(theta[:, 0], step):
-        # a row is written where the reading changes: the angle is then between the two readings
+    if theta.shape[1] == 1 and is_log_of_steps(t, theta[:, 0], step):
+        # a row is written where the reading changes: the angle is then between the two readings, also if the encoder
+        # is read at fixed times, then half an interval earlier
         theta = 0.5 * (theta[1:] + theta[:-1])
         t = t[1:]
         notes.append("a row at each step of the encoder: read as the middle of the step")
@@ -139,9 +143,17 @@ def step_of_log(known: np.ndarray) -> float:
     return 0.0
 
 
-def is_log_of_steps(column: np.ndarray, step: float) -> bool:
-    """Whether (nearly) every row differs from the one before by exactly one step."""
+def is_log_of_steps(t: np.ndarray, column: np.ndarray, step: float) -> bool:
+    """Whether rows (k,) are written where the reading changes: none repeats the last one, and a row after a pause
+    differs from it by one step. Fast rows may differ by more, if the encoder is read at fixed times.
+    """
     if not step > 0:
         return False
-    change = np.abs(np.diff(column[np.isfinite(column)]))
-    return float(np.mean(np.abs(change - step) < 0.05 * step)) > EVERY_STEP
+    known = np.isfinite(column)
+    change = np.abs(np.diff(column[known])) / step
+    interval = np.diff(t[known])
+    paused = interval > PAUSE * np.median(interval)
+    if np.mean(paused) < PAUSES:
+        return False
+    by_one = np.abs(change[paused] - 1.0) < 0.05
+    return float(min(np.mean(change > 0.5), np.mean(by_one))) > EVERY_STEP

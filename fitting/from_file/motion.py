@@ -19,6 +19,8 @@ class Motion(NamedTuple):
             points down.
         lengths: of points, distances of joints (n,) in the file's unit of length; NaN for a last link of unknown
             length.
+        pivot_error: of points that show no pivot, standard errors of the one that is found (2,), sideways and up, over
+            the length of the first link.
     """
 
     t: np.ndarray
@@ -26,3 +28,4 @@ class Motion(NamedTuple):
     notes: tuple[str, ...]
     joint: np.ndarray | None = None
     lengths: np.ndarray | None = None
+    pivot_error: np.ndarray | None = None

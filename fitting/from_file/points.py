@@ -33,6 +33,9 @@ GOOD = 1.5
 SAME_LINK = 0.01
 #: Maximum number of points whose order is tried.
 MOST_POINTS = 5
+#: Parts of the rows without which the pivot is found again, and how often each part comes.
+PARTS = 10
+ROUNDS = 20
 #: Maximum distance of a pivot over the extent of the points. A link as long as this that swings by 0.6 degrees moves by
 #: its extent. From farther away, the tolerance of a lens (`LENS`) exceeds half of it, so that any motion fits.
 FARTHEST_PIVOT = 100.0
@@ -93,7 +96,11 @@ def read_points(file: str, t: np.ndarray, points: np.ndarray) -> Motion:
     down = resting_direction(theta)
     theta -= down + 2 * np.pi * np.round((np.nanmedian(theta, axis=0) - down) / (2 * np.pi))  # each link hangs at rest
     joint = (chain.joints[-1] - chain.pivot) * np.exp(-1j * down)
-    return Motion(t, theta, tuple(notes), joint, lengths)
+    pivot_error = None
+    if pivot is None:
+        moving = points[~fixed][list(order)]
+        pivot_error = error_of_pivot(moving, down) / np.nanmedian(np.abs(reaches[:, 0]))
+    return Motion(t, theta, tuple(notes), joint, lengths, pivot_error)
 
 
 def find_chain(file: str, points: np.ndarray, pivot: complex | None) -> tuple[Chain, tuple[int, ...]]:
@@ -263,6 +270,25 @@ def pivot_of(first: np.ndarray, others: Sequence[np.ndarray], sigma: float) -> c
         if rigid(first, other, sigma) < KEPT:
             return pivot_of_pair(first, other, centre, sigma)
     return centre
+
+
+def error_of_pivot(points: np.ndarray, down: float) -> np.ndarray:
+    """Standard errors (2,) of the pivot that points (m, k) show, sideways and along the direction down [rad].
+
+    By the jackknife: found again without each of `PARTS` parts of the rows, which alternate through the file.
+    """
+    sigma = float(np.median([noise_of(point) for point in points]))
+    rows = np.arange(points.shape[1])
+    part = rows * PARTS * ROUNDS // len(rows) % PARTS
+    found = np.array([pivot_of(*_without(points, part == i), sigma) for i in range(PARTS)])
+    apart = (found - found.mean()) * np.exp(-1j * down)
+    return np.sqrt((PARTS - 1) * np.mean([apart.imag**2, apart.real**2], axis=1))
+
+
+def _without(points: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The first point (k,) and the others (m - 1, k), unknown in some rows."""
+    left = np.where(rows, np.nan, points)
+    return left[0], left[1:]
 
 
 def is_far(pivot: complex, points: Sequence[np.ndarray]) -> bool:

@@ -77,6 +77,8 @@ class MeasuredFile:
         swing: the free swing of one link; None for several.
         lengths: of the links [m] as points or the user give them; None: unknown.
         open_end: whether the length of the last link follows from the motion alone.
+        pivot_error: standard errors of a pivot that points do not show (2,), sideways and up, over the length of the
+            first link; None if it is known.
         notes: how everything was found.
     """
 
@@ -85,6 +87,7 @@ class MeasuredFile:
     swing: Swing | None
     lengths: np.ndarray | None
     open_end: bool
+    pivot_error: np.ndarray | None
     notes: tuple[str, ...]
 
 
@@ -128,7 +131,7 @@ def read_measured(path: str | Path, given: FileOptions = NO_OPTIONS, links: int 
     trace, note = _thinned(trace, _shortest_period(count, lengths, clock.period))
     notes += note
     open_end = motion.lengths is not None and bool(np.isnan(motion.lengths[-1])) and count > 1
-    return MeasuredFile(trace, zero, swing, lengths, open_end, tuple(notes))
+    return MeasuredFile(trace, zero, swing, lengths, open_end, motion.pivot_error, tuple(notes))
 
 
 def _used_rows(cells: Cells, columns: Columns) -> Rows:

@@ -1,5 +1,8 @@
 """A scene for a measured file: a chain of point masses, or one pendulum of its effective length, and what is free.
 
+A pivot that the points of a film do not show is off, which turns the first link by an amount that depends on its angle:
+like a marker at the pivot that is out of place (`marker.node.0`).
+
 One link of any shape, with inertia I about its pivot, mass m and centre of mass at a, swings as a point mass at its
 effective length L = I/(m a). Its angle shows L, b/m and b_q/m, but no mass: that of the scene is then 1 kg.
 """
@@ -15,7 +18,8 @@ from fitting.traces.planar import pendulum_period
 
 #: Drag at the start of the fit of several links, per mass [1/s], [1/m].
 DAMPING = 0.02
-#: Standard error of a length from points relative to the first one [%]: a lens distorts by as much.
+#: Standard error of a length from points relative to the first one [%], and of a pivot that is found: a lens distorts
+#: by as much.
 RULER = 0.2
 
 
@@ -40,6 +44,12 @@ def propose_scene(measured: MeasuredFile, given: FileOptions) -> Table:
         free += [f"line.0.length.{j}" for j in range(1, count)]
         known = count - 1 if measured.open_end else count
         priors = [{"of": f"line.0.length.{j}", "sigma": RULER, "unit": "%"} for j in range(1, known)]
+    if measured.pivot_error is not None:
+        free.append("marker.node.0")
+        error = np.hypot(measured.pivot_error, RULER / 100) * lengths[0]
+        priors += [
+            {"of": f"marker.node.0.{axis}", "sigma": float(size), "unit": "m"} for axis, size in enumerate(error)
+        ]
     fit: Table = {"free": free}
     if priors:
         fit["prior"] = priors

@@ -7,7 +7,7 @@ from written_files import DAMPING, LENGTH, RATE, double_pendulum, points, swing,
 from dropper_jax import SceneError
 from fitting.from_file.cells import read_cells
 from fitting.from_file.columns import find_columns
-from fitting.from_file.points import find_chain
+from fitting.from_file.points import error_of_pivot, find_chain, pivot_of
 from fitting.from_file.read_file import FileOptions, read_measured
 from fitting.traces.lines import LARGEST
 
@@ -71,15 +71,17 @@ def test_a_held_and_a_driven_start_are_left_out(tmp_path, start):
     assert any("left out" in note for note in found.notes)
 
 
-def test_a_log_of_an_encoders_steps_is_read_between_its_readings(tmp_path):
-    t, phi = swing(25.0, rate=2000.0)
-    step = 0.004
+@pytest.mark.parametrize("step", [0.004, 0.0015], ids=["one step at a time", "three while it is fast"])
+def test_a_log_of_an_encoders_steps_is_read_between_its_readings(tmp_path, step):
+    rate = 2000.0
+    t, phi = swing(25.0, rate=rate)
     count = np.round((phi + 0.02) / step)
     rows = np.flatnonzero(np.diff(count)) + 1
     found = read_measured(write(tmp_path / "a.csv", ["t,angle"], np.stack([t[rows], count[rows] * step], axis=1)))
     assert any("step of the encoder" in note for note in found.notes)
     assert found.zero == pytest.approx(0.02, abs=5e-4)
-    off = found.trace.theta[:, 0] + found.zero - 0.02 - np.interp(found.trace.t, t, phi)
+    earlier = found.trace.t - 0.5 / rate  # a change is seen half an interval late
+    off = found.trace.theta[:, 0] + found.zero - 0.02 - np.interp(earlier, t, phi)
     assert np.sqrt(np.mean(off**2)) < 0.3 * step  # as read it leads by half a step
 
 
@@ -147,6 +149,19 @@ def test_the_pivot_of_points_that_coincide_in_some_frames_is_where_the_first_lin
     chain, _ = find_chain("film", markers, None)
     assert abs(chain.pivot) < 1e-3
     assert np.median(np.abs(chain.joints[1])) == pytest.approx(0.2, abs=1e-3)
+
+
+@pytest.mark.parametrize("arms", [(0.3,), (0.1, 0.3)], ids=["a point", "two points of a link"])
+def test_a_pivot_that_is_found_is_off_by_as_much_as_is_stated(arms):
+    noise = 5e-4
+    off = []
+    for seed in range(40):
+        random = np.random.default_rng(seed)
+        seen = np.outer(arms, -1j * np.exp(1j * PHI))
+        seen = seen + noise * (random.standard_normal(seen.shape) + 1j * random.standard_normal(seen.shape))
+        pivot = pivot_of(seen[0], seen[1:], noise)
+        off.append(np.array([pivot.real, pivot.imag]) / error_of_pivot(seen, -0.5 * np.pi))
+    assert np.sqrt(np.mean(np.square(off), axis=0)) == pytest.approx(1.0, abs=0.3)
 
 
 def driven():

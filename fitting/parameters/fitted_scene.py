@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from dropper_jax.base.read import ScenePath
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model
 from fitting.parameters.parameter import Parameter
-from fitting.parameters.targets import ModelPlace
+from fitting.parameters.targets import ModelPlace, RigScale
 
 
 def fitted_scene(scene: Scene, model: Model, parameters: Sequence[Parameter], values: np.ndarray) -> Scene:
@@ -22,10 +23,14 @@ def fitted_scene(scene: Scene, model: Model, parameters: Sequence[Parameter], va
     Args:
         model: the fitted one.
     """
-    for p, value in zip(parameters, values, strict=True):
+    scale_last = sorted(zip(parameters, values, strict=True), key=lambda pair: isinstance(pair[0].where, RigScale))
+    for p, value in scale_last:
         where = p.where
         if scene.branched and isinstance(where, ModelPlace) and where.section == "lines":
             scene = _of_all_lines(scene, where, float(value))
+            continue
+        if isinstance(where, RigScale):
+            scene = _scaled(scene, model, float(value))
             continue
         try:
             scene.value(p.name)
@@ -36,6 +41,21 @@ def fitted_scene(scene: Scene, model: Model, parameters: Sequence[Parameter], va
         else:
             scene = scene.with_values({p.name: float(value)})
     return scene
+
+
+def _scaled(scene: Scene, model: Model, scale: float) -> Scene:
+    """The scene with the lengths of the fitted model, and its points at scaled positions."""
+    found: dict[str, Any] = {}
+    for i, point in enumerate(scene.points):
+        found[f"point.{i}.position"] = (scale * np.asarray(point.position, float)).tolist()
+    ends = np.cumsum([line.links for line in scene.lines])[:-1]
+    for field in ("length", "centre_of_mass", "inertia"):
+        whole = getattr(model.line, field)
+        if whole is None:
+            continue
+        for i, own in enumerate(np.split(np.asarray(whole, float), ends)):
+            found[f"line.{i}.{field}"] = own.tolist()
+    return scene.with_values(found)
 
 
 def _of_all_lines(scene: Scene, where: ModelPlace, value: float) -> Scene:

@@ -31,11 +31,12 @@ from fitting.parameters.targets import (
     NodeMarkerPlace,
     RecordingPlace,
     ReleasePlace,
+    RigScale,
     SetupPlace,
 )
 
 Observer = CameraPlace | NodeMarkerPlace | ClockPlace | LostPlace | RecordingPlace
-Target = ModelPlace | Direction | SetupPlace | Observer | ReleasePlace | MissingForce
+Target = ModelPlace | Direction | RigScale | SetupPlace | Observer | ReleasePlace | MissingForce
 
 
 #: Start values, bounds and priors (mean, standard deviation) by path.
@@ -174,7 +175,7 @@ def _adjust(p: Parameter, start: StartValues, bounds: Bounds, priors: Priors, wi
 
 def apply(model: Model, parameters: Sequence[Parameter], values: Array) -> Model:
     """The model with these values (k,); differentiable."""
-    for kind in (ModelPlace, Direction):  # setting a value must not undo an earlier direction
+    for kind in (ModelPlace, Direction, RigScale):  # setting a value must not undo an earlier change
         for i, p in enumerate(parameters):
             if isinstance(p.where, kind):
                 model = p.where.set_in(model, values[i])

@@ -39,7 +39,7 @@ from fitting.parameters.targets import (
     LostPlace,
     ModelPlace,
     NodeMarkerPlace,
-    scale_direction,
+    RigScale,
 )
 
 
@@ -105,7 +105,7 @@ def _numbers(model: Model) -> dict[str, _Number]:
 def _expand(model: Model, name: str, option: str) -> list[Parameter]:
     """The parameters of one path."""
     if name == SCALE:
-        return [Parameter(SCALE, scale_direction(model), 1.0, 0.5, 2.0, unit="m/m")]
+        return [Parameter(SCALE, RigScale(), 1.0, 0.5, 2.0, unit="m/m")]
     kind = ".".join(name.split(".")[:2])
     if kind == LOST:
         return [_lost_frame(name, option)]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -75,24 +74,24 @@ class Direction:
         return jax.tree.unflatten(tree, leaves)
 
 
-def scale_direction(model: Model) -> Direction:
-    """Scale all lengths, positions of points and centres of mass by one factor, moments of inertia by its square."""
+@dataclass(frozen=True)
+class RigScale:
+    """Factor of all lengths, positions of points and centres of mass, whose square is that of moments of inertia.
 
-    def grown(share: Array) -> Model:
+    It acts on the model with all other values set, so that a length of the rig is the factor times the value of its
+    own parameter.
+    """
+
+    field: ClassVar[str] = SCALE
+
+    def set_in(self, model: Model, value: Array) -> Model:
+        """The model grown by the value; differentiable."""
         line = model.line
-        lengths = {"length": line.length * share}
+        lengths = {"length": line.length * value}
         if line.centre_of_mass is not None and line.inertia is not None:
-            lengths |= {"centre_of_mass": line.centre_of_mass * share, "inertia": line.inertia * share**2}
-        points = tuple(replace(p, position=p.position * share) for p in model.points)
+            lengths |= {"centre_of_mass": line.centre_of_mass * value, "inertia": line.inertia * value**2}
+        points = tuple(replace(p, position=p.position * value) for p in model.points)
         return replace(model, lines=(replace(line, **lengths), *model.lines[1:]), points=points)
-
-    return _direction(grown, 1.0, linear=False)
-
-
-def _direction(grown: Callable[[Array], Model], origin: float, linear: bool) -> Direction:
-    """The direction in which `grown` moves the model at the origin."""
-    slopes = map(np.asarray, jax.tree.leaves(jax.jacfwd(grown)(jnp.full((), origin))))
-    return Direction({i: slope for i, slope in enumerate(slopes) if np.any(slope)}, origin, linear)
 
 
 def all_joints(model: Model, field: str) -> Direction:
@@ -106,7 +105,8 @@ def all_joints(model: Model, field: str) -> Direction:
             effects.append(e)
         return replace(model, effects=tuple(effects))
 
-    return _direction(grown, 0.0, linear=True)
+    slopes = map(np.asarray, jax.tree.leaves(jax.jacfwd(grown)(jnp.zeros(()))))
+    return Direction({i: slope for i, slope in enumerate(slopes) if np.any(slope)}, 0.0, linear=True)
 
 
 @dataclass(frozen=True)

@@ -30,6 +30,20 @@ def test_a_scene_built_from_the_fitted_one_has_the_fitted_model():
     assert fitted.value("line.0.mass.2") == 0.1
 
 
+def test_the_scale_of_a_rig_grows_a_length_that_is_fitted_too():
+    bars = {**LINE, "centre_of_mass": 0.15, "inertia": 0.003}
+    scene = dj.load_scene({**SCENE, "line": [bars]})
+    model = build_model(dj.load_scene(scene))
+    parameters = find_parameters(scene, model, ["rig.scale", "line.0.length.1"], "free")
+    values = np.array([1.2, 0.5])
+    moved = apply(model, parameters, values)
+    np.testing.assert_allclose(moved.line.length, [0.36, 0.6, 0.36])
+    again = build_model(dj.load_scene(fitted_scene(scene, moved, parameters, values)))
+    np.testing.assert_allclose(again.line.length, moved.line.length)
+    np.testing.assert_allclose(again.line.inertia, 1.44 * np.asarray(model.line.inertia))
+    np.testing.assert_allclose(again.points[1].position, moved.points[1].position)
+
+
 def test_a_link_counted_among_all_lines_is_the_right_lines():
     rope = {"links": 2, "length": 1.0, "mass": 1.0, "axial": {"law": "rope", "EA": 1e4}}
     scene = dj.load_scene(

@@ -16,6 +16,14 @@ EVERY_STEP = 0.97
 #: Interval of a row over the median one above which nothing else than one step is written; least fraction of such rows.
 PAUSE = 2.0
 PAUSES = 0.005
+#: Fraction of the rows that repeat the last reading, and noise of a reading in its steps. From this fraction on and
+#: below this noise, a mean of rows has an error by rounding.
+REPEATS = 0.8
+LITTLE_NOISE = 0.35
+#: Rows per period that show the motion without its noise.
+PER_PERIOD = 40
+#: Longest turn of a swing without a change of the reading, in periods: of 5 steps of amplitude.
+LONGEST_TURN = 0.2
 
 
 def read_angles(file: str, t: np.ndarray, raw: np.ndarray, unit: str | None, counts: float | None) -> Motion:
@@ -61,6 +69,9 @@ def read_angles(file: str, t: np.ndarray, raw: np.ndarray, unit: str | None, cou
         t = t[1:]
         notes.append("a row at each step of the encoder: read as the middle of the step")
         step = 0.0
+    elif theta.shape[1] == 1 and is_stepped(t, theta[:, 0], step):
+        t, theta = changes_of(t, theta)
+        notes.append("most rows repeat the reading: read where it changes, as the middle of the step")
     if unit is None:
         unit, why = decide_unit(file, t, theta)
         notes.append(f"angle in {unit}: {why}")
@@ -157,3 +168,39 @@ def is_log_of_steps(t: np.ndarray, column: np.ndarray, step: float) -> bool:
         return False
     by_one = np.abs(change[paused] - 1.0) < 0.05
     return float(min(np.mean(change > 0.5), np.mean(by_one))) > EVERY_STEP
+
+
+def changes_of(t: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Times (c,) and angles (c, 1) at which a rounded reading (k, 1) changes: the middles of both rows.
+
+    The motion ends where its amplitude is a few steps: its turns then take long without a change.
+    """
+    known = np.isfinite(theta[:, 0])
+    t = t[known]
+    theta = theta[known]
+    row = np.flatnonzero(np.diff(theta[:, 0]))
+    times = 0.5 * (t[row] + t[row + 1])
+    angles = 0.5 * (theta[row] + theta[row + 1])
+    pauses = np.flatnonzero(np.diff(times) > LONGEST_TURN * main_period(t, theta)) + 1
+    longest = max(np.split(np.arange(len(times)), pauses), key=len)
+    return times[longest], angles[longest]
+
+
+def is_stepped(t: np.ndarray, column: np.ndarray, step: float) -> bool:
+    """Whether the reading (k,) of a motion repeats in most rows and has little noise: no mean takes its rounding off.
+
+    From row to row, noise changes the reading by 2/sqrt(pi) of its standard deviation on average, in addition to the
+    motion, which distant rows show.
+    """
+    if not step > 0:
+        return False
+    known = np.isfinite(column)
+    column = column[known]
+    change = np.abs(np.diff(column))
+    if np.mean(change > 0.5 * step) > 1.0 - REPEATS:
+        return False
+    period = main_period(t[known], column[:, None])
+    distant = max(1, int(period / PER_PERIOD / np.median(np.diff(t[known]))))
+    by_motion = np.sum(np.abs(np.diff(column[::distant])))
+    noise = 0.5 * np.sqrt(np.pi) * (np.sum(change) - by_motion) / len(column)
+    return bool(noise < LITTLE_NOISE * step)

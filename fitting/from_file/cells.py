@@ -64,11 +64,13 @@ def read_cells(path: Path) -> Cells:
     before: list[list[str]] = []
     comments = []
     for line, row, usable in zip(lines, rows, good, strict=True):
+        if separator is not None and len(row) == width - 1 and line.endswith(separator):
+            row = [*row, ""]  # its last sample is missing
         if usable and len(row) == width:
             samples.append(row)
             continue
         comments.append(line.strip())
-        if not samples and not line.lstrip().startswith("#"):
+        if not samples and not usable and not line.lstrip().startswith("#"):
             before.append(row)
     values = np.array([number(cell, comma) for row in samples for cell in row]).reshape(-1, width)
     clock = tuple(map(is_clock, zip(*samples[:10], strict=True)))

@@ -65,9 +65,20 @@ class Swing:
     notes: tuple[str, ...]
 
 
+#: Samples per row from which the spectrum is found, and the most of them.
+SAMPLES_PER_ROW = 4
+MOST_SAMPLES = 2**16
+#: Power of a peak in that of the median noise at its frequency. The highest of 10^5 bins of noise is at 17.
+ABOVE_NOISE = 30.0
+
+
 def main_period(t: np.ndarray, values: np.ndarray) -> float:
-    """Period of a motion (k, n) in the unit of `t` (k,): of the largest peak in the spectrum of its rates."""
-    count = int(min(2**16, 4 * len(t)))
+    """Period of a motion (k, n) in the unit of `t` (k,): of the largest peak in the spectrum of its rates.
+
+    White noise of the angles has rates whose power grows as the square of the frequency. It is found from the fastest
+    quarter to half of what the rows resolve, and subtracted.
+    """
+    count = min(MOST_SAMPLES, SAMPLES_PER_ROW * len(t))
     grid = np.linspace(t[0], t[-1], count)
     spectrum = np.zeros(count // 2)
     for column in values.T:
@@ -76,6 +87,11 @@ def main_period(t: np.ndarray, values: np.ndarray) -> float:
             continue
         rate = np.diff(np.interp(grid, t[known], column[known]))
         spectrum += np.abs(np.fft.rfft((rate - rate.mean()) * np.hanning(len(rate))))[: count // 2] ** 2
+    number = np.arange(len(spectrum))
+    fastest = max(min(len(t) // 2, len(spectrum)), 8)
+    fast = slice(fastest // 2, fastest)
+    noise = float(np.median(spectrum[fast] / number[fast] ** 2))
+    spectrum = np.maximum(spectrum - ABOVE_NOISE * noise * number**2, 0.0)
     spectrum[:2] = 0.0
     peak = int(np.argmax(spectrum))
     near = spectrum[max(peak - 1, 1) : peak + 2]

@@ -61,7 +61,8 @@ def without_spikes(trace: Trace) -> Trace:
         # distance of a spike from the mean of its neighbours, in typical distances of all samples
         far = np.inf
         if len(known):
-            far = 10.0 * np.median(known) / 0.6745
+            # rounded samples differ from the mean of their neighbours by a step without being spikes
+            far = max(10.0 * np.median(known) / 0.6745, 2.0 * _rounding(column))
         column[1:-1][(off > far) & (off > ABOVE_NEIGHBOURS * np.maximum(near[:-2], near[2:]))] = np.nan
     return replace(trace, theta=theta)
 

@@ -9,7 +9,10 @@ from fitting.from_file.cells import read_cells
 from fitting.from_file.columns import find_columns
 from fitting.from_file.points import error_of_pivot, find_chain, pivot_of
 from fitting.from_file.read_file import FileOptions, read_measured
+from fitting.from_file.swing import main_period
 from fitting.traces.lines import LARGEST
+from fitting.traces.noise import without_spikes
+from fitting.traces.trace import Trace
 
 T, PHI = swing()
 
@@ -83,6 +86,35 @@ def test_a_log_of_an_encoders_steps_is_read_between_its_readings(tmp_path, step)
     earlier = found.trace.t - 0.5 / rate  # a change is seen half an interval late
     off = found.trace.theta[:, 0] + found.zero - 0.02 - np.interp(earlier, t, phi)
     assert np.sqrt(np.mean(off**2)) < 0.3 * step  # as read it leads by half a step
+
+
+def test_a_coarse_encoder_without_noise_is_read_at_its_changes(tmp_path):
+    rate = 1000.0
+    t, phi = swing(25.0, rate=rate)
+    step = 0.04
+    rows = np.stack([t, step * np.round((phi + 0.013) / step)], axis=1)
+    found = read_measured(write(tmp_path / "a.csv", ["t,angle"], rows))
+    assert any("read where it changes" in note for note in found.notes)
+    off = found.trace.theta[:, 0] + found.zero - 0.013 - np.interp(found.trace.t, t, phi)
+    assert np.sqrt(np.mean(off**2)) < 0.05 * step  # of a row: 0.29
+
+
+def test_a_reading_that_repeats_has_no_spikes(tmp_path):
+    """Where it is held, neighbours are equal; later they differ by a step, which is none."""
+    step = 0.0026
+    held = np.full(300, PHI[0])
+    angle = step * np.round(np.r_[held, PHI] / step)
+    trace = Trace("a", np.arange(len(angle)) / RATE, angle[:, None])
+    assert np.isfinite(without_spikes(trace).theta).all()
+
+
+@pytest.mark.parametrize(("rows", "noise"), [(30000, 0.03), (30000, 0.0), (1500, 0.03)])
+def test_noise_of_a_fast_log_does_not_hide_its_period(rows, noise):
+    """Differences of neighbours grow with the rate of the rows."""
+    t = np.linspace(0.0, 45.0, rows)
+    random = np.random.default_rng(0)
+    angle = 0.6 * np.exp(-0.05 * t) * np.cos(7.0 * t) + noise * random.standard_normal(rows)
+    assert main_period(t, angle[:, None]) == pytest.approx(2 * np.pi / 7.0, rel=5e-3)
 
 
 def test_frames_need_a_rate_and_a_comment_gives_it(tmp_path):
@@ -202,3 +234,16 @@ def test_two_rows_of_names_number_the_points(tmp_path):
     found = find_columns(read_cells(path))
     assert found.time.name == "t"
     assert [(x.name, y.name) for x, y in found.points] == [("mass_A x", "mass_A y"), ("mass_B x", "mass_B y")]
+
+
+@pytest.mark.parametrize("separator", [";", "\t", ","])
+def test_the_last_point_may_be_missing_in_the_first_row(tmp_path, separator):
+    rows = np.stack([T, *points(np.exp(1j * PHI), 2 * np.exp(1j * PHI))], axis=1)
+    path = write(tmp_path / "a.csv", [separator.join(["t", "x1", "y1", "x2", "y2"])], rows, separator)
+    lines = path.read_text(encoding="utf-8").splitlines()
+    lines[1] = separator.join([*lines[1].split(separator)[:3], "", ""])
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    cells = read_cells(path)
+    assert [(x.name, y.name) for x, y in find_columns(cells).points] == [("x1", "y1"), ("x2", "y2")]
+    assert len(cells.values) == len(T)
+    assert np.isnan(cells.values[0, 3:]).all()

@@ -21,7 +21,7 @@ import numpy as np
 from random_scenes import draw_scene
 
 from dropper_jax.base.errors import SceneError, silent
-from dropper_jax.base.toml_text import jsonable
+from dropper_jax.base.json_values import jsonable
 from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.plots import style
 from dropper_jax.run.chunks import run_chunks

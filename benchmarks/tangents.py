@@ -24,7 +24,7 @@ import numpy as np
 
 import dropper_jax as dj
 from dropper_jax.axial import SlackTangent
-from dropper_jax.base.toml_text import jsonable
+from dropper_jax.base.json_values import jsonable
 from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.run.build import stepper_of
 from dropper_jax.study.gradient_check import RELATIVE_CHANGE, GradientCheck

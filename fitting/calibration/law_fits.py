@@ -8,8 +8,8 @@ from itertools import combinations
 
 import numpy as np
 
+from dropper_jax.base.json_values import Json, jsonable
 from dropper_jax.base.read import ScenePath
-from dropper_jax.base.toml_text import Json, jsonable
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.build import build
 from fitting.calibration.preparation import STEPS_PER_PERIOD, Prepared

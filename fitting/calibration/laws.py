@@ -36,7 +36,7 @@ import numpy as np
 from scipy.linalg import LinAlgError
 from scipy.special import ndtri, stdtr
 
-from dropper_jax.base.toml_text import Json
+from dropper_jax.base.json_values import Json
 from dropper_jax.run.build import build
 from fitting.calibration.law_fits import substeps_of
 from fitting.calibration.preparation import Prepared

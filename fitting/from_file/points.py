@@ -20,7 +20,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from dropper_jax.base.errors import SceneError
-from fitting.from_file.motion import Motion
+from fitting.from_file.motion import LinkMotion
 from fitting.traces.trace import unwrap
 
 #: Movement of a fixed point as a fraction of the fastest point's.
@@ -72,7 +72,7 @@ class Chain(NamedTuple):
     worst: float
 
 
-def read_points(file: str, t: np.ndarray, points: np.ndarray) -> Motion:
+def read_points(file: str, t: np.ndarray, points: np.ndarray) -> LinkMotion:
     """The motion of the links that points (m, k) belong to, as complex numbers.
 
     Raises:
@@ -100,7 +100,7 @@ def read_points(file: str, t: np.ndarray, points: np.ndarray) -> Motion:
     if pivot is None:
         moving = points[~fixed][list(order)]
         pivot_error = error_of_pivot(moving, down) / np.nanmedian(np.abs(reaches[:, 0]))
-    return Motion(t, theta, tuple(notes), joint, lengths, pivot_error)
+    return LinkMotion(t, theta, tuple(notes), joint, lengths, pivot_error)
 
 
 def find_chain(file: str, points: np.ndarray, pivot: complex | None) -> tuple[Chain, tuple[int, ...]]:

@@ -130,7 +130,7 @@ def fresh_values(problem: Study) -> list[tuple[np.ndarray, np.ndarray]]:
 def run_fresh(problem: Study) -> tuple[list[float], list[float]]:
     """Changes of the quantity between the two fresh runs of each parameter: along the own run's steps, and by steps of
     their own."""
-    if not problem.stretches:
+    if not problem.has_elastic_links:
         changes = []
         for low, high in fresh_values(problem):
             changes.append(changed_study(problem, high)[0] - changed_study(problem, low)[0])

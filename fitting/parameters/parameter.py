@@ -44,11 +44,21 @@ StartValues = Mapping[str, float]
 Bounds = Mapping[str, tuple[float | None, float | None]]
 Priors = Mapping[str, tuple[float, float]]
 #: What is given by path.
-V = TypeVar("V")
+Given = TypeVar("Given")
 
 #: Step size of a parameter that starts at zero [its own unit], unless its prior gives one.
-SIZES_AT_ZERO = {"b_l": 1e-3, "b_q": 1e-3, "viscous": 1e-4, "dry": 1e-4, "time": 1e-2, CAMERA: 1e-2}
-SIZES_AT_ZERO |= {NODE: 1e-3, LOST: 1e-2, "zero": 1e-2, "delay": 1e-3}
+SIZES_AT_ZERO = {
+    "b_l": 1e-3,
+    "b_q": 1e-3,
+    "viscous": 1e-4,
+    "dry": 1e-4,
+    "time": 1e-2,
+    "zero": 1e-2,
+    "delay": 1e-3,
+    CAMERA: 1e-2,
+    NODE: 1e-3,
+    LOST: 1e-2,
+}
 
 
 @dataclass(frozen=True)
@@ -124,15 +134,15 @@ def adjust_parameters(
         SceneError: a path that is not free, an empty interval, a start outside it, a prior without width.
     """
     known = [p.name for p in parameters]
-    values = _for_each("start", start, known)
-    ends = _for_each("bounds", bounds, known)
-    known_before = _for_each("prior", priors, known)
-    return tuple(_adjust(p, values, ends, known_before, wider) for p in parameters)
+    given_starts = _for_each("start", start, known)
+    given_bounds = _for_each("bounds", bounds, known)
+    given_priors = _for_each("prior", priors, known)
+    return tuple(_adjust(p, given_starts, given_bounds, given_priors, wider) for p in parameters)
 
 
-def _for_each(which: str, given: Mapping[str, V] | None, names: Sequence[str]) -> dict[str, V]:
+def _for_each(which: str, given: Mapping[str, Given] | None, names: Sequence[str]) -> dict[str, Given]:
     """Given values by parameter name: the value of a field applies to each of its entries."""
-    found: dict[str, V] = {}
+    found: dict[str, Given] = {}
     for name, value in (given or {}).items():
         mine = [name]
         if name not in names:
@@ -151,6 +161,7 @@ def check_once(names: Sequence[str], option: str) -> None:
 
 
 def _adjust(p: Parameter, start: StartValues, bounds: Bounds, priors: Priors, wider: bool) -> Parameter:
+    """The parameter with what is given for its name."""
     low, high = bounds.get(p.name, (None, None))
     if low is None:
         low = p.low
@@ -173,7 +184,7 @@ def _adjust(p: Parameter, start: StartValues, bounds: Bounds, priors: Priors, wi
     return replace(p, value=value, low=low, high=high, prior=prior)
 
 
-def apply(model: Model, parameters: Sequence[Parameter], values: Array) -> Model:
+def with_parameter_values(model: Model, parameters: Sequence[Parameter], values: Array) -> Model:
     """The model with these values (k,); differentiable."""
     for kind in (ModelPlace, Direction, RigScale):  # setting a value must not undo an earlier change
         for i, p in enumerate(parameters):
@@ -188,7 +199,7 @@ def given_effect(scene: Scene, path: str) -> Any:
     return scene.effects.get(effect, {}).get(field)
 
 
-def with_effects(scene: Scene, names: Sequence[str]) -> Scene:
+def with_zero_damping(scene: Scene, names: Sequence[str]) -> Scene:
     """The scene with value 0 for damping parameters that it lacks, so that its model has them."""
     stems = [ScenePath(name).stem for name in names]
     found = {}

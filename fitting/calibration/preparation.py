@@ -52,7 +52,7 @@ from fitting.parameters.of_scene import free_of_traces
 from fitting.parameters.parameter import Bounds, Parameter, Priors, StartValues, adjust_parameters, with_zero_damping
 from fitting.parameters.recordings import SharedMotion, convention_distance, merge_recordings, stated_errors
 from fitting.parameters.rig_priors import JointPrior, rig_priors
-from fitting.parameters.targets import RECORDING, LostPlace
+from fitting.parameters.targets import RECORDING, LostTarget
 from fitting.traces.conventions import check_scale, resting_angles, settle_convention
 from fitting.traces.noise import noise
 from fitting.traces.planar import check_planar, pendulum_period
@@ -163,7 +163,7 @@ def at_frames(parameters: Sequence[Parameter], traces: Sequence[Trace]) -> tuple
     """
     found = list(parameters)
     for i, p in enumerate(found):
-        if isinstance(p.where, LostPlace):
+        if isinstance(p.where, LostTarget):
             if p.where.run >= len(traces):
                 raise SceneError(f"free: {p.name!r}: unknown run; allowed: 0 to {len(traces) - 1}")
             t = traces[p.where.run].t

@@ -22,21 +22,21 @@ from fitting.parameters.targets import (
     CAMERA,
     LOST,
     NODE,
-    CameraPlace,
-    ClockPlace,
+    CameraTarget,
+    ClockTarget,
     Direction,
-    LostPlace,
+    LostTarget,
     MissingForce,
-    ModelPlace,
-    NodeMarkerPlace,
-    RecordingPlace,
-    ReleasePlace,
+    ModelTarget,
+    NodeMarkerTarget,
+    RecordingTarget,
+    ReleaseTarget,
     RigScale,
-    SetupPlace,
+    SetupTarget,
 )
 
-Observer = CameraPlace | NodeMarkerPlace | ClockPlace | LostPlace | RecordingPlace
-Target = ModelPlace | Direction | RigScale | SetupPlace | Observer | ReleasePlace | MissingForce
+Observer = CameraTarget | NodeMarkerTarget | ClockTarget | LostTarget | RecordingTarget
+Target = ModelTarget | Direction | RigScale | SetupTarget | Observer | ReleaseTarget | MissingForce
 
 
 #: Start values, bounds and priors (mean, standard deviation) by path.
@@ -85,7 +85,7 @@ class Parameter:
     @property
     def in_model(self) -> bool:
         """Whether it is a single number of the model, or one field of it."""
-        return isinstance(self.where, ModelPlace)
+        return isinstance(self.where, ModelTarget)
 
     @property
     def moves_model(self) -> bool:
@@ -100,7 +100,7 @@ class Parameter:
     @property
     def is_lost(self) -> bool:
         """Whether it is the time of lost frames."""
-        return isinstance(self.where, LostPlace)
+        return isinstance(self.where, LostTarget)
 
     @property
     def scale(self) -> float:
@@ -112,7 +112,7 @@ class Parameter:
 
 def names_in_scene(parameters: Iterable[Parameter]) -> list[str]:
     """Names of the parameters that a scene or its release has, without those of recordings."""
-    return [p.name for p in parameters if not isinstance(p.where, RecordingPlace)]
+    return [p.name for p in parameters if not isinstance(p.where, RecordingTarget)]
 
 
 def adjust_parameters(
@@ -186,7 +186,7 @@ def _adjust(p: Parameter, start: StartValues, bounds: Bounds, priors: Priors, wi
 
 def with_parameter_values(model: Model, parameters: Sequence[Parameter], values: Array) -> Model:
     """The model with these values (k,); differentiable."""
-    for kind in (ModelPlace, Direction, RigScale):  # setting a value must not undo an earlier change
+    for kind in (ModelTarget, Direction, RigScale):  # setting a value must not undo an earlier change
         for i, p in enumerate(parameters):
             if isinstance(p.where, kind):
                 model = p.where.set_in(model, values[i])

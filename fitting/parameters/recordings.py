@@ -18,7 +18,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from fitting.parameters.parameter import Parameter, StartValues
-from fitting.parameters.targets import RECORDING, RecordingPlace
+from fitting.parameters.targets import RECORDING, RecordingTarget
 from fitting.traces.planar import wrap
 from fitting.traces.trace import FEWEST, Trace, convention
 
@@ -108,10 +108,10 @@ def recording_parameters(number: int, name: str, trace: Trace, zero: np.ndarray,
     stem = f"{RECORDING}.{name}"
     found = []
     for j in np.flatnonzero(np.isfinite(trace.theta).any(axis=0)):
-        where = RecordingPlace(number, "zero", int(j), float(zero[j]))
+        where = RecordingTarget(number, "zero", int(j), float(zero[j]))
         found.append(Parameter(f"{stem}.zero.{j}", where, float(zero[j]), unit="rad"))
-    found.append(Parameter(f"{stem}.scale", RecordingPlace(number, "scale"), 1.0, 0.5, 2.0, unit="rad/rad"))
-    where = RecordingPlace(number, "delay", None, delay)
+    found.append(Parameter(f"{stem}.scale", RecordingTarget(number, "scale"), 1.0, 0.5, 2.0, unit="rad/rad"))
+    where = RecordingTarget(number, "delay", None, delay)
     # a window is run over its own time only: samples may move by two of the recording's intervals
     reach = 2 * trace.interval
     found.append(Parameter(f"{stem}.delay", where, delay, delay - reach, delay + reach, unit="s"))

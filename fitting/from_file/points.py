@@ -10,7 +10,7 @@ which are linear in w and c.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise, permutations
@@ -263,7 +263,7 @@ def centre_of(p: np.ndarray) -> complex:
     return complex(middle + size * complex(*found[:2]))
 
 
-def pivot_of(first: np.ndarray, others: Sequence[np.ndarray], sigma: float) -> complex:
+def pivot_of(first: np.ndarray, others: Iterable[np.ndarray], sigma: float) -> complex:
     """Pivot of the first link: by two of its points if another one is on it, otherwise the centre of its circle."""
     centre = centre_of(first)
     for other in others:

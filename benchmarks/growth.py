@@ -19,7 +19,7 @@ from typing import Any
 
 from slopes import random_scene
 
-from dropper_jax.base.toml_text import jsonable
+from dropper_jax.base.json_values import jsonable
 from dropper_jax.load.scene import Scene, load_scene
 from fitting.sensitivity import local, study
 

@@ -21,7 +21,7 @@ import numpy as np
 from random_scenes import draw_scene
 
 from dropper_jax.base.errors import SceneError, silent
-from dropper_jax.base.toml_text import jsonable
+from dropper_jax.base.json_values import jsonable
 from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.plots import style
 from dropper_jax.run.chunks import run_chunks
@@ -130,7 +130,7 @@ def fresh_values(problem: Study) -> list[tuple[np.ndarray, np.ndarray]]:
 def run_fresh(problem: Study) -> tuple[list[float], list[float]]:
     """Changes of the quantity between the two fresh runs of each parameter: along the own run's steps, and by steps of
     their own."""
-    if not problem.stretches:
+    if not problem.has_elastic_links:
         changes = []
         for low, high in fresh_values(problem):
             changes.append(changed_study(problem, high)[0] - changed_study(problem, low)[0])

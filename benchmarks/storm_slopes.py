@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from slopes import fresh_values, run_all_of
 
-from dropper_jax.base.toml_text import jsonable
+from dropper_jax.base.json_values import jsonable
 from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.run.quantities import quantity
 from fitting.sensitivity import study

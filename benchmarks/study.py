@@ -40,7 +40,7 @@ def stored(name: str | Path, default: Any = None) -> Any:
 def store(name: str | Path, found: Any) -> None:
     """Keep results of a study, in `results/` or in a file of the user's; not a number is null."""
     from dropper_jax.base.files import atomic_write
-    from dropper_jax.base.toml_text import jsonable
+    from dropper_jax.base.json_values import jsonable
 
     file = RESULTS / f"{name}.json" if isinstance(name, str) else name
     atomic_write(file, json.dumps(jsonable(found), indent=1, ensure_ascii=False) + "\n")

@@ -24,11 +24,11 @@ import numpy as np
 
 import dropper_jax as dj
 from dropper_jax.axial import SlackTangent
-from dropper_jax.base.toml_text import jsonable
+from dropper_jax.base.json_values import jsonable
 from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.run.build import stepper_of
 from dropper_jax.study.gradient_check import RELATIVE_CHANGE, GradientCheck
-from fitting.parameters.parameter import apply
+from fitting.parameters.parameter import with_parameter_values
 from fitting.parameters.varied import Varied, floats_of
 from fitting.sensitivity import study
 from fitting.sensitivity.differences import StudyRuns, changed_values, slopes_of_runs
@@ -227,7 +227,7 @@ def derivatives(problem: Study, base: StudyRuns, tangent: SlackTangent | None) -
     times = settings.interval * (1.0 + np.arange(settings.rows))
 
     def run(values: jax.Array, floats: list[jax.Array]) -> tuple[jax.Array, jax.Array]:
-        model = apply(problem.model, problem.parameters, values)
+        model = with_parameter_values(problem.model, problem.parameters, values)
         s = with_floats(start, floats)
         _, rows = dj.integrate(
             stepper, model, s, settings.interval, settings.rows, accuracy=accuracy, most=most, warn=False

@@ -15,7 +15,7 @@ From a scene to the next state:
       |         solvers/     linearise(problem, u)     the matrix P, by jax.jacfwd
       |       residual.step.solution                   du = -(dR/du)^-1 dR/dp dp: its exact derivative
       |       problem.finish(u)
-    next state, and the largest scaled row of the residual; run.assembly makes the solution of a run
+    next state, and the maximum scaled residual; run.assembly builds the solution of the run
 
 Importing the package turns on float64 in JAX (set `JAX_ENABLE_X64` beforehand to prevent that); a scene may still
 choose float32. JAX itself and the names below are imported on first use, so that the command line can reject a typing
@@ -93,16 +93,17 @@ if "JAX_ENABLE_X64" not in os.environ:
     if "jax" in sys.modules:
         sys.modules["jax"].config.update("jax_enable_x64", True)
     else:
-        # JAX reads it when it is imported, possibly by the user. Child processes of this one inherit it and
-        # compute in float64 as well, as they would with the package imported.
+        # JAX reads the variable when it is imported, which the user may do later. Child processes inherit it, so that
+        # they compute in float64 too.
         os.environ["JAX_ENABLE_X64"] = "1"
 
 
 def __getattr__(name: str) -> object:
     if name in PUBLIC:
-        found = getattr(import_module(f"{__name__}.{PUBLIC[name]}"), name)
-        globals()[name] = found
-        return found
+        value = getattr(import_module(f"{__name__}.{PUBLIC[name]}"), name)
+        globals()[name] = value
+        return value
+    # subpackages such as dropper_jax.plots; names with an underscore are probes by tools (IPython, doctest)
     if not name.startswith("_") and find_spec(f"{__name__}.{name}") is not None:
         return import_module(f"{__name__}.{name}")
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -25,7 +25,7 @@ from importlib import import_module
 from pathlib import Path
 
 from dropper_jax.axial import LAWS
-from dropper_jax.base.toml_text import prose
+from dropper_jax.base.markdown import prose
 from dropper_jax.cli import _load, _Parser, command_groups
 from dropper_jax.cli.reference import as_markdown
 from dropper_jax.effects import EFFECTS

@@ -1,7 +1,8 @@
 """Analysis of a motion: link angles, spectra, phase space, energy balance. Plain numpy, after the run."""
 
-from dropper_jax.analysis.angles import angle_rates, angles_to_links, link_angles
-from dropper_jax.analysis.spectrum import amplitude_spectrum, balance_drift, effect_power, energy_table, phase_curve
+from dropper_jax.analysis.angles import angle_rates, angles_to_links, link_angles, phase_curve
+from dropper_jax.analysis.energy import balance_drift, effect_power, energy_table
+from dropper_jax.analysis.spectrum import amplitude_spectrum
 from dropper_jax.analysis.writhe import writhe
 
 __all__ = [

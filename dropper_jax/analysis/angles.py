@@ -32,6 +32,7 @@ import numpy as np
 from dropper_jax.base.read import read_text
 
 ZEROS = ("horizontal", "down")
+ANGLES = ("polar", "azimuth")
 
 
 class _Branch(NamedTuple):
@@ -126,6 +127,36 @@ def angles_to_links(
     up = -np.cos(down)
     unit = np.stack(np.broadcast_arrays(flat * np.cos(azimuth), flat * np.sin(azimuth), up), axis=-1)
     return unit * np.asarray(length, float)[..., None]
+
+
+def phase_curve(
+    positions: np.ndarray, velocities: np.ndarray, link: int = 0, zero: str = "horizontal", angle: str = "polar"
+) -> tuple[np.ndarray, np.ndarray]:
+    """Angle and rate of one link along a motion.
+
+    Args:
+        positions, velocities: (k, n + 1, 3) [m], [m/s].
+        link: which, 0 .. n - 1; negative counts from the last.
+        zero: convention of the polar angle, see `link_angles`.
+        angle: "polar" or "azimuth".
+
+    Returns:
+        angle (k,) [rad] and rate (k,) [rad/s].
+
+    Raises:
+        ValueError: no such link, another `zero` or `angle`.
+    """
+    read_text(angle, "angle", ANGLES)
+    positions = np.asarray(positions)
+    velocities = np.asarray(velocities)
+    links = positions.shape[1] - 1
+    if not -links <= link < links:
+        raise ValueError(f"link = {link}: must be from {-links} to {links - 1}")
+    nodes = [link % links, link % links + 1]
+    which = ANGLES.index(angle)
+    values = link_angles(positions[:, nodes], zero)[which]
+    rates = angle_rates(positions[:, nodes], velocities[:, nodes], zero)[which]
+    return values[:, 0], rates[:, 0]
 
 
 #: Horizontal part of a link vector, relative to its largest component, below which its azimuth is rounding noise.

@@ -1,14 +1,7 @@
-"""Files: atomic writing, references of a scene to files, and locks of a folder.
-
-Files that a scene refers to: below the scene's folder or the working folder, unless the caller allows others.
-
-A scene may come from an untrusted source. The files that it refers to are read and their values are written into
-results. Values given by the caller (Python, `--set`) may refer to any file.
-"""
+"""Files: atomic writing, reading of lines, and removal of the unfinished files of ended processes."""
 
 from __future__ import annotations
 
-import json
 import os
 import re
 import secrets
@@ -16,18 +9,17 @@ import shutil
 import socket
 import tempfile
 import time
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Generator
 from contextlib import contextmanager, suppress
-from contextvars import ContextVar
 from pathlib import Path
 from typing import BinaryIO
 
 from dropper_jax.base.errors import SceneError
 
 #: Suffix of temporary files: `.NAME.HOST-PROCESS-xxxx.part`, in the same folder as NAME.
-PART = ".part"
-#: Folder in which a shell puts command output that it passes as a file.
-STREAMS = ("/dev/", "/proc/")
+PART_SUFFIX = ".part"
+#: Folders in which a shell puts command output that it passes as a file.
+PIPE_FOLDERS = ("/dev/", "/proc/")
 
 
 def refuse_pipe(path: Path, what: str) -> None:
@@ -36,7 +28,7 @@ def refuse_pipe(path: Path, what: str) -> None:
     Raises:
         SceneError: the path is a named pipe.
     """
-    if path.is_fifo() and not str(path).startswith(STREAMS):
+    if path.is_fifo() and not str(path).startswith(PIPE_FOLDERS):
         raise SceneError(f"{what}: {str(path)!r} is a named pipe, which may never end. Use a regular file")
 
 
@@ -53,9 +45,12 @@ def read_lines(path: Path) -> list[str]:
         raise SceneError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
 
 
-def folder_without(folder: str | Path, last: str) -> Path:
-    """Create a folder if necessary, and remove the file that is written last and describes all others. A file from an
-    earlier result would describe the new files wrongly if this run stopped early."""
+def prepare_folder(folder: str | Path, last: str) -> Path:
+    """Create a folder, and remove the file `last` of an earlier result.
+
+    That file is written last and describes all others, so it would describe new files wrongly if this run stopped
+    early.
+    """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     (folder / last).unlink(missing_ok=True)
@@ -79,7 +74,7 @@ def atomic_write(path: str | Path, content: bytes | str | Callable[[BinaryIO], o
     path = Path(path)
     if isinstance(content, str):
         content = content.encode()
-    temporary = path.with_name(f"{part_prefix(path)}{secrets.token_hex(4)}{PART}")
+    temporary = path.with_name(f"{part_prefix(path)}{secrets.token_hex(4)}{PART_SUFFIX}")
     try:
         remove_leftovers(path)
         with open(temporary, "x+b") as file:  # netCDF reads back what it wrote
@@ -123,28 +118,30 @@ def remove_leftovers(path: Path) -> list[Path]:
 
 def leftovers(path: Path) -> list[Path]:
     """The unfinished files and folders that ended processes left for `path`."""
-    written = re.compile(rf"\.{re.escape(path.name)}\.(\w+)-(\d+)-.*{re.escape(PART)}")
+    written = re.compile(rf"\.{re.escape(path.name)}\.(\w+)-(\d+)-.*{re.escape(PART_SUFFIX)}")
     found = []
     with suppress(OSError):
         for item in path.parent.iterdir():
             name = written.fullmatch(item.name)
-            if name and _is_left(item, name[1], int(name[2])):
+            if name and _is_leftover(item, name[1], int(name[2])):
                 found.append(item)
     return found
 
 
-#: Larger than any process number: not written by this package.
+#: Process numbers are below this. A name with a larger one was not written by this package.
 NO_PROCESS = 2**31
 #: Age [s] after which a temporary file of another machine's process counts as left over.
 LEFT_OVER_AGE = 24 * 3600.0
 
 
-def _is_left(item: Path, machine: str, process: int) -> bool:
-    if machine == _machine():
-        import psutil  # noqa: PLC0415 - 20 ms that starting does not need
+def _is_leftover(item: Path, machine: str, process: int) -> bool:
+    """Whether the process that wrote an unfinished file or folder has ended."""
+    if machine != _machine():
+        return item.stat().st_mtime < time.time() - LEFT_OVER_AGE
+    import psutil  # noqa: PLC0415 - 20 ms that starting does not need
 
-        return process != os.getpid() and not (process < NO_PROCESS and psutil.pid_exists(process))
-    return item.stat().st_mtime < time.time() - LEFT_OVER_AGE
+    is_running = process < NO_PROCESS and psutil.pid_exists(process)
+    return process != os.getpid() and not is_running
 
 
 @contextmanager
@@ -155,7 +152,7 @@ def unfinished_folder(path: Path) -> Generator[Path, None, None]:
         OSError: the folder cannot be made; the error contains the name of `path`.
     """
     try:
-        folder = Path(tempfile.mkdtemp(dir=path.parent, prefix=part_prefix(path), suffix=PART))
+        folder = Path(tempfile.mkdtemp(dir=path.parent, prefix=part_prefix(path), suffix=PART_SUFFIX))
     except OSError as error:
         raise unwritable(path, error) from None
     try:
@@ -176,81 +173,3 @@ def remove(item: Path) -> None:
 def _machine() -> str:
     """This machine's name, reduced to letters and digits."""
     return re.sub(r"\W", "_", socket.gethostname()) or "unknown"
-
-
-_FOLDER: ContextVar[Path | None] = ContextVar("folder of the scene that is read", default=None)
-HINT = "allowed: a file below the scene's folder; or use --allow-outside (load_scene(..., allow_outside=True))"
-
-
-@contextmanager
-def references_of(folder: Path | None) -> Iterator[None]:
-    """Active while a scene of this folder is read; None: the scene may refer to any file."""
-    token = _FOLDER.set(folder)
-    try:
-        yield
-    finally:
-        _FOLDER.reset(token)
-
-
-def find_referenced(text: str | Path, path: str, base: Path | None = None) -> Path:
-    """The file that a scene refers to at `path`.
-
-    Args:
-        base: base folder of relative names; default: the scene's folder if the file exists there, otherwise the
-            working folder.
-
-    Raises:
-        SceneError: the file is outside the allowed folders.
-    """
-    folder = _FOLDER.get()
-    if "\0" in str(text):
-        raise SceneError(f"{path}: {str(text)[:60]!r} is not a valid file name (contains NUL)")
-    found = (base or Path()) / text
-    if base is None and folder is not None and (folder / text).exists():
-        found = folder / text
-    if folder is None:
-        return found
-    try:
-        inside = any(found.resolve().is_relative_to(root.resolve()) for root in (folder, Path()))
-    except (OSError, RuntimeError):  # circular links
-        inside = False
-    if not inside:
-        raise SceneError(f"{path}: {str(text)!r} is outside the scene's folder; {HINT}")
-    return found
-
-
-class Lock:
-    """Locked from construction until `release`; `.NAME.lock` next to the folder names the owner.
-
-    Raises:
-        SceneError: another process holds the lock; the message gives its number and machine.
-    """
-
-    def __init__(self, folder: Path) -> None:
-        from filelock import FileLock, Timeout  # noqa: PLC0415 - 30 ms that only writing needs
-
-        self.path = folder.with_name(f".{folder.name}.lock")
-        self._lock = FileLock(self.path)
-        try:
-            self._lock.acquire(blocking=False)
-        except Timeout:
-            raise SceneError(f"{folder}: locked by {_owner(self.path)}; try again when it has finished") from None
-        except OSError as error:
-            raise SceneError(f"{folder}: cannot be written: {error.strerror or error}") from None
-        with suppress(OSError):  # Windows also locks the contents of the file
-            self.path.write_text(json.dumps({"process": os.getpid(), "machine": socket.gethostname()}))
-
-    def release(self) -> None:
-        """Remove the file and release the lock."""
-        with suppress(OSError):
-            self.path.unlink(missing_ok=True)
-        self._lock.release()
-
-
-def _owner(path: Path) -> str:
-    """Description of the owner."""
-    try:
-        found = json.loads(path.read_bytes())
-        return f"process {int(found['process'])} on {str(found['machine'])[:60]}"
-    except (OSError, ValueError, KeyError, TypeError):
-        return "another process"

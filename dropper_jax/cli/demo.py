@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dropper_jax.base.files import atomic_write
+from dropper_jax.base.markdown import literal
 from dropper_jax.base.read import Table
-from dropper_jax.base.toml_text import literal
 from dropper_jax.cli.given import output_folder
 from dropper_jax.cli.options import add_examples, add_json
 from dropper_jax.cli.outputs import PICTURES, Output, draw

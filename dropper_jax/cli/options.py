@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dropper_jax.base.errors import SceneError, unreadable
-from dropper_jax.base.files import leftovers, references_of, refuse_pipe
+from dropper_jax.base.files import leftovers, refuse_pipe
 from dropper_jax.base.read import Plain, Table
-from dropper_jax.base.toml_text import parsed_toml
+from dropper_jax.base.references import references_of
+from dropper_jax.base.toml_text import parse_toml_text
 from dropper_jax.cli.given import AUTO, number, step_length
 from dropper_jax.cli.printing import print_line, print_warnings
 from dropper_jax.integrators import SCHEMES
@@ -166,7 +167,7 @@ def _assignment(text: str) -> tuple[str, Plain]:
     if not equals or not path.strip():
         raise SceneError(f"--set: {text!r} is not KEY=VALUE; allowed: a path, '=' and a value, such as run.dt=0.01")
     try:
-        return path.strip(), parsed_toml(f"value = {value}")["value"]
+        return path.strip(), parse_toml_text(f"value = {value}")["value"]
     except tomllib.TOMLDecodeError:
         return path.strip(), value.strip()
 

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import atomic_write, remove
+from dropper_jax.base.json_values import jsonable
 from dropper_jax.base.read import Table
-from dropper_jax.base.toml_text import jsonable
 from dropper_jax.cli.faults import defer_signals
 from dropper_jax.cli.given import output_file, output_folder
 from dropper_jax.cli.printing import Failure, print_line, print_result, table, with_failure

@@ -12,9 +12,9 @@ from contextlib import suppress
 from typing import Protocol
 
 from dropper_jax.base.errors import Progress, silent
+from dropper_jax.base.json_values import SCHEMA, jsonable
 from dropper_jax.base.read import Table
 from dropper_jax.base.table_cells import Columns, Record, record_cells
-from dropper_jax.base.toml_text import SCHEMA, jsonable
 
 OK = 0
 INVALID_INPUT = 2

@@ -70,7 +70,7 @@ def _row(key: Key) -> str:
 
 
 def _cell(text: str, table: bool = True) -> str:
-    from dropper_jax.base.toml_text import prose
+    from dropper_jax.base.markdown import prose
 
     return prose(text, table)
 

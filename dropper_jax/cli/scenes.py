@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.files import references_of
 from dropper_jax.base.read import Table
+from dropper_jax.base.references import references_of
 from dropper_jax.base.toml_text import as_toml
 from dropper_jax.cli.given import check_positive, number, output_file
 from dropper_jax.cli.options import (

@@ -17,7 +17,8 @@ from dropper_jax.scene import LineSpec, SceneData
 
 @component
 class Buoyancy(Effect):
-    """Buoyancy `F = rho g V w z`, V the volume of the node's part and w its submerged fraction (`wet_share`).
+    """Buoyancy `F = rho g V w z`, V the volume of the part of each link at the node and w its
+    submerged fraction (`wet_share`).
 
     Hydrostatics up to the actual surface. The dynamic pressure of waves is in the `rho V u'` of `morison_inertia` and
     is not added again. The volume is `pi/4 D^2 L` with the line's `diameter` D, or follows from `wet_weight` as
@@ -34,7 +35,7 @@ class Buoyancy(Effect):
     def check(cls, values: Values, scene: SceneData) -> None:
         if scene.effects.get("weight", {}).get("wet_weight") is not None:
             raise SceneError(
-                "effects.weight.wet_weight: is a weight in water, but effects.buoyancy takes the buoyancy off again; "
+                "effects.weight.wet_weight: is a weight in water, but effects.buoyancy subtracts the buoyancy again; "
                 "allowed: one of the two, or effects.buoyancy.wet_weight"
             )
         check_volume(scene, values["wet_weight"])
@@ -72,7 +73,11 @@ SAME_VOLUME = 1e-3
 
 
 def check_volume(scene: SceneData, wet_weight: Plain) -> None:
-    """The volume: from the diameter, from dry and wet weight, or from both if they agree."""
+    """Reject lines without a volume: it needs the diameter, dry and wet weight, or both if they agree.
+
+    Raises:
+        SceneError: neither is given, or they differ.
+    """
     line = scene.line
     if wet_weight is None:
         if line.diameter is None:
@@ -85,10 +90,10 @@ def check_volume(scene: SceneData, wet_weight: Plain) -> None:
     error = np.abs(geometric / volume - 1.0)
     worst = int(np.argmax(error))
     if error[worst] > SAME_VOLUME:
-        fitting = np.sqrt(4.0 * volume[worst] / (np.pi * line.length[worst]))
+        matching = np.sqrt(4.0 * volume[worst] / (np.pi * line.length[worst]))
         raise SceneError(
             f"line.0.diameter: {line.diameter[worst]:g} m of link {worst + 1} displaces {geometric[worst]:.4g} m^3, "
-            f"but dry and wet weight leave {volume[worst]:.4g} m^3; allowed: one of the two, or {fitting:.5g} m"
+            f"but dry and wet weight leave {volume[worst]:.4g} m^3; allowed: one of the two, or {matching:.5g} m"
         )
 
 

@@ -16,7 +16,7 @@ from dropper_jax.model import Kinematics, Law, Line
 from dropper_jax.scene import SceneData
 
 #: Added under roots [(N m)^2, (rad/s)^2]: keeps derivatives finite at zero, also in float32.
-SMALLEST = 1e-30
+ROOT_FLOOR = 1e-30
 
 
 @component
@@ -30,13 +30,13 @@ class JointFriction(Law):
     Dry friction is set-valued: |torque| <= `dry`. Its unknown z is the projection of `z - 2 rho w_mid` on the ball of
     radius tau. The joint slides with `z = -tau w_mid/|w_mid|` or sticks with `w_mid = 0` (rho is an inertia over the
     step; its value does not change the solutions). The law is monotone, so every step has a solution and
-    `z . w_mid <= 0`. Sticking joints may still have a rate at the end of the step; `held` marks the joints that are
-    then stopped.
+    `z . w_mid <= 0`. Sticking joints may still have a rate at the end of the step; `holding` marks the joints that
+    are then stopped.
     """
 
     name = "joint_friction"
     single_line = True
-    reach = 2
+    reach = 2  # a torque acts on the nodes of both neighbouring links
     viscous: Array | None = parameter("viscous coefficient c", unit="N m s/rad", shape="joint", low=0.0, default=None)
     dry: Array | None = parameter("dry friction torque tau", unit="N m", shape="joint", low=0.0, default=None)
     axis: Array | None = parameter("direction of the pins", unit="-", shape="vector", default=None)
@@ -57,7 +57,7 @@ class JointFriction(Law):
             return 3
         return 1
 
-    def _pin(self) -> Array:
+    def _pin_direction(self) -> Array:
         return self.axis / safe_norm(self.axis)
 
     def relative_rates(self, k: Kinematics) -> Array:
@@ -68,12 +68,12 @@ class JointFriction(Law):
         relative = jnp.concatenate([rates, zero])[:joints] - jnp.concatenate([zero, rates])[:joints]
         if self.axis is None:
             return relative
-        return (relative @ self._pin())[:, None]
+        return (relative @ self._pin_direction())[:, None]
 
     def torque_force(self, k: Kinematics, torque: Array) -> Array:
         """Nodal forces (nodes, 3) [N] of joint torques (joints, c) [N m]."""
         if self.axis is not None:
-            torque = torque * self._pin()
+            torque = torque * self._pin_direction()
         links = k.model.geometry.links
         after = jnp.concatenate([torque[1:], jnp.zeros_like(torque[:1])])[:links]
         return -k.model.gather(cross(torque[:links] - after, k.tangents) / safe_norm(k.links)[:, None])
@@ -94,10 +94,11 @@ class JointFriction(Law):
         exact = z - _project(z - 2 * rho * rate, limit)
         if easing is None:
             return exact
-        blur = easing * limit / rho
-        size = jnp.sqrt(jnp.sum(rate**2, axis=-1, keepdims=True) + blur**2 + SMALLEST)
-        weight = jax.lax.stop_gradient(rho / (limit + rho * size))
-        return jnp.where(easing > 0, weight * (size * z + limit * rate), exact)
+        # smoothed: |w| becomes sqrt(w^2 + width^2), so that z = -tau w/|w| has a slope at w = 0
+        width = easing * limit / rho
+        speed = jnp.sqrt(jnp.sum(rate**2, axis=-1, keepdims=True) + width**2 + ROOT_FLOOR)
+        weight = jax.lax.stop_gradient(rho / (limit + rho * speed))  # scales the row to that of the exact law
+        return jnp.where(easing > 0, weight * (speed * z + limit * rate), exact)
 
     def admissible(self, z: Array) -> Array:
         return _project(z, self._limit(z))
@@ -115,9 +116,11 @@ class JointFriction(Law):
         return _size(z - 2 * self._rho(k, h) * self.relative_rates(k)) < self._limit(z)
 
     def _limit(self, z: Array) -> Array:
+        """tau of each joint (joints, 1) [N m]."""
         return _per_joint(jnp.asarray(self.dry), len(z))
 
     def _rho(self, k: Kinematics, h: Array) -> Array:
+        """rho, an inertia over the step [kg m^2/s]: that of the lightest link."""
         return jnp.min(k.line.mass * k.line.length**2) / h
 
     def law_scale(self, line: Line, h: Array) -> Array:
@@ -140,4 +143,4 @@ def _project(z: Array, limit: Array) -> Array:
 
 def _size(z: Array) -> Array:
     """|z| per joint as a column, with a finite derivative at zero."""
-    return jnp.sqrt(jnp.sum(z**2, axis=-1, keepdims=True) + SMALLEST)
+    return jnp.sqrt(jnp.sum(z**2, axis=-1, keepdims=True) + ROOT_FLOOR)

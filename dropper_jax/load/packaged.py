@@ -11,7 +11,7 @@ from pathlib import Path
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.files import refuse_pipe
 from dropper_jax.base.read import Table
-from dropper_jax.base.toml_text import parsed_toml
+from dropper_jax.base.toml_text import parse_toml_text
 from dropper_jax.decks.reading.sections import looks_like_moordyn
 from dropper_jax.load.variants import VARIANTS
 
@@ -28,7 +28,7 @@ def parse_toml(data: bytes, label: str) -> Table:
         SceneError: not UTF-8, a syntax error (with the line number), or excessively nested tables.
     """
     try:
-        return parsed_toml(data.decode("utf-8-sig"))
+        return parse_toml_text(data.decode("utf-8-sig"))
     except UnicodeDecodeError as error:
         raise SceneError(f"{label}: not a text file in UTF-8 (byte {error.start})") from None
     except tomllib.TOMLDecodeError as error:

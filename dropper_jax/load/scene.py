@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from dropper_jax.base.errors import Check, LocatedValues, SceneError, raises_first
-from dropper_jax.base.files import references_of
+from dropper_jax.base.html_table import html_table
 from dropper_jax.base.read import (
     Plain,
     ScenePath,
@@ -24,7 +24,7 @@ from dropper_jax.base.read import (
     read_fields,
     read_text,
 )
-from dropper_jax.base.toml_text import html_table
+from dropper_jax.base.references import references_of
 from dropper_jax.effects import EFFECTS
 from dropper_jax.integrators import INTEGRATORS, OPTIONS
 from dropper_jax.load.checks_system import (

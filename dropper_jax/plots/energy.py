@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dropper_jax.analysis.spectrum import balance_drift
+from dropper_jax.analysis.energy import balance_drift
 from dropper_jax.plots import style
 from dropper_jax.plots.run import Run
 from dropper_jax.plots.style import CYCLE, DARK

@@ -28,17 +28,17 @@ def bed_contact(record: Record, settings: Settings) -> Rows:
     bed = bed_height(record.scene, record.positions)
     if bed is None:
         return {"skipped": "the scene has no [effects.seabed]"}
-    on = record.positions[..., 2] - bed <= settings.contact
+    touching = record.positions[..., 2] - bed <= settings.contact
     found = []
     for row, where in node_rows(record):
-        own = on[:, where.nodes]
-        length = (own[:, :-1] & own[:, 1:]) @ np.asarray(where.spec.length, float)
+        node_touches = touching[:, where.nodes]
+        length = (node_touches[:, :-1] & node_touches[:, 1:]) @ np.asarray(where.spec.length, float)
         found.append(
             {
                 **row,
                 "length_m": spread(length, ("min", "mean", "max")),
                 "share_of_line": float(length.mean() / where.spec.total),
-                "share_of_time": own.mean(axis=0),
+                "share_of_time": node_touches.mean(axis=0),
                 "share_with_contact": float(np.mean(length > 0)),
             }
         )
@@ -86,26 +86,28 @@ def submergence(record: Record) -> Table:
                 "largest_depth_m": own.max(axis=0),
             }
         )
-    return {"lines": lines, "buoys": [_buoy(record, buoy, depth) for buoy in record.scene.buoys]}
+    return {"lines": lines, "buoys": [_buoy_row(record, buoy, depth) for buoy in record.scene.buoys]}
 
 
-def _buoy(record: Record, buoy: BuoySpec, depth: np.ndarray) -> Table:
+def _buoy_row(record: Record, buoy: BuoySpec, depth: np.ndarray) -> Table:
     """Draught and submergence of a buoy, from the depths (k, nodes) [m] of all nodes."""
-    base = depth[:, point_nodes(record.scene)[buoy.point]] + buoy.attachment
+    draught = depth[:, point_nodes(record.scene)[buoy.point]] + buoy.attachment
     return {
         "buoy": buoy.name,
-        "draught_m": spread(base, ("min", "mean", "max")),
+        "draught_m": spread(draught, ("min", "mean", "max")),
         "height_m": buoy.height,
-        "share_under_water": float(np.mean(base >= buoy.height)),
-        "share_out_of_water": float(np.mean(base <= 0)),
-        "longest_under_water_s": _longest(base >= buoy.height, record.t),
+        "share_under_water": float(np.mean(draught >= buoy.height)),
+        "share_out_of_water": float(np.mean(draught <= 0)),
+        "longest_under_water_s": _longest_span(draught >= buoy.height, record.t),
     }
 
 
-def _longest(under: np.ndarray, t: np.ndarray) -> float:
+def _longest_span(under: np.ndarray, t: np.ndarray) -> float:
     """Longest uninterrupted time [s] in which all samples are true."""
-    edges = np.flatnonzero(np.diff(under.astype(int), prepend=0, append=0))
-    return float(np.max(t[edges[1::2] - 1] - t[edges[::2]], initial=0.0))
+    changes = np.diff(under.astype(int), prepend=0, append=0)
+    first = np.flatnonzero(changes == 1)
+    last = np.flatnonzero(changes == -1) - 1
+    return float(np.max(t[last] - t[first], initial=0.0))
 
 
 def crops(record: Record) -> Rows:
@@ -121,23 +123,18 @@ def crops(record: Record) -> Rows:
         return {"skipped": "the scene has no mussels ([growth] or [line.growth])"}
     found = []
     for bare, (line, where) in zip(scene.lines, sliced_lines(overgrown(scene)), strict=True):
-        if bare.growth is None and not (season is not None and season.on(bare.name, bare.piece_of)):
+        in_season = season is not None and season.on(bare.name, bare.piece_of)
+        if bare.growth is None and not in_season:
             continue
         if sea is None or line.diameter is None or bare.diameter is None:
             continue  # a line with mussels has both
         crop = line.mass - bare.mass
         volume = 0.25 * np.pi * (line.diameter**2 - bare.diameter**2) * line.length
         drop_off = None
-        if season is not None and season.attachment is not None and np.any(volume > 0.0):
+        if season is not None and np.any(volume > 0.0):
             limit = season.holding(float(np.sum(crop) / np.sum(volume)), sea.density, sea.gravity)
-            size = record.acceleration[:, where.nodes]
-            hit = np.any(size > limit, axis=0)
-            drop_off = {
-                "limit_m_per_s2": limit,
-                "largest_m_per_s2": float(size.max()),
-                "share_beyond": float(np.mean(size > limit)),
-                "mass_at_risk_kg": float(np.sum(crop[hit[1:] | hit[:-1]])),
-            }
+            if limit is not None:
+                drop_off = _drop_off(record.acceleration[:, where.nodes], crop, limit)
         found.append(
             {
                 "line": bare.name,
@@ -148,3 +145,16 @@ def crops(record: Record) -> Rows:
             }
         )
     return found
+
+
+def _drop_off(acceleration: np.ndarray, crop: np.ndarray, limit: float) -> Table:
+    """The drop-off of a line: acceleration (k, n + 1) [m/s^2] of its nodes, mussels (n,) [kg] on its links."""
+    beyond = acceleration > limit
+    ever = np.any(beyond, axis=0)
+    at_risk = ever[1:] | ever[:-1]
+    return {
+        "limit_m_per_s2": limit,
+        "largest_m_per_s2": float(acceleration.max()),
+        "share_beyond": float(np.mean(beyond)),
+        "mass_at_risk_kg": float(np.sum(crop[at_risk])),
+    }

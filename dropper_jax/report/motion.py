@@ -26,25 +26,30 @@ def watch_circles(record: Record) -> list[Table]:
         if not point.is_free and np.ptp(path, axis=0).max() == 0.0:
             continue
         mean = path.mean(axis=0)
-        about = np.hypot(*(path - mean)[:, :2].T)
+        radius = _horizontal_distance(path, mean)
         static = None
         from_static = None
         if record.static_start:
             static = record.solution.point_path(point.name)[0]
-            from_static = float(np.hypot(*(path - static)[:, :2].T).max())
+            from_static = float(_horizontal_distance(path, static).max())
         found.append(
             {
                 "point": point.name,
                 "buoy": buoys.get(point.name),
                 "mean_m": mean,
                 "range_m": np.ptp(path, axis=0),
-                "radius_max_m": float(about.max()),
-                "radius_95_m": float(np.percentile(about, 95)),
+                "radius_max_m": float(radius.max()),
+                "radius_95_m": float(np.percentile(radius, 95)),
                 "static_m": static,
                 "radius_from_static_max_m": from_static,
             }
         )
     return found
+
+
+def _horizontal_distance(path: np.ndarray, position: np.ndarray) -> np.ndarray:
+    """Horizontal distance (k,) [m] of a path (k, 3) from a position (3,)."""
+    return np.hypot(*(path - position)[:, :2].T)
 
 
 def accelerations(record: Record) -> list[Table]:
@@ -94,14 +99,15 @@ def body_motions(record: Record) -> Rows:
     run = record.solution
     if run.body_position is None or run.body_attitude is None or not record.scene.bodies:
         return {"skipped": "the scene has no rigid bodies"}
-    kept = np.isin(run.t, record.t)
+    is_evaluated = np.isin(run.t, record.t)
     found = []
     for i, body in enumerate(record.scene.bodies):
-        turn = DEGREE * run.body_attitude[kept, i]
-        cosine = np.cos(run.body_attitude[kept, i, :2]).prod(axis=-1)
+        turn = DEGREE * run.body_attitude[is_evaluated, i]
+        # z of the body's z-axis for roll and pitch: cos(roll) cos(pitch)
+        cosine = np.cos(run.body_attitude[is_evaluated, i, :2]).prod(axis=-1)
         tilt = DEGREE * np.arccos(np.clip(cosine, -1.0, 1.0))
         row: Table = {"body": body.name}
-        for name, values in zip(MOVES, run.body_position[kept, i].T, strict=True):
+        for name, values in zip(MOVES, run.body_position[is_evaluated, i].T, strict=True):
             row[f"{name}_m"] = spread(values)
         for name, values in zip((*TURNS, "tilt"), (*turn.T, tilt), strict=True):
             row[f"{name}_deg"] = spread(values)

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from dropper_jax.base.markdown import bullets, cells, table
+from dropper_jax.base.markdown import bullets, cells, literal, table
 from dropper_jax.base.read import Table
 from dropper_jax.base.table_cells import Columns, fill, newton
-from dropper_jax.base.toml_text import literal
 from dropper_jax.report import sections
 from dropper_jax.report.tables import table_of
 from dropper_jax.scene import link_mass_words

@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from dropper_jax.base.files import atomic_write, folder_without
+from dropper_jax.base.files import atomic_write, prepare_folder
+from dropper_jax.base.json_values import jsonable
 from dropper_jax.base.read import Table
-from dropper_jax.base.toml_text import jsonable
 from dropper_jax.evaluation.record import record
 from dropper_jax.evaluation.settings import Settings
 from dropper_jax.report.pictures import draw_extremes, draw_run
@@ -29,7 +29,7 @@ def write_report(
     Returns:
         path of report.md.
     """
-    folder = folder_without(folder, REPORT)
+    folder = prepare_folder(folder, REPORT)
     settings = settings or Settings()
     pictures = []
     for number, (solution, values) in enumerate(zip(solutions.values(), found["runs"], strict=True), start=1):

@@ -14,6 +14,9 @@ from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model
 from dropper_jax.run.build import build_model
 
+#: Relative steps of the two central differences; the second is half the first (Richardson).
+STEP = 1e-3
+
 
 def model_slopes(scene: Scene, model: Model, path: str, idle: bool = False) -> dict[int, np.ndarray]:
     """Derivatives of the leaves of a scene's model with respect to a number of the scene, by number of the leaf.
@@ -27,10 +30,11 @@ def model_slopes(scene: Scene, model: Model, path: str, idle: bool = False) -> d
     value = scene.value(path)
     if isinstance(value, bool) or not isinstance(value, float):
         raise SceneError(f"{path}: {value!r} is not a number that can vary. Use paths of such numbers")
-    size = abs(value) or 1.0
+    size = abs(value) or 1.0  # a number that is zero changes by the step itself
     shapes = [jnp.shape(leaf) for leaf in jax.tree.leaves(model)]
 
-    def at(shift: float) -> list[np.ndarray]:
+    def leaves_at(shift: float) -> list[np.ndarray]:
+        """Leaves of the model with the number changed by a fraction `shift`."""
         changed = build_model(scene.with_values({path: value + shift * size}))
         leaves = [np.asarray(leaf) for leaf in jax.tree.leaves(changed)]
         if [leaf.shape for leaf in leaves] != shapes:
@@ -38,10 +42,17 @@ def model_slopes(scene: Scene, model: Model, path: str, idle: bool = False) -> d
         return leaves
 
     def slopes_over(step: float) -> list[np.ndarray]:
-        return [(a - b) / (2 * step * size) for a, b in zip(at(step), at(-step), strict=True)]
+        """Central differences of the leaves."""
+        above = leaves_at(step)
+        below = leaves_at(-step)
+        return [(a - b) / (2 * step * size) for a, b in zip(above, below, strict=True)]
 
-    pairs = zip(slopes_over(1e-3), slopes_over(5e-4), strict=True)
-    slopes = {i: (4 * b - a) / 3 for i, (a, b) in enumerate(pairs) if np.any(b != 0)}
+    coarse = slopes_over(STEP)
+    fine = slopes_over(0.5 * STEP)
+    slopes = {}
+    for i, (wide, narrow) in enumerate(zip(coarse, fine, strict=True)):
+        if np.any(narrow != 0):
+            slopes[i] = (4 * narrow - wide) / 3  # cancels the error of second order
     if not (slopes or idle):
         raise SceneError(f"{path}: has no effect on the model. Use numbers that do")
     return slopes

@@ -18,7 +18,7 @@ from dropper_jax.run.row_store import OnDisk, read_mark
 from dropper_jax.run.simulate import Solution, initial_carry, restore_end, stepper_fields
 from dropper_jax.stepping.extremes import Extremes
 from dropper_jax.stepping.integrate import empty_trajectory
-from dropper_jax.stepping.progress import Within
+from dropper_jax.stepping.progress import TensionMeans
 
 
 def recover(path: Path) -> list[str]:
@@ -66,7 +66,7 @@ def killed_run(folder: Path) -> Solution:
         carry = first.carry
     like = empty_trajectory(first.carry, 0)
     if scene.run.accuracy is not None:
-        like = like._replace(within=Within(first.carry.t, first.carry.t, first.carry.t))
+        like = like._replace(within=TensionMeans(first.carry.t, first.carry.t, first.carry.t))
     # rows by an earlier version have no extremes
     if len(rows.about["kinds"]) > len(jax.tree.leaves(like)):
         like = like._replace(extremes=Extremes(*(0.0,) * len(Extremes._fields)))

@@ -13,8 +13,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.base.errors import Progress, SceneError, SimulationError, silent
+from dropper_jax.base.html_table import html_table
 from dropper_jax.base.read import Table
-from dropper_jax.base.toml_text import html_table
 from dropper_jax.integrators import OPTIONS
 from dropper_jax.load.checks_system import check_changing_lengths_until
 from dropper_jax.load.scene import Scene, load_scene

@@ -35,7 +35,7 @@ LOADS = ("horizontal", "vertical", "total")
 
 @dataclass(frozen=True)
 class StepSignals:
-    """Signals (m,) of a step: tensions of the links, forces on the end points of lines, loads of fixed points, in N.
+    """Computes the signals (m,) [N] of a step: tensions of links, forces on line ends, loads of fixed points.
 
     They are those of `end_links.Motion.end_force` and `end_links.point_loads`, at the time of the step's tension.
 
@@ -52,19 +52,21 @@ class StepSignals:
     tension_time: float
 
     def __call__(self, model: Model, before: State, after: State) -> tuple[Array, Array]:
-        share = self.tension_time
-        t = before.t + share * (after.t - before.t)
+        """The signals (m,) of a step, and their time [s]."""
+        fraction = self.tension_time
+        t = before.t + fraction * (after.t - before.t)
         # linear over the step, as `interpolate_rows` between saved times
         first = model.geometry.everywhere(before.r, model.ends(before.t).positions)
         last = model.geometry.everywhere(after.r, model.ends(after.t).positions)
         links = np.array(self.links)
-        starts = np.arange(len(links)) < len(links) // 2
-        forces = end_forces_of_model(model, links, starts, first + share * (last - first), after.tension, t)
-        found = [after.tension, safe_norm(forces)[np.array(self.whole)]]
+        is_first = np.arange(len(links)) < len(links) // 2  # the first half of the end links are first links of lines
+        nodes = first + fraction * (last - first)
+        forces = end_forces_of_model(model, links, is_first, nodes, after.tension, t)
+        signals = [after.tension, safe_norm(forces)[np.array(self.whole)]]
         if self.points:
-            load = jnp.stack([jnp.sum(forces[np.array(own)], axis=0) for own in self.points])
-            found.append(jnp.stack([horizontal_norm(load), load[:, 2], safe_norm(load)], axis=1).ravel())
-        return jnp.concatenate(found), t
+            load = jnp.stack([jnp.sum(forces[np.array(ends_there)], axis=0) for ends_there in self.points])
+            signals.append(jnp.stack([horizontal_norm(load), load[:, 2], safe_norm(load)], axis=1).ravel())
+        return jnp.concatenate(signals), t
 
 
 jax.tree_util.register_static(StepSignals)
@@ -76,44 +78,60 @@ def step_signals(scene: Scene, tension_time: float) -> StepSignals | None:
         return None
     ends = list(line_ends(scene))
     ends = [*ends[::2], *ends[1::2]]
-    links = [(end.link, end.last) for _, end in ends]
+    numbers = {(end.link, end.last): i for i, (_, end) in enumerate(ends)}
     whole = []
     for line in whole_lines(scene):
-        whole += [links.index((end.link, end.last)) for end in ends_of(line)]
+        whole += [numbers[end.link, end.last] for end in ends_of(line)]
     points = []
     for point in loaded_fixed_points(scene):
         points.append(tuple(i for i, (name, _) in enumerate(ends) if name == point))
-    return StepSignals(tuple(link for link, _ in links), tuple(whole), tuple(points), float(tension_time))
+    links = tuple(end.link for _, end in ends)
+    return StepSignals(links, tuple(whole), tuple(points), float(tension_time))
 
 
 def saved_signal(signal: str, motion: Motion) -> np.ndarray:
     """One of the `SIGNALS` at the saved times: (k, n), (k, lines, 2) or (k, fixed points, 3) [N]."""
     if signal == "tension":
         return motion.tension
-    scene = motion.scene
     with np.errstate(invalid="ignore", over="ignore"):  # a failed run may end with infinite positions
         if signal == "end_force":
-            links = EndLinks(scene)
-            sizes = []
-            for line in whole_lines(scene):
-                for end in ends_of(line):
-                    sizes.append(np.linalg.norm(motion.end_force(links, end), axis=1))
-            return np.stack(sizes, axis=1).reshape(len(motion.tension), -1, 2)
-        loads = point_loads(motion)
-        vectors = np.zeros((len(motion.tension), 0, 3))
-        if names := loaded_fixed_points(scene):
-            vectors = np.stack([loads[name] for name in names], axis=1)
-        parts = np.hypot(vectors[..., 0], vectors[..., 1]), vectors[..., 2], np.linalg.norm(vectors, axis=-1)
-        return np.stack(parts, axis=-1)
+            return _end_force_sizes(motion)
+        return _load_components(motion)
+
+
+def _end_force_sizes(motion: Motion) -> np.ndarray:
+    """Forces of the lines on their end points (k, lines, 2) [N]."""
+    links = EndLinks(motion.scene)
+    sizes = []
+    for line in whole_lines(motion.scene):
+        for end in ends_of(line):
+            sizes.append(np.linalg.norm(motion.end_force(links, end), axis=1))
+    return np.stack(sizes, axis=1).reshape(len(motion.tension), -1, 2)
+
+
+def _load_components(motion: Motion) -> np.ndarray:
+    """The components `LOADS` of the loads of fixed points (k, fixed points, 3) [N]."""
+    loads = point_loads(motion)
+    vectors = np.zeros((len(motion.tension), 0, 3))
+    if names := loaded_fixed_points(motion.scene):
+        vectors = np.stack([loads[name] for name in names], axis=1)
+    horizontal = np.hypot(vectors[..., 0], vectors[..., 1])
+    return np.stack([horizontal, vectors[..., 2], np.linalg.norm(vectors, axis=-1)], axis=-1)
 
 
 def extremes_by_signal(scene: Scene, extremes: Extremes) -> dict[str, Extremes]:
     """Rows (k, m) of the run by signal, each (k, n), (k, lines, 2) or (k, fixed points, 3)."""
-    shapes = ((scene.line.links,), (len(whole_lines(scene)), 2), (len(loaded_fixed_points(scene)), len(LOADS)))
-    found = {}
+    shapes = {
+        "tension": (scene.line.links,),
+        "end_force": (len(whole_lines(scene)), 2),
+        "point_load": (len(loaded_fixed_points(scene)), len(LOADS)),
+    }
+    by_signal = {}
     first = 0
-    for signal, shape in zip(SIGNALS, shapes, strict=True):
-        own = slice(first, first + int(np.prod(shape)))
-        found[signal] = Extremes(*(np.asarray(rows)[:, own].reshape(len(rows), *shape) for rows in extremes))
-        first = own.stop
-    return found
+    for signal in SIGNALS:
+        shape = shapes[signal]
+        columns = slice(first, first + int(np.prod(shape)))
+        rows = [np.asarray(array)[:, columns].reshape(len(array), *shape) for array in extremes]
+        by_signal[signal] = Extremes(*rows)
+        first = columns.stop
+    return by_signal

@@ -13,8 +13,8 @@ import numpy as np
 
 from dropper_jax.analysis.angles import link_angles
 from dropper_jax.base.files import atomic_write
+from dropper_jax.base.json_values import SCHEMA, jsonable
 from dropper_jax.base.read import Table
-from dropper_jax.base.toml_text import SCHEMA, jsonable
 from dropper_jax.integrators import OPTIONS
 from dropper_jax.run.bends import bending_summary
 from dropper_jax.run.line_weights import line_weights

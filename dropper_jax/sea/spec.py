@@ -14,7 +14,6 @@ import numpy as np
 from dropper_jax.base.constants import GRAVITY, SEA_WATER
 from dropper_jax.base.errors import Check, SceneError, nearest, raises_first
 from dropper_jax.base.fields import option, parameter
-from dropper_jax.base.files import find_referenced
 from dropper_jax.base.read import (
     DeclaredSection,
     Plain,
@@ -31,6 +30,7 @@ from dropper_jax.base.read import (
     short_text,
 )
 from dropper_jax.base.read import count as whole_number
+from dropper_jax.base.references import find_referenced
 from dropper_jax.sea.current import Current, Level
 from dropper_jax.sea.spectrum import SHAPES
 from dropper_jax.sea.steady import CRITERIA, THEORIES

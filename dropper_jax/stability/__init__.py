@@ -30,17 +30,23 @@ class CaseResult:
 
 
 def evaluate(case: Case, short: bool = False, compare: bool = True) -> CaseResult:
-    """Run and measure a case."""
-    found = measure(case, short)
+    """Run and measure a case.
+
+    Args:
+        short: whether to run the shortened case.
+        compare: whether to run the thesis' schemes as well.
+    """
+    outcome = measure(case, short)
+    as_expected = outcome.status == case.expected
     thesis = baselines(case) if compare else None
     return CaseResult(
         name=case.name,
         claim=case.claim,
-        measured=found.measured,
+        measured=outcome.measured,
         limit=case.limit,
         unit=case.unit,
-        ok=bool(found.status == case.expected and found.measured <= case.limit),
-        status=found.status,
+        ok=bool(as_expected and outcome.measured <= case.limit),
+        status=outcome.status,
         baseline_thesis=thesis,
     )
 

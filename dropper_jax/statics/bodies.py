@@ -27,7 +27,7 @@ from dropper_jax.statics.tangent import DenseTangent, NodeMoves
 
 @dataclass(frozen=True)
 class BodyMoves:
-    """Coordinates x = q times `arms` [m] as the unknowns of an equilibrium, and forces [N] along them (see
+    """Coordinates x = q times `lever_arms` [m] as the unknowns of an equilibrium, and forces [N] along them (see
     `NodeMoves`).
 
     q (size,) are the displacements of nodes that are not on bodies (`retained_nodes`), then displacements and rotations
@@ -46,77 +46,84 @@ class BodyMoves:
 
     @cached_property
     def retained_nodes(self) -> np.ndarray:
-        away = [*self.corners.ravel(), *self.constraint.seats(self.model)]
-        return np.setdiff1d(np.arange(self.model.free_nodes), away)
+        on_bodies = [*self.corners.ravel(), *self.constraint.seats(self.model)]
+        return np.setdiff1d(np.arange(self.model.free_nodes), on_bodies)
 
     @cached_property
     def pinned(self) -> np.ndarray:
         return np.isin(np.arange(len(self.corners)), self.constraint.pinned)
 
     @cached_property
-    def moving(self) -> np.ndarray:
+    def used_coordinates(self) -> np.ndarray:
         """Which of the six coordinates of every body are used (k,)."""
-        given = np.ones((len(self.corners), 2, 3), bool)
-        given[self.pinned, 0] = False
-        return np.flatnonzero(given)
+        used = np.ones((len(self.corners), 2, 3), bool)
+        used[self.pinned, 0] = False  # a pinned body has no displacement
+        return np.flatnonzero(used)
 
     @property
     def size(self) -> int:
-        return 3 * len(self.retained_nodes) + len(self.moving)
+        return 3 * len(self.retained_nodes) + len(self.used_coordinates)
 
-    def first(self, body: int) -> int:
+    def first_coordinate(self, body: int) -> int:
         """Index of the first coordinate of a body."""
-        return 3 * len(self.retained_nodes) + int(np.searchsorted(self.moving, 6 * body))
+        return 3 * len(self.retained_nodes) + int(np.searchsorted(self.used_coordinates, 6 * body))
 
     def positions(self, r: Array, q: Array) -> Array:
         """Positions (free, 3) [m] of all free nodes, from those at q = 0."""
         free = self.model.free_nodes
-        nodes, bodies = jnp.split(q, [3 * len(self.retained_nodes)])
-        shift, rotation = jnp.moveaxis(scatter_add(self.moving, bodies, 6 * len(self.corners)).reshape(-1, 2, 3), 1, 0)
-        corner = r[self.corners]
-        centre = jnp.mean(corner, axis=1, keepdims=True)
-        if np.any(self.pinned):
-            centre = jnp.where(self.pinned[:, None, None], self.constraint.references(corner)[:, None], centre)
-        arm = corner - centre
-        turn = jnp.broadcast_to(0.5 * rotation[:, None], arm.shape)
-        once = cross(turn, arm)
-        corner = centre + shift[:, None] + arm + 2.0 * (once + cross(turn, once)) / (1.0 + dot(turn, turn))[..., None]
-        corner = corner.reshape(-1, 3)
-        moved = scatter_add(self.corners.ravel(), corner, free)
+        displacements, bodies = jnp.split(q, [3 * len(self.retained_nodes)])
+        corners = self._move_corners(r, bodies)
+        moved = scatter_add(self.corners.ravel(), corners, free)
         seats = self.constraint.seats(self.model)
         if seats.size:
-            moved = moved + scatter_add(seats, self.constraint.seat_shares() @ corner, free)
+            moved = moved + scatter_add(seats, self.constraint.seat_shares() @ corners, free)
         if self.retained_nodes.size:
-            moved = moved + scatter_add(self.retained_nodes, r[self.retained_nodes] + nodes.reshape(-1, 3), free)
+            retained = r[self.retained_nodes] + displacements.reshape(-1, 3)
+            moved = moved + scatter_add(self.retained_nodes, retained, free)
         return moved
 
+    def _move_corners(self, r: Array, bodies: Array) -> Array:
+        """Positions (4 bodies, 3) [m] of the corners, from the coordinates of bodies that are used (k,)."""
+        coordinates = scatter_add(self.used_coordinates, bodies, 6 * len(self.corners))
+        shift, rotation = jnp.moveaxis(coordinates.reshape(-1, 2, 3), 1, 0)
+        corners = r[self.corners]
+        centre = jnp.mean(corners, axis=1, keepdims=True)
+        if np.any(self.pinned):
+            centre = jnp.where(self.pinned[:, None, None], self.constraint.references(corners)[:, None], centre)
+        arm = corners - centre
+        turn = jnp.broadcast_to(0.5 * rotation[:, None], arm.shape)
+        once = cross(turn, arm)
+        turned = 2.0 * (once + cross(turn, once)) / (1.0 + dot(turn, turn))[..., None]
+        return (centre + shift[:, None] + arm + turned).reshape(-1, 3)
+
     @property
-    def arms(self) -> Array:
+    def lever_arms(self) -> Array:
         """Lengths (size,) [m] that convert coordinates to displacements: 1, and the sizes of bodies for rotations."""
-        corner = jnp.stack([p.position for p in self.model.points])[-self.corners.size :].reshape(-1, 4, 3)
-        spread = corner - jnp.mean(corner, axis=1, keepdims=True)
+        # corners are the last points of the model, four of each body
+        corners = jnp.stack([p.position for p in self.model.points])[-self.corners.size :].reshape(-1, 4, 3)
+        spread = corners - jnp.mean(corners, axis=1, keepdims=True)
         size = jnp.sqrt(jnp.max(dot(spread, spread), axis=1))
         turns = jnp.repeat(jnp.stack([jnp.ones_like(size), size], axis=1).ravel(), 3)
-        return jnp.concatenate([jnp.ones(3 * len(self.retained_nodes), size.dtype), turns[self.moving]])
+        return jnp.concatenate([jnp.ones(3 * len(self.retained_nodes), size.dtype), turns[self.used_coordinates]])
 
     @property
     def tangent(self) -> DenseTangent:
         return DenseTangent()
 
     @property
-    def none(self) -> Array:
-        """x of the reference configuration of the displacements."""
+    def zero_displacement(self) -> Array:
+        """x at which no node is displaced."""
         return jnp.zeros(self.size, self.model.dtype)
 
     def rows(self, s: State, loads: Array, x: Array) -> Array:
         """Unbalanced generalised forces, minus Q (size,) [N]."""
-        arms = self.arms
-        r, back = jax.vjp(partial(self.positions, s.r), x / arms)
+        lever_arms = self.lever_arms
+        r, back = jax.vjp(partial(self.positions, s.r), x / lever_arms)
         rows, _ = unbalanced(self.model, state(self.model, r, t=s.t), loads)
-        return back(rows)[0] / arms
+        return back(rows)[0] / lever_arms
 
     def move_pose(self, s: State, loads: Array, x: Array) -> State:
-        return balanced(self.model, state(self.model, self.positions(s.r, x / self.arms), t=s.t), loads)
+        return balanced(self.model, state(self.model, self.positions(s.r, x / self.lever_arms), t=s.t), loads)
 
 
 def moves_of(model: Model) -> NodeMoves | BodyMoves:
@@ -128,4 +135,5 @@ def moves_of(model: Model) -> NodeMoves | BodyMoves:
 
 def stiffness_matrix(moves: NodeMoves | BodyMoves, s: State, loads: Array) -> Array:
     """K at a configuration in the form of its unknowns: blocks, or one matrix."""
-    return moves.tangent.matrix(jax.linearize(partial(moves.rows, s, loads), moves.none)[1], moves.none)
+    _, linear = jax.linearize(partial(moves.rows, s, loads), moves.zero_displacement)
+    return moves.tangent.matrix(linear, moves.zero_displacement)

@@ -14,8 +14,8 @@ from jax.scipy.linalg import solve_triangular
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import SceneError
 from dropper_jax.model import Model, State
+from dropper_jax.statics.pose_stability import stiffness_and_motions, stiffness_of_motions
 from dropper_jax.statics.rest_problem import rest
-from dropper_jax.statics.system import stiffness_and_motions, stiffness_of_motions
 from dropper_jax.statics.tangent import AnyArray
 
 #: Stiffness relative to the maximum (per mass) that is rounding; that of swinging is 1e-11 of the axial stiffness of a

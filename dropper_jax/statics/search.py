@@ -23,17 +23,15 @@ from dropper_jax.effects.weight import Weight
 from dropper_jax.model import Ends, Model, State, state
 from dropper_jax.residual import GRAVITY_SCALE
 from dropper_jax.statics.catenary import catenary_guess, hang
+from dropper_jax.statics.pose_stability import escape_unstable_equilibrium, is_stable, is_stable_or_planar
 from dropper_jax.statics.rest_problem import polish, rest, solve_statics, system_tolerance
 from dropper_jax.statics.static_friction import with_static_seabed_friction
 from dropper_jax.statics.system import (
     describe_unbalance,
-    escape,
     find_rest,
     find_softened,
-    guess,
-    holds,
-    springy,
-    stable,
+    straight_guess,
+    with_springs,
 )
 
 
@@ -88,17 +86,17 @@ def search(model: Model, loads: Array | None, t: float, near: State | None = Non
     message = ""
     tolerance = system_tolerance(model)
     s, residual = _hang_and_solve(model, loads, t)
-    if not (residual <= tolerance and stable(model, s)):
+    if not (residual <= tolerance and is_stable(model, s)):
         s, residual, share = _continue(model, loads, t)
     if share == 1.0 and residual <= tolerance:
-        s, residual = escape(model, s, residual, tolerance, partial(_fall, model, loads))
+        s, residual = escape_unstable_equilibrium(model, s, residual, tolerance, partial(_fall, model, loads))
     if share < 1.0 or not residual <= tolerance:
         message = describe_unbalance(model, s, share * loads, residual, f"beyond {share:.1%} of the loads")
-    elif not stable(model, s):
+    elif not is_stable(model, s):
         message = "the equilibrium found is not stable: a small displacement lowers the potential energy"
     if message and not model.line.compound:  # slack links, seabed or surface during the search
         lower = _by_descent(full, model, loads, t)
-        better = holds(model, lower.state) if lower.status == "ok" else lower.residual < residual
+        better = is_stable_or_planar(model, lower.state) if lower.status == "ok" else lower.residual < residual
         if better:
             return lower
     return _result(full, s, residual, message)
@@ -107,16 +105,18 @@ def search(model: Model, loads: Array | None, t: float, near: State | None = Non
 def _by_descent(full: Model, model: Model, loads: Array, t: float, near: State | None = None) -> Equilibrium:
     rigid = model.line
     if not model.line.axial.elastic:
-        model = springy(model)
+        model = with_springs(model)
     tolerance = system_tolerance(model)
-    straight = guess(model, t)
+    straight = straight_guess(model, t)
     s, residual = find_rest(model, near or straight, loads, tolerance)
     if not residual <= tolerance:
         s, residual = min((s, residual), find_softened(model, straight, loads, tolerance), key=itemgetter(1))
     current = model.sea is not None and model.sea.current is not None
     drifting = current and not model.constraints and bool(np.any(np.asarray(s.tension) <= 0.0))
     if residual <= tolerance and drifting:
-        s, residual = escape(model, s, residual, tolerance, lambda at, _: find_rest(model, at, loads, tolerance))
+        s, residual = escape_unstable_equilibrium(
+            model, s, residual, tolerance, lambda at, _: find_rest(model, at, loads, tolerance)
+        )
     friction = outward(full)
     if residual <= tolerance and friction is not None:
         model, rounding = with_static_seabed_friction(model, s, friction.kinetic)
@@ -138,9 +138,9 @@ def _find_rigid(model: Model, near: State, loads: Array, tolerance: float) -> tu
     If it is not found, or a small displacement ends it, the links also push during a further descent.
     """
     s, residual = solve_statics(model, near, loads)
-    if residual <= tolerance and holds(model, s):
+    if residual <= tolerance and is_stable_or_planar(model, s):
         return s, residual
-    bars = springy(model, pushes=True)
+    bars = with_springs(model, pushes=True)
 
     def fall(at: State, _: float = 0.0) -> tuple[State, float]:
         fallen, _ = find_rest(bars, at, loads, system_tolerance(bars))
@@ -149,9 +149,9 @@ def _find_rigid(model: Model, near: State, loads: Array, tolerance: float) -> tu
     fallen, left = fall(near)
     if not left <= tolerance:
         return s, residual
-    if holds(model, fallen):
+    if is_stable_or_planar(model, fallen):
         return fallen, left
-    return escape(model, fallen, left, tolerance, fall)
+    return escape_unstable_equilibrium(model, fallen, left, tolerance, fall)
 
 
 #: Corrections of the descent from an unstable equilibrium.

@@ -170,5 +170,5 @@ def equilibrium_near(model: Model, near: State, loads: Array, there: bool = Fals
     near = replace(near, t=t)
     rows = partial(moves.rows, near, loads)
     kappa = jax.lax.stop_gradient(SMALLEST * soft_scale(model))
-    x = jax.lax.custom_root(rows, moves.none, lambda _, x: x, partial(solve_linear, moves.tangent, kappa))
+    x = jax.lax.custom_root(rows, moves.zero_displacement, lambda _, x: x, partial(solve_linear, moves.tangent, kappa))
     return moves.move_pose(near, loads, x)

@@ -116,7 +116,7 @@ def _resolve_names(model: Model, names: Sequence[str]) -> dict[str, np.ndarray]:
             if moves.pinned[body]:
                 allowed = "allowed: free and fixed points, other bodies"
                 raise SceneError(f"points: {name!r} is pinned and cannot be moved; {allowed}")
-            rows[name] = moves.first(body) + np.arange(6)
+            rows[name] = moves.first_coordinate(body) + np.arange(6)
         elif (point := known.index(name)) in held:
             rows[name] = size + 3 * held.index(point) + np.arange(3)
         else:
@@ -211,7 +211,7 @@ def _of_bodies(model: Model, pose: State, loads: Array) -> csc_array:
     centre = np.mean(np.asarray(pose.r)[moves.corners], axis=1)
     turn = np.eye(len(matrix))
     for i in np.flatnonzero(~moves.pinned):
-        first = moves.first(i)
+        first = moves.first_coordinate(i)
         # the centre moves by w x arm as the body turns about its reference
         turn[first : first + 3, first + 3 : first + 6] = np.cross(centre[i] - reference[i], np.eye(3))
     return csc_array(turn.T @ matrix @ turn)

@@ -189,8 +189,8 @@ class NodeMoves:
         return Tangent.of(self.model)
 
     @property
-    def none(self) -> Array:
-        """x of the reference configuration of the displacements."""
+    def zero_displacement(self) -> Array:
+        """x at which no node is displaced."""
         return jnp.zeros((self.model.free_nodes, 3), self.model.dtype)
 
     def rows(self, s: State, loads: Array, x: Array) -> Array:

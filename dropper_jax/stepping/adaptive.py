@@ -21,25 +21,32 @@ from dropper_jax.model import Model, State
 from dropper_jax.residual import Stepper
 from dropper_jax.stepping.extremes import Extremes, Watch, no_extremes, with_step
 from dropper_jax.stepping.halving import ROUNDING, step_failed
-from dropper_jax.stepping.progress import Progress, Trajectory, Within, begin
+from dropper_jax.stepping.progress import Progress, TensionMeans, Trajectory, begin
 from dropper_jax.stepping.step_change import books_changes, with_step_changed
 from dropper_jax.stepping.step_control import MOST, Control, after_step, next_length, shortest_step, try_step
 
-#: Error of a repeated step relative to what is allowed, of second order, from which it is divided. Without it 7 of 12
-#: runs of a snapping rope without internal damping reached 10 to 100 times its tension, with 10 one of 9 five times.
+#: Error of a repeated step relative to what is allowed, above which the step is divided. Without the limit, 7 of 12
+#: runs of a snapping rope without internal damping reached 10 to 100 times its tension. With 10, one of 9 reached 5.
 GROSS = 3.0
-#: A failed run continues to its end with any error.
-LAST_RESORT = 1.01
+#: A step within this factor of a shortest one counts as it, for rounding.
+AT_SHORTEST = 1.01
 
 
-class _Interval(NamedTuple):
-    """State of the loop over the steps of one interval."""
+class _IntervalProgress(NamedTuple):
+    """State of the loop over the steps of one interval.
+
+    Attributes:
+        residual: maximum scaled residual of the accepted steps.
+        retried: number of steps repeated because they did not converge.
+        failed: number of accepted steps that ended above tolerance.
+        extremes: of the watched signals, if signals are watched.
+    """
 
     progress: Progress
-    within: Within
+    within: TensionMeans
     residual: Array
     retried: Array
-    bad: Array
+    failed: Array
     extremes: Extremes | None
 
 
@@ -51,27 +58,33 @@ def follow_and_save(
     The saved tension is the mean over the interval; signals of `watch` have their extremes over all steps.
     """
     s = progress.state
-    none = jnp.zeros((), jnp.int32)
+    no_steps = jnp.zeros((), jnp.int32)
     end = s.t + dt
-    nothing = jnp.zeros_like(s.tension)
-    within = Within(nothing, nothing, none)
-    start = _Interval(progress, within, jnp.zeros((), model.dtype), none, none, no_extremes(watch, model, s))
+    no_tension = jnp.zeros_like(s.tension)
+    start = _IntervalProgress(
+        progress=progress,
+        within=TensionMeans(no_tension, no_tension, no_steps),
+        residual=jnp.zeros((), model.dtype),
+        retried=no_steps,
+        failed=no_steps,
+        extremes=no_extremes(watch, model, s),
+    )
 
-    def before_end(done: _Interval) -> Array:
+    def before_end(done: _IntervalProgress) -> Array:
         return done.progress.t < end - ROUNDING * dt
 
-    def attempt(done: _Interval) -> _Interval:
-        tried = _try(stepper, model, done.progress, end, dt, accuracy)
+    def attempt(done: _IntervalProgress) -> _IntervalProgress:
+        tried = _try_step(stepper, model, done.progress, end, dt, accuracy)
         within = done.within
-        tension = _in_the_middle(stepper, done.progress.state, tried.progress.state)
+        tension = _midstep_tension(stepper, done.progress.state, tried.progress.state)
         taken = done._replace(
-            within=Within(
+            within=TensionMeans(
                 within.mean + tried.h / dt * tension,
                 within.square + tried.h / dt * tension**2,
                 within.steps + 1,
             ),
             residual=jnp.maximum(done.residual, tried.row),
-            bad=done.bad + tried.failed,
+            failed=done.failed + tried.failed,
             extremes=with_step(done.extremes, watch, model, done.progress.state, tried.progress.state),
         )
         after = jax.tree.map(lambda a, b: jnp.where(tried.accepted, a, b), taken, done)
@@ -84,8 +97,20 @@ def follow_and_save(
     work = s.work
     if books_changes(stepper, model):
         work = jnp.append(work, control_of(progress).changed)
-    counts = done.residual, done.retried, done.bad, progress.first_bad
-    row = Trajectory(s.r, s.v, done.within.mean, work, *counts, s.parted, s.own, done.extremes, done.within)
+    row = Trajectory(
+        r=s.r,
+        v=s.v,
+        tension=done.within.mean,
+        work=work,
+        residual=done.residual,
+        retried=done.retried,
+        failed=done.failed,
+        first_bad=progress.first_bad,
+        parted=s.parted,
+        own=s.own,
+        extremes=done.extremes,
+        within=done.within,
+    )
     return progress, row
 
 
@@ -113,18 +138,12 @@ class _Tried(NamedTuple):
     accepted: Array
 
 
-def _try(stepper: Stepper, model: Model, progress: Progress, end: Array, dt: Array, accuracy: Array) -> _Tried:
+def _try_step(stepper: Stepper, model: Model, progress: Progress, end: Array, dt: Array, accuracy: Array) -> _Tried:
     s = progress.state
     first_bad = progress.first_bad
     record = progress.record
     control = control_of(progress)
-    stop = _next_stop(model, s.t, end, dt)
-    left = stop - s.t
-    h = left / jnp.ceil(jax.lax.stop_gradient(left) / control.wanted - ROUNDING)
-    repeats = False
-    if record is not None:
-        repeats = record.repeats
-        h = record.next_length(control, h)
+    h, stop, repeats = _choose_length(model, progress, control, end, dt)
     start, added = with_step_changed(stepper, model, s, control.before, h)
     s1, row, excess = try_step(stepper, model, start, h, control, accuracy)
     s1 = replace(s1, t=jnp.where(s1.t < stop - ROUNDING * dt, s1.t, stop))
@@ -132,28 +151,49 @@ def _try(stepper: Stepper, model: Model, progress: Progress, end: Array, dt: Arr
     excess = jnp.where(failed | ~jnp.isfinite(excess), MOST, excess)
     floor = shortest_step(stepper, model)
     last_resort = floor * 0.5**stepper.halvings
-    solved = ~failed | (h <= LAST_RESORT * last_resort) | (first_bad >= 0)
-    exact = excess <= 1.0
-    accepted = solved & (exact | (h <= 1.01 * floor) | (first_bad >= 0) | (repeats & (excess <= GROSS)))
+    is_last_resort = h <= AT_SHORTEST * last_resort
+    has_failed = first_bad >= 0  # a failed run continues to its end with any error
+    is_solved = ~failed | is_last_resort | has_failed
+    is_exact = excess <= 1.0
+    is_shortest = h <= AT_SHORTEST * floor
+    is_close_repeat = repeats & (excess <= GROSS)
+    accepted = is_solved & (is_exact | is_shortest | has_failed | is_close_repeat)
     least = jnp.where(failed, last_resort, jnp.minimum(floor, h))
     wanted = jnp.clip(next_length(h, excess, control, accepted), least, dt)
-    wanted = jnp.where(first_bad >= 0, dt, wanted)
-    following = after_step(model, s1, h, excess, wanted, control)
-    following = following._replace(shortest=control.shortest + ~exact, changed=control.changed + added)
-    first_bad = jnp.where(failed & (first_bad < 0), progress.done, first_bad)
-    taken = Progress(s1, progress.done, first_bad, following)
-    waiting = control._replace(wanted=wanted, rejected=~accepted, refused=control.refused + 1)
-    left_alone = progress._replace(control=waiting, record=None)
-    chosen = jax.tree.map(lambda a, b: jnp.where(accepted, a, b), taken, left_alone)
+    wanted = jnp.where(has_failed, dt, wanted)
+    next_control = after_step(model, s1, h, excess, wanted, control)
+    next_control = next_control._replace(shortest=control.shortest + ~is_exact, changed=control.changed + added)
+    first_bad = jnp.where(failed & ~has_failed, progress.done, first_bad)
+    taken = Progress(s1, progress.done, first_bad, next_control)
+    retry_control = control._replace(wanted=wanted, rejected=~accepted, refused=control.refused + 1)
+    unchanged = progress._replace(control=retry_control, record=None)
+    chosen = jax.tree.map(lambda a, b: jnp.where(accepted, a, b), taken, unchanged)
     if record is not None:
         chosen = chosen._replace(record=record.with_step(h, accepted))
     return _Tried(chosen, h, row, failed, accepted)
 
 
-def _in_the_middle(stepper: Stepper, s: State, s1: State) -> Array:
+def _choose_length(
+    model: Model, progress: Progress, control: Control, end: Array, dt: Array
+) -> tuple[Array, Array, Array | bool]:
+    """Length [s] of the next step, the time [s] at which it or a later one must end, and whether the length is one of
+    a record that is repeated."""
+    t = progress.t
+    stop = _next_stop(model, t, end, dt)
+    left = stop - t
+    h = left / jnp.ceil(jax.lax.stop_gradient(left) / control.wanted - ROUNDING)
+    record = progress.record
+    if record is None:
+        return h, stop, False
+    return record.next_length(control, h), stop, record.repeats
+
+
+def _midstep_tension(stepper: Stepper, s: State, s1: State) -> Array:
     """Tensions (n,) [N] in the middle of a step, from those reported in this and the last one."""
     late = stepper.integrator.tension_time - 0.5
-    return (1.0 - late) * s1.tension + late * s.tension if late else s1.tension
+    if not late:
+        return s1.tension
+    return (1.0 - late) * s1.tension + late * s.tension
 
 
 def _next_stop(model: Model, t: Array, end: Array, dt: Array) -> Array:
@@ -188,7 +228,7 @@ def find_lengths(
     def attempt(carry: tuple[Progress, Array, Array]) -> tuple[Progress, Array, Array]:
         progress, lengths, number = carry
         end = s.t + dt * (jnp.floor((progress.t - s.t) / dt + ROUNDING) + 1.0)
-        tried = _try(stepper, model, progress, end, dt, accuracy)
+        tried = _try_step(stepper, model, progress, end, dt, accuracy)
         lengths = lengths.at[number].set(jnp.where(tried.accepted, tried.h, 0.0))
         return tried.progress, lengths, number + tried.accepted
 

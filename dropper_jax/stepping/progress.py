@@ -16,7 +16,7 @@ from dropper_jax.stepping.record import Record
 from dropper_jax.stepping.step_control import Control, start_control
 
 
-class Within(NamedTuple):
+class TensionMeans(NamedTuple):
     """Tensions between two saved times: mean and mean square, (k, n) each; steps (k,)."""
 
     mean: Array
@@ -52,7 +52,7 @@ class Trajectory(NamedTuple):
     parted: Parted | None = None
     own: dict[str, Frozen] | None = None
     extremes: Extremes | None = None
-    within: Within | None = None
+    within: TensionMeans | None = None
 
 
 class Progress(NamedTuple):

@@ -46,10 +46,10 @@ from fitting.parameters.targets import (
     MARKER,
     NODE,
     SCALE,
-    CameraPlace,
-    ClockPlace,
-    LostPlace,
-    ModelPlace,
+    CameraTarget,
+    ClockTarget,
+    LostTarget,
+    ModelTarget,
 )
 
 #: Standard deviations of numbers without a prior. A fraction of the value for quantities measured on a bench or
@@ -114,7 +114,7 @@ def wide(prepared: Prepared, further: Sequence[Parameter] = ()) -> Simulator:
     for name in prepared.names:
         more.pop(name, None)
     # number of lost stretches of frames that programs reserve space for
-    lost = [Parameter(f"{LOST}.-.{i}", LostPlace(-1, i), 0.0, unit="s") for i in range(2)]
+    lost = [Parameter(f"{LOST}.-.{i}", LostTarget(-1, i), 0.0, unit="s") for i in range(2)]
     if own.knows([*prepared.parameters, *more.values()]):
         return own
     every = [p for p in prepared.parameters if not p.is_lost]
@@ -310,13 +310,13 @@ def _existing(model: Model, paths: Sequence[str], release: Release | None = None
 def _with_width(model: Model, p: Parameter) -> Parameter:
     """A parameter with the default prior of its kind if none is given; coefficients have none."""
     width = 0.0
-    if isinstance(p.where, CameraPlace):
+    if isinstance(p.where, CameraTarget):
         width = TURNED
-    elif isinstance(p.where, ClockPlace):
+    elif isinstance(p.where, ClockTarget):
         width = CLOCKS
-    elif isinstance(p.where, ModelPlace) and p.where.section == "lines":
+    elif isinstance(p.where, ModelTarget) and p.where.section == "lines":
         width = SHARE * abs(p.value)
-    elif isinstance(p.where, ModelPlace) and p.where.section == "points":
+    elif isinstance(p.where, ModelTarget) and p.where.section == "points":
         width = SHARE * float(np.mean(np.asarray(model.line.length)))
     if width > 0:
         return replace(p, prior=(p.value, width))

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from dropper_jax.base.toml_text import Json
+from dropper_jax.base.json_values import Json
 from fitting.parameters.parameter import Parameter
 
 #: Gain in log likelihood below which a candidate is not suggested.

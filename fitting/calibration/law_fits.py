@@ -8,8 +8,8 @@ from itertools import combinations
 
 import numpy as np
 
+from dropper_jax.base.json_values import Json, jsonable
 from dropper_jax.base.read import ScenePath
-from dropper_jax.base.toml_text import Json, jsonable
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.build import build
 from fitting.calibration.preparation import STEPS_PER_PERIOD, Prepared
@@ -18,7 +18,7 @@ from fitting.estimate.least_squares import fit_windows
 from fitting.estimate.residuals import Solution
 from fitting.estimate.simulator import Simulator, choose_stepper
 from fitting.estimate.windows import first_starts
-from fitting.parameters.parameter import given_effect, names_in_scene, with_effects
+from fitting.parameters.parameter import given_effect, names_in_scene, with_zero_damping
 from fitting.parameters.paths import resolve
 
 
@@ -174,7 +174,7 @@ def scene_with_law(scene: Scene, dry: bool, friction: Mapping[str, float | None]
     found.setdefault("axis", [0.0, 1.0, 0.0])
     if not dry:
         found.pop("dry", None)
-    return with_effects(Scene.from_dict(table), _paths_of_law(dry))
+    return with_zero_damping(Scene.from_dict(table), _paths_of_law(dry))
 
 
 def _paths_of_law(dry: bool) -> list[str]:

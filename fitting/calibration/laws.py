@@ -36,7 +36,7 @@ import numpy as np
 from scipy.linalg import LinAlgError
 from scipy.special import ndtri, stdtr
 
-from dropper_jax.base.toml_text import Json
+from dropper_jax.base.json_values import Json
 from dropper_jax.run.build import build
 from fitting.calibration.law_fits import substeps_of
 from fitting.calibration.preparation import Prepared
@@ -50,7 +50,7 @@ from fitting.estimate.simulator import Simulator, choose_stepper
 from fitting.estimate.uncertainty import Uncertainty
 from fitting.parameters.missing_forces import tested_parameters
 from fitting.parameters.names import free_option
-from fitting.parameters.parameter import Parameter, given_effect, names_in_scene, with_effects
+from fitting.parameters.parameter import Parameter, given_effect, names_in_scene, with_zero_damping
 from fitting.parameters.paths import resolve
 from fitting.parameters.targets import CAMERA, RECORDING
 
@@ -487,7 +487,7 @@ def law_warnings(laws: LawTests) -> list[str]:
 
 def with_law(prepared: Prepared, paths: Sequence[str], solution: Solution) -> Prepared:
     """The preparation with further parts of the law free, from the end of a fit without them."""
-    scene = with_effects(prepared.scene, paths)
+    scene = with_zero_damping(prepared.scene, paths)
     model, _ = build(scene)
     old = {p.name: p for p in prepared.parameters}
     release = prepared.simulator.release

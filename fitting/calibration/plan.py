@@ -18,8 +18,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dropper_jax.base.errors import Progress, SceneError, silent
+from dropper_jax.base.json_values import Json
 from dropper_jax.base.markdown import Rows, cells, text_row
-from dropper_jax.base.toml_text import Json
 from dropper_jax.load.scene import load_scene
 from dropper_jax.run.build import SceneLike
 from fitting.calibration.preparation import prepare

@@ -20,7 +20,7 @@ from jax import Array
 from fitting.calibration.result import FitResult
 from fitting.estimate.simulator import Start, march
 from fitting.parameters.observation import camera_angles, clock_rate, losses
-from fitting.parameters.parameter import apply
+from fitting.parameters.parameter import with_parameter_values
 from fitting.parameters.varied import vary
 from fitting.traces import planar
 
@@ -114,7 +114,7 @@ def _simulator_of(result: FitResult, steps: int) -> Callable[..., tuple[Array, A
 
     @jax.jit
     def run(values: Array, theta: Array, omega: Array) -> tuple[Array, Array]:
-        model = apply(base, parameters, values)
+        model = with_parameter_values(base, parameters, values)
         rate: Array | float | None = clock_rate(parameters, values)
         if rate is None:
             rate = 1.0

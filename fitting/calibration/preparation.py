@@ -49,10 +49,10 @@ from fitting.estimate.windows import (
 from fitting.parameters.missing_forces import tested_parameters
 from fitting.parameters.names import by_full_path, default_free, default_rig, full_names
 from fitting.parameters.of_scene import free_of_traces
-from fitting.parameters.parameter import Bounds, Parameter, Priors, StartValues, adjust_parameters, with_effects
-from fitting.parameters.recordings import SharedMotion, distance_from, share_motion, stated_errors
+from fitting.parameters.parameter import Bounds, Parameter, Priors, StartValues, adjust_parameters, with_zero_damping
+from fitting.parameters.recordings import SharedMotion, convention_distance, merge_recordings, stated_errors
 from fitting.parameters.rig_priors import JointPrior, rig_priors
-from fitting.parameters.targets import RECORDING, LostPlace
+from fitting.parameters.targets import RECORDING, LostTarget
 from fitting.traces.conventions import check_scale, resting_angles, settle_convention
 from fitting.traces.noise import noise
 from fitting.traces.planar import check_planar, pendulum_period
@@ -163,7 +163,7 @@ def at_frames(parameters: Sequence[Parameter], traces: Sequence[Trace]) -> tuple
     """
     found = list(parameters)
     for i, p in enumerate(found):
-        if isinstance(p.where, LostPlace):
+        if isinstance(p.where, LostTarget):
             if p.where.run >= len(traces):
                 raise SceneError(f"free: {p.name!r}: unknown run; allowed: 0 to {len(traces) - 1}")
             t = traces[p.where.run].t
@@ -349,7 +349,7 @@ def prepare(
     progress(0.0, "reading")
     scene = load_scene(scene)
     names, rig, of_recordings = _free_names(scene, free, settings)
-    scene = with_effects(scene, names)
+    scene = with_zero_damping(scene, names)
     model, state = build(scene)
     check_planar(model, state)
     read, notes = read_traces(traces, model, settings, names)
@@ -412,7 +412,7 @@ def _same_motion(
         raise SceneError("same-motion: cannot be combined with a static start or release.*. Fit the first recording")
     if settings.rest:
         raise SceneError("same-motion: cannot be combined with rest. Fit the first recording, or leave rest out")
-    return share_motion(traces, start)
+    return merge_recordings(traces, start)
 
 
 def _check_effective(simulator: Simulator, evaluation: Evaluation) -> None:
@@ -462,7 +462,7 @@ def read_traces(
     for trace in read:
         distance = None
         if settings.same_motion and found:
-            distance = partial(distance_from, found[0])
+            distance = partial(convention_distance, found[0])
         converted, more = settle_convention(trace, model, asked, distance)
         found.append(converted)
         notes += more

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from dropper_jax.base.toml_text import jsonable
+from dropper_jax.base.json_values import jsonable
 from dropper_jax.model import Model
 from fitting.calibration.candidate import Candidate
 from fitting.calibration.decision import verdict

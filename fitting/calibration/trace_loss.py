@@ -17,7 +17,7 @@ from fitting.calibration.preparation import Prepared, TracesLike, prepare
 from fitting.estimate.simulator import Simulator
 from fitting.estimate.windows import Starts
 from fitting.parameters.observation import losses
-from fitting.parameters.parameter import apply
+from fitting.parameters.parameter import with_parameter_values
 from fitting.traces import planar
 
 #: Gauss-Newton steps of the windows for one value with optimal starts: from the first starts, four leave 0.01 of
@@ -150,7 +150,7 @@ class TraceLoss:
         return self._moved_starts(params, starts or self.starts)
 
     def _move_starts(self, params: Array, first: Starts[Array]) -> Starts[Array]:
-        model = apply(self.prepared.simulator.model, self.prepared.parameters, params)
+        model = with_parameter_values(self.prepared.simulator.model, self.prepared.parameters, params)
         z = self._best(params, first).z
         moves = jnp.einsum("kij,ksj->ski", self._basis, z.reshape(len(z), 2, -1))  # of angles and of rates
         moved = (start + move for start, move in zip(first, moves, strict=True))

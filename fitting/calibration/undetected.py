@@ -27,7 +27,7 @@ from fitting.estimate.factors import solve_spd
 from fitting.estimate.residuals import Solution
 from fitting.estimate.simulator import Simulator
 from fitting.parameters.names import DAMPING
-from fitting.parameters.parameter import apply
+from fitting.parameters.parameter import with_parameter_values
 from fitting.traces import planar
 from fitting.traces.noise import smooth_stretch
 
@@ -70,7 +70,7 @@ def dissipated_per_unit(prepared: Prepared, simulator: Simulator, owner: Sequenc
 
     @jax.jit
     def power(values: Array, theta: Array, omega: Array) -> Array:
-        model = apply(simulator.model, simulator.parameters, values)
+        model = with_parameter_values(simulator.model, simulator.parameters, values)
         return jax.vmap(lambda a, w: _damping_power(model, *planar.close_chain(model, a, w)))(theta, omega)
 
     for run, trace in enumerate(prepared.traces):

@@ -15,7 +15,7 @@ from dropper_jax.scene.fit import FIT_UNITS
 Default = TypeVar("Default", float, None)
 
 
-def check_once(names: Sequence[str], section: str) -> None:
+def check_unique_names(names: Sequence[str], section: str) -> None:
     """Reject names of tables of a section that are given twice."""
     for i, name in enumerate(names):
         if name in names[:i]:

@@ -25,7 +25,7 @@ from fitting.estimate.residual_noise import ROUNDS, fit_with_noise, pose_again
 from fitting.estimate.scene_fit import common_warnings
 from fitting.estimate.step_size import refine
 from fitting.parameters.names import by_full_path, default_free, full_names
-from fitting.parameters.parameter import Bounds, Priors, StartValues, adjust_parameters, with_effects
+from fitting.parameters.parameter import Bounds, Priors, StartValues, adjust_parameters, with_zero_damping
 from fitting.parameters.rig_priors import JointPrior, rig_priors
 
 #: Residuals above this multiple of the sensor's noise, of which more than this fraction is kept from sample to sample,
@@ -62,7 +62,7 @@ def pose(
     mine = [name.strip() for name in own]
     of_scene = [name for name in (*names, *mine) if ScenePath(name).section not in OF_DATA]
     if of_scene:
-        scene = with_effects(scene, full_names(scene, of_scene))
+        scene = with_zero_damping(scene, full_names(scene, of_scene))
     data = source if isinstance(source, Data) else read_data(source, scene)
     if mine and len(data.runs) < 2:
         raise SceneError(f"own: {mine[0]!r}: there is only one run. Use it with 2 runs or more")

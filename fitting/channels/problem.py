@@ -21,7 +21,7 @@ from fitting.channels.setup import setup_with_directions
 from fitting.estimate.noise import correlates, lag_one_by_source, whiten
 from fitting.estimate.residuals import Residuals, Solution, Timing
 from fitting.parameters.parameter import Parameter
-from fitting.parameters.targets import SetupPlace
+from fitting.parameters.targets import SetupTarget
 
 #: Maximum factor by which one step may change a number of fixed sign.
 FACTOR = 3.0
@@ -221,7 +221,7 @@ class Problem(Residuals):
 
     def _saves(self) -> int:
         """Number of saved states beyond the last sample of the longest run, with delays and rates at their bounds."""
-        free = [p for p in self.parameters if isinstance(p.where, SetupPlace)]
+        free = [p for p in self.parameters if isinstance(p.where, SetupTarget)]
         delays = [p.low for p in free if p.where.field == "delay"]
         rates = [p.high for p in free if p.where.field == "rate"]
         given = [one.delay for one in (*self.data.sensors, *self.data.cameras)]

@@ -52,7 +52,14 @@ from dropper_jax.scene import SceneData
 from dropper_jax.scene.fit import to_si
 from fitting.channels.channel import Channel, Given
 from fitting.channels.data import CameraSpec, Data, Run, Sensor
-from fitting.channels.entries import check_once, optional_number, read_column_names, read_name, read_unit, require_value
+from fitting.channels.entries import (
+    check_unique_names,
+    optional_number,
+    read_column_names,
+    read_name,
+    read_unit,
+    require_value,
+)
 from fitting.channels.inertial import Accelerometer, Gyro
 from fitting.channels.sensors import Angle, Depth, Pixel, Position, Tension, read_camera
 from fitting.traces.csv_table import check_times, read_csv, refuse_twice
@@ -290,11 +297,11 @@ def read_data(source: str | Path | Values, scene: SceneData, folder: Path | None
             raise unreadable(file.name, error) from None
     check_keys(source, ("run", "channel", "camera", "motion"), "")
     cameras = read_items(read_camera, source.get("camera", []), "camera")
-    check_once([c.name for c in cameras], "camera")
+    check_unique_names([c.name for c in cameras], "camera")
     sensors = read_items(read_sensor, source.get("channel", []), "channel", scene, cameras, needed=True)
-    check_once([s.channel.name for s in sensors], "channel")
+    check_unique_names([s.channel.name for s in sensors], "channel")
     motions = read_items(read_motion, source.get("motion", []), "motion", scene)
-    check_once([motion.point for motion in motions], "motion")
+    check_unique_names([motion.point for motion in motions], "motion")
     runs = read_items(read_run, source.get("run", []), "run", folder or Path(), sensors, motions, needed=True)
-    check_once([run.name for run in runs], "run")
+    check_unique_names([run.name for run in runs], "run")
     return Data(sensors, cameras, runs)

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 from scipy.special import stdtrit
 
-from dropper_jax.base.toml_text import jsonable
+from dropper_jax.base.json_values import jsonable
 from dropper_jax.load.scene import Scene
 from fitting.channels.problem import ChannelSolution, Evaluation, Problem
 from fitting.channels.setup import setup_with_directions

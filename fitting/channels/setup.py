@@ -29,7 +29,7 @@ from fitting.channels.data import Data
 from fitting.parameters.names import full_names
 from fitting.parameters.of_scene import find_parameters, scene_parameter
 from fitting.parameters.parameter import Parameter, check_once
-from fitting.parameters.targets import Direction, ModelPlace, SetupPlace
+from fitting.parameters.targets import Direction, ModelTarget, SetupTarget
 
 #: A number or array, of JAX in a program.
 AnyArray = Any
@@ -99,7 +99,7 @@ def find_free(scene: Scene, data: Data, names: Sequence[str], option: str = "fre
         else:
             found += find_parameters(scene, model, full_names(scene, [name], option), option)
     for p in found:
-        if not isinstance(p.where, SetupPlace | ModelPlace | Direction):
+        if not isinstance(p.where, SetupTarget | ModelTarget | Direction):
             raise SceneError(f"{option}: {p.name!r} is for traces of angles. Use channel.NAME.offset and the like")
     check_once([p.name for p in found], option)
     return tuple(found)
@@ -132,24 +132,24 @@ def _numbers(scene: Scene, data: Data) -> list[Parameter]:
     for key, given in _given_start(scene).items():
         for at, value in np.ndenumerate(given):
             path = ".".join(["start", key, *map(str, at)])
-            found.append(Parameter(path, SetupPlace("start", 0, key, at), float(value), unit=STARTS[key]))
+            found.append(Parameter(path, SetupTarget("start", 0, key, at), float(value), unit=STARTS[key]))
     for i, sensor in enumerate(data.sensors):
         path = f"channel.{sensor.channel.name}"
         several = len(sensor.channel.columns) > 1
         for j in range(len(sensor.channel.columns)):
             name = f"{path}.offset.{j}" if several else f"{path}.offset"
-            where = SetupPlace("readings", i, "offset", (j,))
+            where = SetupTarget("readings", i, "offset", (j,))
             found.append(Parameter(name, where, sensor.offset, unit=sensor.channel.measures))
-        found.append(Parameter(f"{path}.gain", SetupPlace("readings", i, "gain"), sensor.gain, 0.0))
-        found.append(_of_time(f"{path}.delay", SetupPlace("readings", i, "delay"), sensor.delay))
+        found.append(Parameter(f"{path}.gain", SetupTarget("readings", i, "gain"), sensor.gain, 0.0))
+        found.append(_of_time(f"{path}.delay", SetupTarget("readings", i, "delay"), sensor.delay))
         for key, unit in sensor.channel.mounting.items():
             value = float(getattr(sensor.channel, key))
-            found.append(Parameter(f"{path}.{key}", SetupPlace("readings", i, key), value, unit=unit))
+            found.append(Parameter(f"{path}.{key}", SetupTarget("readings", i, key), value, unit=unit))
     for i, camera in enumerate(data.cameras):
         path = f"camera.{camera.name}"
         ends = camera.rate * (1 - RATE_RANGE), camera.rate * (1 + RATE_RANGE)
-        found.append(_of_time(f"{path}.delay", SetupPlace("clocks", i, "delay"), camera.delay))
-        found.append(Parameter(f"{path}.rate", SetupPlace("clocks", i, "rate"), camera.rate, *ends, unit="s/s"))
+        found.append(_of_time(f"{path}.delay", SetupTarget("clocks", i, "delay"), camera.delay))
+        found.append(Parameter(f"{path}.rate", SetupTarget("clocks", i, "rate"), camera.rate, *ends, unit="s/s"))
     return found
 
 
@@ -176,7 +176,7 @@ def _why_missing(scene: Scene, data: Data, section: str, rest: Sequence[str], na
     return f" does not exist; allowed: {section}.{label} and {', '.join(fields)}"
 
 
-def _of_time(name: str, where: SetupPlace, delay: float) -> Parameter:
+def _of_time(name: str, where: SetupTarget, delay: float) -> Parameter:
     """A delay [s], free within `DELAY_RANGE`."""
     return Parameter(name, where, delay, delay - DELAY_RANGE, delay + DELAY_RANGE, unit="s")
 
@@ -226,9 +226,9 @@ def first_setup(scene: Scene, data: Data) -> Setup:
 def set_parameter(setup: Setup, p: Parameter, value: AnyArray) -> Setup:
     """The setup with a parameter's value set; differentiable."""
     where = p.where
-    if isinstance(where, ModelPlace | Direction):
+    if isinstance(where, ModelTarget | Direction):
         return setup._replace(model=where.set_in(setup.model, value))
-    if not isinstance(where, SetupPlace):
+    if not isinstance(where, SetupTarget):
         raise TypeError(f"{p.name}: does not belong to a setup")
     if where.section == "start":
         new = setup.start[where.field].at[where.entry].set(value)

@@ -28,7 +28,7 @@ from dropper_jax.model import Model, State
 from fitting.estimate.static_poses import StaticPoses
 from fitting.estimate.windows import Starts, Windows, pick
 from fitting.parameters.parameter import Parameter
-from fitting.parameters.targets import ReleasePlace
+from fitting.parameters.targets import ReleaseTarget
 from fitting.traces import planar
 from fitting.traces.trace import Trace
 
@@ -81,10 +81,10 @@ class Release:
 
     def _all(self) -> list[Parameter]:
         """The times of all runs, and the forces on all released nodes in the plane."""
-        times = [Parameter(f"{TIME}.{i}", ReleasePlace(i, "time"), 0.0, unit="s") for i in range(self.runs)]
+        times = [Parameter(f"{TIME}.{i}", ReleaseTarget(i, "time"), 0.0, unit="s") for i in range(self.runs)]
         forces = []
         for i, (j, node), c in product(range(self.runs), enumerate(self.nodes), (0, 2)):
-            where = ReleasePlace(i, "force", 3 * j + c)
+            where = ReleaseTarget(i, "force", 3 * j + c)
             forces.append(Parameter(f"{FORCE}.{i}.{node}.{AXES[c]}", where, float(self.force[j, c]), unit="N"))
         return times + forces
 
@@ -128,7 +128,7 @@ class Release:
         """Forces (nodes, 3) [N] that hold a run."""
         force = jnp.asarray(self.force, model.dtype).reshape(-1)
         for i, p in enumerate(parameters):
-            if isinstance(p.where, ReleasePlace) and (p.where.run, p.where.field) == (run, "force"):
+            if isinstance(p.where, ReleaseTarget) and (p.where.run, p.where.field) == (run, "force"):
                 force = force.at[p.where.entry].set(values[i])
         return statics.nodal_loads(model, list(self.nodes), force.reshape(-1, 3))
 
@@ -203,7 +203,7 @@ def _free_times(parameters: Sequence[Parameter]) -> dict[int, int]:
     """The parameter that is the release time of a run, by run; runs without a free time are omitted."""
     found = {}
     for i, p in enumerate(parameters):
-        if isinstance(p.where, ReleasePlace) and p.where.field == "time":
+        if isinstance(p.where, ReleaseTarget) and p.where.field == "time":
             found[p.where.run] = i
     return found
 

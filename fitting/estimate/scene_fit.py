@@ -8,7 +8,7 @@ from typing import Any, Generic
 
 import numpy as np
 
-from dropper_jax.base.toml_text import SCHEMA
+from dropper_jax.base.json_values import SCHEMA
 from dropper_jax.load.scene import Scene
 from fitting.estimate.residuals import E, P, Solution
 from fitting.estimate.step_size import LARGEST_BIAS

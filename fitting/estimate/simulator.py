@@ -31,7 +31,7 @@ from fitting.estimate.release import LEAST_STRETCH, Release, ReleaseState
 from fitting.estimate.windows import ON_GRID, Starts, Windows, with_rows
 from fitting.parameters.missing_forces import add_missing_forces
 from fitting.parameters.observation import camera_angles, clock_rate, losses, recording
-from fitting.parameters.parameter import Parameter, apply
+from fitting.parameters.parameter import Parameter, with_parameter_values
 from fitting.parameters.varied import Varied, split, stack_rows, vary
 from fitting.traces import planar
 
@@ -237,7 +237,7 @@ class Simulator:
         """The model with these parameter values (k,)."""
         values = np.asarray(values, float)
         if self._model is None or not np.array_equal(self._model[0], values):
-            self._model = values.copy(), apply(self.model, self.parameters, jnp.asarray(values, float))
+            self._model = values.copy(), with_parameter_values(self.model, self.parameters, jnp.asarray(values, float))
         return self._model[1]
 
     def _key(self, windows: Windows, plain: bool) -> Key:
@@ -298,7 +298,7 @@ class Simulator:
 
         def model_at(x: Array) -> Model:
             p = x[2 * m :]
-            return add_missing_forces(apply(self.model, self.compiled, p), self.compiled, p)
+            return add_missing_forces(with_parameter_values(self.model, self.compiled, p), self.compiled, p)
 
         def start_at(x: Array) -> Start:
             z = x[: 2 * m]

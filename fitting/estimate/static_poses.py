@@ -12,7 +12,7 @@ from jax import Array
 from dropper_jax import statics
 from dropper_jax.base.errors import SceneError
 from dropper_jax.model import Model, State
-from fitting.parameters.parameter import Parameter, apply
+from fitting.parameters.parameter import Parameter, with_parameter_values
 from fitting.traces import planar
 
 
@@ -38,7 +38,7 @@ class StaticPoses:
         self._near: dict[int, State] = {}
 
         def loaded(values: Array, run: int) -> tuple[Model, Array | None]:
-            changed = apply(model, parameters, values)
+            changed = with_parameter_values(model, parameters, values)
             return changed, loads(changed, values, run)
 
         def angles(values: Array, near: State, run: int) -> tuple[Array, tuple[Array, State]]:

@@ -29,7 +29,15 @@ def angle_errors(positions: np.ndarray, error: np.ndarray) -> np.ndarray:
     return np.sqrt(error[:, 1:] ** 2 + error[:, :-1] ** 2) / np.maximum(link_lengths(positions), 1e-12)
 
 
-def scatter(positions: np.ndarray, fit_error: np.ndarray, used: np.ndarray) -> np.ndarray:
+#: Minimum number of valid samples of a link that show its scatter; with fewer, all detected samples are used.
+FEWEST_VALID = 10
+#: Number of iterations for the further variance of a link.
+ITERATIONS = 20
+#: Minimum factor on the errors of edges that scatter more than the lengths.
+SMALLEST_SCALE = 0.3
+
+
+def estimate_angle_errors(positions: np.ndarray, fit_error: np.ndarray, used: np.ndarray) -> np.ndarray:
     """Standard errors (k, n - 1) [rad] of the angles, estimated from the errors of the links' lengths.
 
     An error that moves a node across its link also moves it along the link, where the truth is known: the length is
@@ -45,25 +53,35 @@ def scatter(positions: np.ndarray, fit_error: np.ndarray, used: np.ndarray) -> n
         used: (k, n - 1) valid samples.
     """
     length = link_lengths(positions)
-    found = angle_errors(positions, fit_error)
-    for link, expected, good in zip(length.T, found.T, used.T, strict=True):
-        known = np.isfinite(link)
-        good = known & good
-        if good.sum() < 10:  # too few for the scatter of a link
-            good = known
+    errors = angle_errors(positions, fit_error)
+    for link in range(length.shape[1]):
+        detected = np.isfinite(length[:, link])
+        good = detected & used[:, link]
+        if good.sum() < FEWEST_VALID:
+            good = detected
         if good.sum() < 2:
             continue
-        variance = expected[good] ** 2
-        off = (link[good] / np.median(link[good]) - 1) ** 2
-        more = float(np.mean(off))
-        for _ in range(20):
-            weight = 1 / (variance + max(more, 0.0)) ** 2
-            more = float(np.sum(weight * (off - variance)) / np.sum(weight))
+        variance = errors[good, link] ** 2
+        good_length = length[good, link]
+        off = (good_length / np.median(good_length) - 1) ** 2
+        excess = _excess_variance(off, variance)
         scale = 1.0
-        if more < 0:  # edges that scatter more than the lengths share pixels: the lengths are right
-            scale = max(0.3, float(np.sqrt(np.mean(np.minimum(off / variance, 1.0)))))
-        expected[:] = np.sqrt((scale * expected) ** 2 + max(more, 0.0))
-    return found
+        if excess < 0:  # edges that scatter more than the lengths share pixels: the lengths are right
+            scale = max(SMALLEST_SCALE, float(np.sqrt(np.mean(np.minimum(off / variance, 1.0)))))
+        errors[:, link] = np.sqrt((scale * errors[:, link]) ** 2 + max(excess, 0.0))
+    return errors
+
+
+def _excess_variance(off: np.ndarray, variance: np.ndarray) -> float:
+    """a of the squared deviations x^2 (m,) of a length and the variances v (m,): zero of `sum (x^2 - v - a)/(v + a)^2`.
+
+    By iteration with the weights of the last a; negative if the lengths scatter less than v.
+    """
+    excess = float(np.mean(off))
+    for _ in range(ITERATIONS):
+        weight = 1 / (variance + max(excess, 0.0)) ** 2
+        excess = float(np.sum(weight * (off - variance)) / np.sum(weight))
+    return excess
 
 
 def to_trace(name: str, t: np.ndarray, positions: np.ndarray, error: np.ndarray, valid: np.ndarray) -> Trace:

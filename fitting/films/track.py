@@ -18,7 +18,7 @@ from fitting.films.detection import MarkerAppearance
 from fitting.films.flattening import Flat, central_differences, detected_links, level_error
 from fitting.films.following import follow_film
 from fitting.films.hindsight import TrackedChain, detect_again, remove_blur
-from fitting.films.link_angles import four_quadrant, scatter, to_trace
+from fitting.films.link_angles import estimate_angle_errors, four_quadrant, to_trace
 from fitting.films.marks import Marks, find_marks
 from fitting.films.ordering import AmbiguousOrderError
 from fitting.films.out_of_plane import changing_lengths, length_statistics
@@ -300,7 +300,8 @@ def _metres(chain: TrackedChain, scale: float | None, distance: float | None) ->
 
 def _angle_errors(chain: TrackedChain, used: np.ndarray, level: float) -> np.ndarray:
     """Standard errors (k, n - 1) [rad]: scatter, and the uncertainty of `level` and of the map to the plane."""
-    found = np.hypot(scatter(chain.where_detected(chain.flat), chain.error, used), level)
+    scatter = estimate_angle_errors(chain.where_detected(chain.flat), chain.error, used)
+    found = np.hypot(scatter, level)
     flat = chain.map
     if flat.parameters is None or flat.covariance is None:
         return found

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from fitting.from_file.motion import Motion
+from fitting.from_file.motion import LinkMotion
 from fitting.from_file.swing import half_range, main_period, unit_of_angle
 from fitting.traces.trace import RADIANS, unwrap
 
@@ -26,7 +26,7 @@ PER_PERIOD = 40
 LONGEST_TURN = 0.2
 
 
-def read_angles(file: str, t: np.ndarray, raw: np.ndarray, unit: str | None, counts: float | None) -> Motion:
+def read_angles(file: str, t: np.ndarray, raw: np.ndarray, unit: str | None, counts: float | None) -> LinkMotion:
     """Angles of columns (k, n) in the file's unit.
 
     Args:
@@ -80,7 +80,7 @@ def read_angles(file: str, t: np.ndarray, raw: np.ndarray, unit: str | None, cou
         notes.append(f"angle in {unit}{contradiction(t, theta, unit)}")
     if step:
         notes.append(f"readings in steps of {step * size:.3g} rad")
-    return Motion(t, size * theta, tuple(notes))
+    return LinkMotion(t, size * theta, tuple(notes))
 
 
 def contradiction(t: np.ndarray, theta: np.ndarray, unit: str) -> str:

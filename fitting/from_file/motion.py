@@ -7,20 +7,20 @@ from typing import NamedTuple
 import numpy as np
 
 
-class Motion(NamedTuple):
-    """Angles of links; of points of a film also what they show of the lengths.
+class LinkMotion(NamedTuple):
+    """Angles of links over time. If the file has points, also the lengths and the pivot that they show.
 
     Attributes:
         t: (k,) in the file's unit.
-        theta: angles (k, n) [rad] without jumps; of points from straight down, in the sense of rotation from the file's
-            x to its y axis.
+        theta: angles (k, n) [rad] without jumps. Angles of points are measured from straight down, in the sense of
+            rotation from the file's x to its y axis.
         notes: how they were read.
-        joint: of points, the start (k,) of the last link from the pivot in the file's unit of length; its real part
-            points down.
-        lengths: of points, distances of joints (n,) in the file's unit of length; NaN for a last link of unknown
-            length.
-        pivot_error: of points that show no pivot, standard errors of the one that is found (2,), sideways and up, over
-            the length of the first link.
+        joint: complex (k,), start of the last link relative to the pivot [file's unit of length]; the real part points
+            down. None if the file has angles.
+        lengths: (n,), lengths of the links [file's unit of length]; NaN for a last link of unknown length. None if the
+            file has angles.
+        pivot_error: (2,), standard errors of the pivot, sideways and up, over the length of the first link. None if the
+            file has angles, or points that show the pivot.
     """
 
     t: np.ndarray

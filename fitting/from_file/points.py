@@ -10,7 +10,7 @@ which are linear in w and c.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise, permutations
@@ -20,7 +20,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from dropper_jax.base.errors import SceneError
-from fitting.from_file.motion import Motion
+from fitting.from_file.motion import LinkMotion
 from fitting.traces.trace import unwrap
 
 #: Movement of a fixed point as a fraction of the fastest point's.
@@ -72,7 +72,7 @@ class Chain(NamedTuple):
     worst: float
 
 
-def read_points(file: str, t: np.ndarray, points: np.ndarray) -> Motion:
+def read_points(file: str, t: np.ndarray, points: np.ndarray) -> LinkMotion:
     """The motion of the links that points (m, k) belong to, as complex numbers.
 
     Raises:
@@ -100,7 +100,7 @@ def read_points(file: str, t: np.ndarray, points: np.ndarray) -> Motion:
     if pivot is None:
         moving = points[~fixed][list(order)]
         pivot_error = error_of_pivot(moving, down) / np.nanmedian(np.abs(reaches[:, 0]))
-    return Motion(t, theta, tuple(notes), joint, lengths, pivot_error)
+    return LinkMotion(t, theta, tuple(notes), joint, lengths, pivot_error)
 
 
 def find_chain(file: str, points: np.ndarray, pivot: complex | None) -> tuple[Chain, tuple[int, ...]]:
@@ -263,7 +263,7 @@ def centre_of(p: np.ndarray) -> complex:
     return complex(middle + size * complex(*found[:2]))
 
 
-def pivot_of(first: np.ndarray, others: Sequence[np.ndarray], sigma: float) -> complex:
+def pivot_of(first: np.ndarray, others: Iterable[np.ndarray], sigma: float) -> complex:
     """Pivot of the first link: by two of its points if another one is on it, otherwise the centre of its circle."""
     centre = centre_of(first)
     for other in others:

@@ -16,7 +16,7 @@ from fitting.from_file.angles import read_angles
 from fitting.from_file.cells import Cells, read_cells
 from fitting.from_file.clock import Rows, ordered_rows, unit_of_time
 from fitting.from_file.columns import Columns, find_columns
-from fitting.from_file.motion import Motion
+from fitting.from_file.motion import LinkMotion
 from fitting.from_file.points import read_points
 from fitting.from_file.swing import Swing, find_swing, gravity_of_last_link, main_period
 from fitting.from_file.thinning import thin
@@ -26,18 +26,18 @@ from fitting.traces.trace import Convention, Trace
 
 #: Metres per unit of length.
 METRES = {name: size for name, (base, size) in FIT_UNITS.items() if base == "m"}
-#: Ratio of a unit of length to that which gravity shows, within which the unit is taken.
-FITS_UNIT = 1.3
+#: Maximum ratio of a unit of length and the one that gravity shows, in either direction, for which the unit is taken.
+UNIT_RATIO = 1.3
 #: Smoothing period of a chain over its main period: below 1, because its links swing faster than its main motion.
 SMOOTHING_PERIODS = 0.6
 #: Number of rows from the middle of a file that show its noise, which takes longer than the fit if it uses all rows.
 NOISE_ROWS = 6000
-#: First time [s] from which the clock of a trace starts at its first row: dates in seconds since 1970 lose digits.
+#: A clock that starts later than this [s] is counted from its first row: seconds since 1970 would lose digits.
 LATEST_START = 1e5
 #: Shortest period of a chain of unknown lengths, as a fraction of its main period.
 SHORTEST_PERIOD = 0.5
-#: Minimum number of rows after the start of the span that the user gives.
-FEWEST_ROWS = 10
+#: Minimum number of rows of the span that the user gives.
+FEWEST_ROWS_IN_SPAN = 10
 
 
 @dataclass(frozen=True)
@@ -107,7 +107,7 @@ def read_measured(path: str | Path, given: FileOptions = NO_OPTIONS, links: int 
     rows = _used_rows(cells, columns)
     motion = _read_motion(cells, columns, rows, given)
     count = motion.theta.shape[1]
-    clock = _clock(cells.file, columns, rows, motion, given)
+    clock = _read_clock(cells.file, columns, rows, motion, given)
     if links is not None and count != links:
         raise SceneError(f"{cells.file}: shows {count} links, but the scene has {links}. Use the scene of this file")
     notes = [*columns.notes, clock.note, *rows.notes, *motion.notes]
@@ -122,14 +122,14 @@ def read_measured(path: str | Path, given: FileOptions = NO_OPTIONS, links: int 
     swing = None
     zero = 0.0
     if count == 1:
-        trace, swing, zero = _free_part(cells.file, trace, clock.period)
+        trace, swing, zero = _free_swing(cells.file, trace, clock.period)
         notes += [*swing.notes, f"the reading at rest, {zero:.4g} rad, is subtracted"]
     lengths = None
     if links is None or given.lengths is not None:
-        lengths, note = _lengths(cells.file, columns.length_unit, motion, clock, given)
-        notes += note
-    trace, note = _thinned(trace, _shortest_period(count, lengths, clock.period))
-    notes += note
+        lengths, length_notes = _read_lengths(cells.file, columns.length_unit, motion, clock, given)
+        notes += length_notes
+    trace, thinning_notes = _thin_trace(trace, _shortest_period(count, lengths, clock.period))
+    notes += thinning_notes
     open_end = motion.lengths is not None and bool(np.isnan(motion.lengths[-1])) and count > 1
     return MeasuredFile(trace, zero, swing, lengths, open_end, motion.pivot_error, tuple(notes))
 
@@ -151,7 +151,7 @@ def _used_rows(cells: Cells, columns: Columns) -> Rows:
     return rows
 
 
-def _read_motion(cells: Cells, columns: Columns, rows: Rows, given: FileOptions) -> Motion:
+def _read_motion(cells: Cells, columns: Columns, rows: Rows, given: FileOptions) -> LinkMotion:
     """The motion by the values of the columns."""
     if columns.points:
         return read_points(cells.file, rows.t, rows.values[:, ::2].T + 1j * rows.values[:, 1::2].T)
@@ -174,7 +174,7 @@ class _Clock(NamedTuple):
     note: str
 
 
-def _clock(file: str, columns: Columns, rows: Rows, motion: Motion, given: FileOptions) -> _Clock:
+def _read_clock(file: str, columns: Columns, rows: Rows, motion: LinkMotion, given: FileOptions) -> _Clock:
     """The clock of a motion, in seconds.
 
     Raises:
@@ -203,7 +203,7 @@ def _shortest_period(count: int, lengths: np.ndarray | None, period: float) -> f
     return pendulum_period(lengths)
 
 
-def _thinned(trace: Trace, fastest: float) -> tuple[Trace, list[str]]:
+def _thin_trace(trace: Trace, fastest: float) -> tuple[Trace, list[str]]:
     """The trace with as many rows as a motion of this shortest period [s] needs, and a note if rows were left out."""
     t, theta, many = thin(trace.t, trace.theta, fastest)
     if len(t) == len(trace.t):
@@ -218,12 +218,12 @@ def _cut_span(trace: Trace, given: FileOptions) -> Trace:
     """The trace from the time on that the user gives.
 
     Raises:
-        SceneError: fewer than `FEWEST_ROWS` rows are left.
+        SceneError: fewer than `FEWEST_ROWS_IN_SPAN` rows are left.
     """
     if given.begin is None:
         return trace
     found = trace.between(given.begin, np.inf)
-    if len(found.t) < FEWEST_ROWS:
+    if len(found.t) < FEWEST_ROWS_IN_SPAN:
         raise SceneError(
             f"{trace.name}: {len(found.t)} rows after --from {given.begin:g} s; the file has {trace.t[0]:g} to "
             f"{trace.t[-1]:g} s"
@@ -231,13 +231,15 @@ def _cut_span(trace: Trace, given: FileOptions) -> Trace:
     return found
 
 
-def _free_part(file: str, trace: Trace, period: float) -> tuple[Trace, Swing, float]:
+def _free_swing(file: str, trace: Trace, period: float) -> tuple[Trace, Swing, float]:
     """The free swing of one link about its zero, the swing's values, and that zero [rad]."""
     trace = without_spikes(trace)
     known = np.isfinite(trace.theta[:, 0])
     trace = replace(trace, t=trace.t[known], theta=trace.theta[known])
-    middle = slice(max(0, (len(trace.t) - NOISE_ROWS) // 2), (len(trace.t) + NOISE_ROWS) // 2)
-    sigma = float(noise(replace(trace, t=trace.t[middle], theta=trace.theta[middle]))[0])
+    first = max(0, (len(trace.t) - NOISE_ROWS) // 2)
+    last = (len(trace.t) + NOISE_ROWS) // 2
+    middle = replace(trace, t=trace.t[first:last], theta=trace.theta[first:last])
+    sigma = float(noise(middle)[0])
     swing = find_swing(file, trace.t, trace.theta[:, 0], period, sigma)
     part = trace.between(swing.begin, swing.end)
     # the reading at rest nearest to the middle of the swing
@@ -246,8 +248,8 @@ def _free_part(file: str, trace: Trace, period: float) -> tuple[Trace, Swing, fl
     return replace(part, theta=part.theta - zero), swing, zero
 
 
-def _lengths(
-    file: str, unit: str | None, motion: Motion, clock: _Clock, given: FileOptions
+def _read_lengths(
+    file: str, unit: str | None, motion: LinkMotion, clock: _Clock, given: FileOptions
 ) -> tuple[np.ndarray | None, list[str]]:
     """Lengths of the links (n,) [m], and notes; None for one link, whose length follows from its swing.
 
@@ -269,33 +271,43 @@ def _lengths(
         raise SceneError(
             f"{file}: the angles of {count} links do not show their lengths. Give them [m]: --lengths {missing}"
         )
-    shown = gravity_of_last_link(clock.times, motion.joint, motion.theta[:, -1], SMOOTHING_PERIODS * clock.period)
-    if shown is None and unit not in METRES:
+    smoothing = SMOOTHING_PERIODS * clock.period
+    last_link = gravity_of_last_link(clock.times, motion.joint, motion.theta[:, -1], smoothing)
+    if last_link is None and unit not in METRES:
         raise SceneError(f"{file}: the points show no scale. Give the lengths of the links [m]: --lengths {missing}")
-    return _scaled_lengths(motion.lengths, unit, shown)
+    return _scaled_lengths(motion.lengths, unit, last_link)
 
 
 def _scaled_lengths(
-    lengths: np.ndarray, unit: str | None, shown: tuple[float, float] | None
+    lengths: np.ndarray, unit: str | None, last_link: tuple[float, float] | None
 ) -> tuple[np.ndarray, list[str]]:
     """Lengths of the links (n,) [m] by the unit of their points, or by gravity, and how.
 
     Args:
         lengths: (n,) in the unit of the points; NaN for a last link of unknown length.
-        shown: gravity and length of the last link in the unit of the points, if the motion shows them.
+        last_link: gravity and length of the last link in the unit of the points, if the motion shows them.
     """
     lengths = lengths.copy()
-    if np.isnan(lengths[-1]):
+    is_open = np.isnan(lengths[-1])
+    if is_open:
         lengths[-1] = np.nanmean(lengths)
-        if shown is not None:
-            lengths[-1] = shown[1]
     scale = 1.0
-    if shown is not None:
-        scale = GRAVITY / shown[0]
+    if last_link is not None:
+        gravity, last_length = last_link
+        scale = GRAVITY / gravity
+        if is_open:
+            lengths[-1] = last_length
     if unit is None:
-        near = (name for name, size in METRES.items() if abs(np.log(scale / size)) < np.log(FITS_UNIT))
-        unit = next(near, "px")
+        unit = _nearest_unit(scale)
     text = ", ".join(f"{x / np.sum(lengths):.3g}" for x in lengths)
     if unit in METRES:
         return lengths * METRES[unit], [f"lengths from the points in {unit}, in parts of the whole: {text}"]
     return lengths * scale, [f"lengths from the points, scaled by gravity, in parts of the whole: {text}"]
+
+
+def _nearest_unit(scale: float) -> str:
+    """The unit of length of this size [m], within `UNIT_RATIO`; otherwise pixels."""
+    for name, size in METRES.items():
+        if abs(np.log(scale / size)) < np.log(UNIT_RATIO):
+            return name
+    return "px"

@@ -12,7 +12,7 @@ from dropper_jax.base.read import ScenePath
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model
 from fitting.parameters.parameter import Parameter
-from fitting.parameters.targets import ModelPlace, RigScale
+from fitting.parameters.targets import ModelTarget, RigScale
 
 
 def fitted_scene(scene: Scene, model: Model, parameters: Sequence[Parameter], values: np.ndarray) -> Scene:
@@ -26,7 +26,7 @@ def fitted_scene(scene: Scene, model: Model, parameters: Sequence[Parameter], va
     scale_last = sorted(zip(parameters, values, strict=True), key=lambda pair: isinstance(pair[0].where, RigScale))
     for p, value in scale_last:
         where = p.where
-        if scene.branched and isinstance(where, ModelPlace) and where.section == "lines":
+        if scene.branched and isinstance(where, ModelTarget) and where.section == "lines":
             scene = _of_all_lines(scene, where, float(value))
             continue
         if isinstance(where, RigScale):
@@ -35,7 +35,7 @@ def fitted_scene(scene: Scene, model: Model, parameters: Sequence[Parameter], va
         try:
             scene.value(p.name)
         except SceneError:
-            if isinstance(where, ModelPlace):
+            if isinstance(where, ModelTarget):
                 whole = np.asarray(getattr(getattr(model, where.section)[where.index], where.field), float)
                 scene = scene.with_values({ScenePath(p.name).stem: whole.tolist()})
         else:
@@ -58,7 +58,7 @@ def _scaled(scene: Scene, model: Model, scale: float) -> Scene:
     return scene.with_values(found)
 
 
-def _of_all_lines(scene: Scene, where: ModelPlace, value: float) -> Scene:
+def _of_all_lines(scene: Scene, where: ModelTarget, value: float) -> Scene:
     """The scene with a value of one link, counted among those of all lines, as in the model of a system."""
     ends = np.cumsum([line.links for line in scene.lines])
     i = int(np.searchsorted(ends, where.entry or 0, side="right"))

@@ -25,7 +25,7 @@ from jax import Array
 
 from dropper_jax.model import Model
 from fitting.parameters.parameter import Parameter
-from fitting.parameters.targets import DOWN, CameraPlace, ClockPlace, LostPlace, NodeMarkerPlace, RecordingPlace
+from fitting.parameters.targets import DOWN, CameraTarget, ClockTarget, LostTarget, NodeMarkerTarget, RecordingTarget
 from fitting.traces.planar import directions, wrap
 
 
@@ -39,7 +39,7 @@ def camera_offset(parameters: Sequence[Parameter], values: Array, links: int) ->
     """Rotation of the camera and of the links' markers, for each link (n,) [rad]; 0 if none is free."""
     total: Array | float = 0.0
     for i, p in enumerate(parameters):
-        if isinstance(p.where, CameraPlace):
+        if isinstance(p.where, CameraTarget):
             share = np.ones(links)
             if p.where.link is not None:
                 share = np.eye(links)[p.where.link]
@@ -49,7 +49,7 @@ def camera_offset(parameters: Sequence[Parameter], values: Array, links: int) ->
 
 def node_markers(model: Model, parameters: Sequence[Parameter], values: Array, theta: Array) -> Array | float:
     """Rotation of each link by the markers of nodes (..., n) [rad]; 0 if none is free."""
-    mine = [(i, p.where) for i, p in enumerate(parameters) if isinstance(p.where, NodeMarkerPlace)]
+    mine = [(i, p.where) for i, p in enumerate(parameters) if isinstance(p.where, NodeMarkerTarget)]
     if not mine:
         return 0.0
     along, across = directions(theta)
@@ -89,7 +89,7 @@ def recording(parameters: Sequence[Parameter], values: Array, number: int, links
     found = Recording(jnp.zeros(links), 1.0, 0.0)
     for i, p in enumerate(parameters):
         where = p.where
-        if not isinstance(where, RecordingPlace) or where.recording != number:
+        if not isinstance(where, RecordingTarget) or where.recording != number:
             continue
         if where.field == "zero":
             zero = values[i] - where.applied
@@ -101,9 +101,9 @@ def recording(parameters: Sequence[Parameter], values: Array, number: int, links
 
 def clock_rate(parameters: Sequence[Parameter], values: Array) -> Array | None:
     """Time of the motion per time of the traces' clock, scalar [s/s]; None if it is not free."""
-    return next((values[i] for i, p in enumerate(parameters) if isinstance(p.where, ClockPlace)), None)
+    return next((values[i] for i, p in enumerate(parameters) if isinstance(p.where, ClockTarget)), None)
 
 
-def losses(parameters: Sequence[Parameter]) -> dict[int, LostPlace]:
+def losses(parameters: Sequence[Parameter]) -> dict[int, LostTarget]:
     """The parameters that are lost times, by their numbers in order."""
-    return {i: p.where for i, p in enumerate(parameters) if isinstance(p.where, LostPlace)}
+    return {i: p.where for i, p in enumerate(parameters) if isinstance(p.where, LostTarget)}

@@ -22,21 +22,21 @@ from fitting.parameters.targets import (
     CAMERA,
     LOST,
     NODE,
-    CameraPlace,
-    ClockPlace,
+    CameraTarget,
+    ClockTarget,
     Direction,
-    LostPlace,
+    LostTarget,
     MissingForce,
-    ModelPlace,
-    NodeMarkerPlace,
-    RecordingPlace,
-    ReleasePlace,
+    ModelTarget,
+    NodeMarkerTarget,
+    RecordingTarget,
+    ReleaseTarget,
     RigScale,
-    SetupPlace,
+    SetupTarget,
 )
 
-Observer = CameraPlace | NodeMarkerPlace | ClockPlace | LostPlace | RecordingPlace
-Target = ModelPlace | Direction | RigScale | SetupPlace | Observer | ReleasePlace | MissingForce
+Observer = CameraTarget | NodeMarkerTarget | ClockTarget | LostTarget | RecordingTarget
+Target = ModelTarget | Direction | RigScale | SetupTarget | Observer | ReleaseTarget | MissingForce
 
 
 #: Start values, bounds and priors (mean, standard deviation) by path.
@@ -44,11 +44,21 @@ StartValues = Mapping[str, float]
 Bounds = Mapping[str, tuple[float | None, float | None]]
 Priors = Mapping[str, tuple[float, float]]
 #: What is given by path.
-V = TypeVar("V")
+Given = TypeVar("Given")
 
 #: Step size of a parameter that starts at zero [its own unit], unless its prior gives one.
-SIZES_AT_ZERO = {"b_l": 1e-3, "b_q": 1e-3, "viscous": 1e-4, "dry": 1e-4, "time": 1e-2, CAMERA: 1e-2}
-SIZES_AT_ZERO |= {NODE: 1e-3, LOST: 1e-2, "zero": 1e-2, "delay": 1e-3}
+SIZES_AT_ZERO = {
+    "b_l": 1e-3,
+    "b_q": 1e-3,
+    "viscous": 1e-4,
+    "dry": 1e-4,
+    "time": 1e-2,
+    "zero": 1e-2,
+    "delay": 1e-3,
+    CAMERA: 1e-2,
+    NODE: 1e-3,
+    LOST: 1e-2,
+}
 
 
 @dataclass(frozen=True)
@@ -75,7 +85,7 @@ class Parameter:
     @property
     def in_model(self) -> bool:
         """Whether it is a single number of the model, or one field of it."""
-        return isinstance(self.where, ModelPlace)
+        return isinstance(self.where, ModelTarget)
 
     @property
     def moves_model(self) -> bool:
@@ -90,7 +100,7 @@ class Parameter:
     @property
     def is_lost(self) -> bool:
         """Whether it is the time of lost frames."""
-        return isinstance(self.where, LostPlace)
+        return isinstance(self.where, LostTarget)
 
     @property
     def scale(self) -> float:
@@ -102,7 +112,7 @@ class Parameter:
 
 def names_in_scene(parameters: Iterable[Parameter]) -> list[str]:
     """Names of the parameters that a scene or its release has, without those of recordings."""
-    return [p.name for p in parameters if not isinstance(p.where, RecordingPlace)]
+    return [p.name for p in parameters if not isinstance(p.where, RecordingTarget)]
 
 
 def adjust_parameters(
@@ -124,15 +134,15 @@ def adjust_parameters(
         SceneError: a path that is not free, an empty interval, a start outside it, a prior without width.
     """
     known = [p.name for p in parameters]
-    values = _for_each("start", start, known)
-    ends = _for_each("bounds", bounds, known)
-    known_before = _for_each("prior", priors, known)
-    return tuple(_adjust(p, values, ends, known_before, wider) for p in parameters)
+    given_starts = _for_each("start", start, known)
+    given_bounds = _for_each("bounds", bounds, known)
+    given_priors = _for_each("prior", priors, known)
+    return tuple(_adjust(p, given_starts, given_bounds, given_priors, wider) for p in parameters)
 
 
-def _for_each(which: str, given: Mapping[str, V] | None, names: Sequence[str]) -> dict[str, V]:
+def _for_each(which: str, given: Mapping[str, Given] | None, names: Sequence[str]) -> dict[str, Given]:
     """Given values by parameter name: the value of a field applies to each of its entries."""
-    found: dict[str, V] = {}
+    found: dict[str, Given] = {}
     for name, value in (given or {}).items():
         mine = [name]
         if name not in names:
@@ -151,6 +161,7 @@ def check_once(names: Sequence[str], option: str) -> None:
 
 
 def _adjust(p: Parameter, start: StartValues, bounds: Bounds, priors: Priors, wider: bool) -> Parameter:
+    """The parameter with what is given for its name."""
     low, high = bounds.get(p.name, (None, None))
     if low is None:
         low = p.low
@@ -173,9 +184,9 @@ def _adjust(p: Parameter, start: StartValues, bounds: Bounds, priors: Priors, wi
     return replace(p, value=value, low=low, high=high, prior=prior)
 
 
-def apply(model: Model, parameters: Sequence[Parameter], values: Array) -> Model:
+def with_parameter_values(model: Model, parameters: Sequence[Parameter], values: Array) -> Model:
     """The model with these values (k,); differentiable."""
-    for kind in (ModelPlace, Direction, RigScale):  # setting a value must not undo an earlier change
+    for kind in (ModelTarget, Direction, RigScale):  # setting a value must not undo an earlier change
         for i, p in enumerate(parameters):
             if isinstance(p.where, kind):
                 model = p.where.set_in(model, values[i])
@@ -188,7 +199,7 @@ def given_effect(scene: Scene, path: str) -> Any:
     return scene.effects.get(effect, {}).get(field)
 
 
-def with_effects(scene: Scene, names: Sequence[str]) -> Scene:
+def with_zero_damping(scene: Scene, names: Sequence[str]) -> Scene:
     """The scene with value 0 for damping parameters that it lacks, so that its model has them."""
     stems = [ScenePath(name).stem for name in names]
     found = {}

@@ -34,11 +34,11 @@ from fitting.parameters.targets import (
     MARKER,
     NODE,
     SCALE,
-    CameraPlace,
-    ClockPlace,
-    LostPlace,
-    ModelPlace,
-    NodeMarkerPlace,
+    CameraTarget,
+    ClockTarget,
+    LostTarget,
+    ModelTarget,
+    NodeMarkerTarget,
     RigScale,
 )
 
@@ -125,19 +125,19 @@ def _lost_frame(name: str, option: str) -> Parameter:
     _, entries = ScenePath(name).entry_of((LOST,)) or (name, ())
     if len(entries) != 2:
         raise SceneError(f"{option}: {name!r} gives no frame; allowed: {LOST}.RUN.FRAME, both counted from 0")
-    return Parameter(name, LostPlace(*entries), 0.0, unit="s")
+    return Parameter(name, LostTarget(*entries), 0.0, unit="s")
 
 
 def _observers(model: Model) -> list[Parameter]:
     """Parameters of the camera, the clock and all markers."""
     found = [
-        Parameter(CAMERA, CameraPlace(), 0.0, unit="rad"),
-        Parameter(CLOCK, ClockPlace(), 1.0, 0.5, 2.0, unit="s/s"),
+        Parameter(CAMERA, CameraTarget(), 0.0, unit="rad"),
+        Parameter(CLOCK, ClockTarget(), 1.0, 0.5, 2.0, unit="s/s"),
     ]
     for i in range(model.line.links):
-        found.append(Parameter(f"{MARKER}.{i}", CameraPlace(i), 0.0, unit="rad"))
+        found.append(Parameter(f"{MARKER}.{i}", CameraTarget(i), 0.0, unit="rad"))
     for i, axis in product(range(count_joints(model)), (0, 1)):
-        found.append(Parameter(f"{NODE}.{i}.{axis}", NodeMarkerPlace(i, axis), 0.0, unit="m"))
+        found.append(Parameter(f"{NODE}.{i}.{axis}", NodeMarkerTarget(i, axis), 0.0, unit="m"))
     return found
 
 
@@ -151,13 +151,13 @@ def _of_model(model: Model, name: str, option: str) -> list[Parameter]:
     section, index, field = known[stem]
     value = np.asarray(getattr(getattr(model, section)[index], field.name))
     if value.ndim == 0 and not entries:
-        return [_parameter(name, ModelPlace(section, index, field.name), float(value), field.metadata)]
+        return [_parameter(name, ModelTarget(section, index, field.name), float(value), field.metadata)]
     count = min(value.size, _acting_entries(model, section, field, value.size))
     if entries and entries[0] >= count:
         raise SceneError(f"{option}: {name!r}: unknown entry; allowed: 0 to {count - 1}")
     parameters = []
     for i in entries or range(count):
-        where = ModelPlace(section, index, field.name, i)
+        where = ModelTarget(section, index, field.name, i)
         parameters.append(_parameter(f"{stem}.{i}", where, float(value.flat[i]), field.metadata))
     return parameters
 
@@ -184,7 +184,7 @@ def count_joints(model: Model) -> int:
 OFF_BOUND = 1e-3
 
 
-def _parameter(name: str, where: ModelPlace, value: float, meta: Mapping[str, Any]) -> Parameter:
+def _parameter(name: str, where: ModelTarget, value: float, meta: Mapping[str, Any]) -> Parameter:
     """A number of the model with the bounds of its declared field."""
     low = -np.inf if meta["low"] is None else float(meta["low"])
     high = np.inf if meta["high"] is None else float(meta["high"])

@@ -18,22 +18,26 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from fitting.parameters.parameter import Parameter, StartValues
-from fitting.parameters.targets import RECORDING, RecordingPlace
+from fitting.parameters.targets import RECORDING, RecordingTarget
 from fitting.traces.planar import wrap
 from fitting.traces.trace import FEWEST, Trace, convention
 
-#: Rows of a recording that are compared with the reference at each delay, and the maximum number of delays.
-COMPARED = 400
+#: Number of rows of a recording that are compared with the reference at each delay.
+COMPARED_ROWS = 400
+#: Maximum number of delays that are compared.
 MOST_DELAYS = 20_000
 #: Minimum part of the shorter recording that overlaps with the reference.
 OVERLAP = 0.5
-#: Ratio of the misfit to the best one, below which another delay may be the right one; the part of the motion that a
-#: misfit must exceed to count, because linear interpolation causes as much; minima that are compared.
-ALIKE = 1.5
-UNSEEN = 0.003
+#: Ratio of the misfit to the best one, below which another delay may be the right one.
+ALIKE_RATIO = 1.5
+#: Part of the motion that a misfit must exceed to count, because linear interpolation causes as much.
+INTERPOLATION_ERROR = 0.003
+#: Maximum number of local minima of the misfit that are refined.
 MOST_MINIMA = 12
-#: Half intervals about a given delay in which it is searched.
-NEAR = 5
+#: Number of steps to either side of a given delay in which it is searched.
+NEAR_STEPS = 5
+#: Number of steps between two minima from which they are different delays.
+DISTINCT_STEPS = 10
 
 
 class Delay(NamedTuple):
@@ -52,7 +56,7 @@ class SharedMotion(NamedTuple):
     notes: list[str]
 
 
-def share_motion(traces: Sequence[Trace], start: StartValues | None = None) -> SharedMotion:
+def merge_recordings(traces: Sequence[Trace], start: StartValues | None = None) -> SharedMotion:
     """The recordings of one motion as one trace in the model's convention, roughly aligned with the first one.
 
     Args:
@@ -72,7 +76,7 @@ def share_motion(traces: Sequence[Trace], start: StartValues | None = None) -> S
     notes = [f"{len(traces)} recordings of one motion; zeros, scales and delays are relative to {traces[0].name}"]
     for number, trace in enumerate(traces[1:], start=1):
         found = find_delay(motion, trace, (start or {}).get(f"{RECORDING}.{names[number]}.delay"))
-        zero = zeros(motion, trace, found.value)
+        zero = find_zeros(motion, trace, found.value)
         aligned = replace(trace, t=trace.t - found.value, theta=trace.theta - zero, se=stated_errors(trace))
         if found.alike:
             others = ", ".join(f"{x:.4g}" for x in found.alike)
@@ -80,9 +84,9 @@ def share_motion(traces: Sequence[Trace], start: StartValues | None = None) -> S
                 f"{trace.name}: a delay of {others} s fits about as well as {found.value:.4g} s; "
                 f"--start {RECORDING}.{names[number]}.delay=VALUE chooses another one"
             )
-        parameters += parameters_of(number, names[number], trace, zero, found.value)
+        parameters += recording_parameters(number, names[number], trace, zero, found.value)
         recordings.append(aligned)
-        motion = with_further(motion, aligned)
+        motion = fill_gaps(motion, aligned)
     for trace in traces:
         unseen = [f"link {j + 1}" for j in np.flatnonzero(~np.isfinite(trace.theta).any(axis=0))]
         if unseen:
@@ -99,15 +103,15 @@ def stated_errors(trace: Trace) -> np.ndarray | None:
     return np.hypot(trace.se, trace.model_error)
 
 
-def parameters_of(number: int, name: str, trace: Trace, zero: np.ndarray, delay: float) -> list[Parameter]:
+def recording_parameters(number: int, name: str, trace: Trace, zero: np.ndarray, delay: float) -> list[Parameter]:
     """Zeros of the links that a recording shows, its scale and its delay."""
     stem = f"{RECORDING}.{name}"
     found = []
     for j in np.flatnonzero(np.isfinite(trace.theta).any(axis=0)):
-        where = RecordingPlace(number, "zero", int(j), float(zero[j]))
+        where = RecordingTarget(number, "zero", int(j), float(zero[j]))
         found.append(Parameter(f"{stem}.zero.{j}", where, float(zero[j]), unit="rad"))
-    found.append(Parameter(f"{stem}.scale", RecordingPlace(number, "scale"), 1.0, 0.5, 2.0, unit="rad/rad"))
-    where = RecordingPlace(number, "delay", None, delay)
+    found.append(Parameter(f"{stem}.scale", RecordingTarget(number, "scale"), 1.0, 0.5, 2.0, unit="rad/rad"))
+    where = RecordingTarget(number, "delay", None, delay)
     # a window is run over its own time only: samples may move by two of the recording's intervals
     reach = 2 * trace.interval
     found.append(Parameter(f"{stem}.delay", where, delay, delay - reach, delay + reach, unit="s"))
@@ -132,32 +136,43 @@ def find_delay(motion: Trace, trace: Trace, near: float | None = None) -> Delay:
     links = common_links(motion, trace)
     if not len(links):
         return Delay(near or 0.0, 0.0)
-    rows = np.unique(np.linspace(0, len(trace.t) - 1, COMPARED).astype(int))
+    rows = np.unique(np.linspace(0, len(trace.t) - 1, COMPARED_ROWS).astype(int))
     t = trace.t[rows]
     theta = trace.theta[np.ix_(rows, links)]
     reference = replace(motion, theta=motion.theta[:, links])
+    delays, step = _candidate_delays(motion, trace, t, near)
+    misfit = np.array([_misfit(reference, t - delay, theta) for delay in delays])
+    if np.isinf(misfit).all():
+        raise SceneError(f"{trace.name}: does not overlap with the first recording; needed: recordings of one motion")
+    tried = [_refine(reference, t, theta, delays[i], step) for i in _best_minima(misfit)]
+    most = max(ALIKE_RATIO * min(one.misfit for one in tried), INTERPOLATION_ERROR * float(np.nanstd(theta)))
+    alike = [one for one in tried if one.misfit < most]
+    alike.sort(key=lambda one: abs(one.value - (near or 0.0)))
+    others = [one.value for one in alike[1:] if abs(one.value - alike[0].value) > DISTINCT_STEPS * step]
+    return alike[0]._replace(alike=tuple(others[:3]))
+
+
+def _candidate_delays(motion: Trace, trace: Trace, t: np.ndarray, near: float | None) -> tuple[np.ndarray, float]:
+    """Delays (m,) [s] at which the times t [s] of a recording overlap with the motion, or those about `near` [s], and
+    their step [s]."""
     needed = OVERLAP * min(np.ptp(motion.t), np.ptp(t))
     low = t[0] - motion.t[-1] + needed
     high = t[-1] - motion.t[0] - needed
     step = max(0.5 * min(motion.interval, trace.interval), (high - low) / MOST_DELAYS)
-    delays = np.arange(low, high + step, step)
     if near is not None:
-        delays = near + step * np.arange(-NEAR, NEAR + 1)
-    misfit = np.array([_misfit(reference, t - delay, theta) for delay in delays])
-    if np.isinf(misfit).all():
-        raise SceneError(f"{trace.name}: does not overlap with the first recording; needed: recordings of one motion")
-    inner = np.r_[True, misfit[1:] <= misfit[:-1]] & np.r_[misfit[:-1] < misfit[1:], True]
-    minima = np.flatnonzero(inner & np.isfinite(misfit))
-    minima = minima[np.argsort(misfit[minima])][:MOST_MINIMA]
-    tried = [_refine(reference, t, theta, delays[i], step) for i in minima]
-    most = max(ALIKE * min(one.misfit for one in tried), UNSEEN * float(np.nanstd(theta)))
-    alike = [one for one in tried if one.misfit < most]
-    alike.sort(key=lambda one: abs(one.value - (near or 0.0)))
-    others = [one.value for one in alike[1:] if abs(one.value - alike[0].value) > 10 * step]
-    return alike[0]._replace(alike=tuple(others[:3]))
+        return near + step * np.arange(-NEAR_STEPS, NEAR_STEPS + 1), step
+    return np.arange(low, high + step, step), step
 
 
-def distance_from(motion: Trace, trace: Trace) -> float:
+def _best_minima(misfit: np.ndarray) -> np.ndarray:
+    """Numbers of the local minima of misfits (m,), the best first, `MOST_MINIMA` at most."""
+    falls_before = np.r_[True, misfit[1:] <= misfit[:-1]]
+    rises_after = np.r_[misfit[:-1] < misfit[1:], True]
+    minima = np.flatnonzero(falls_before & rises_after & np.isfinite(misfit))
+    return minima[np.argsort(misfit[minima])][:MOST_MINIMA]
+
+
+def convention_distance(motion: Trace, trace: Trace) -> float:
     """Misfit [rad] of a recording in one of its conventions, its zeros included, at its best delay.
 
     The mirrored swing half a period later is much the same: the convention of the motion's file is preferred.
@@ -169,10 +184,10 @@ def distance_from(motion: Trace, trace: Trace) -> float:
     if not len(links):
         return 0.0
     delay = find_delay(motion, trace)
-    off = wrap(zeros(motion, trace, delay.value)[links])
+    off = wrap(find_zeros(motion, trace, delay.value)[links])
     distance = float(np.hypot(delay.misfit, np.sqrt(np.mean(off**2))))
     if (trace.convention.zero, trace.convention.sign) == (motion.convention.zero, motion.convention.sign):
-        return distance / ALIKE
+        return distance / ALIKE_RATIO
     return distance
 
 
@@ -185,7 +200,7 @@ def _refine(motion: Trace, t: np.ndarray, theta: np.ndarray, delay: float, step:
 
 
 #: Minimum number of rows of a recording relative to the overlap: too few would fit anything.
-FEWEST_ROWS = 0.4
+ROWS_SHARE = 0.4
 
 
 def _misfit(motion: Trace, t: np.ndarray, theta: np.ndarray) -> float:
@@ -194,12 +209,12 @@ def _misfit(motion: Trace, t: np.ndarray, theta: np.ndarray) -> float:
     inside = (t >= motion.t[0]) & (t <= motion.t[-1])
     off = wrap(theta[inside] - motion.at(t[inside]))
     known = np.isfinite(off)
-    if known.sum(axis=0).min() < max(FEWEST, FEWEST_ROWS * OVERLAP * len(theta)):
+    if known.sum(axis=0).min() < max(FEWEST, ROWS_SHARE * OVERLAP * len(theta)):
         return np.inf
     return float(np.sqrt(np.mean(np.nanvar(off, axis=0))))
 
 
-def zeros(motion: Trace, trace: Trace, delay: float) -> np.ndarray:
+def find_zeros(motion: Trace, trace: Trace, delay: float) -> np.ndarray:
     """Zeros (n,) [rad] of a recording's links relative to the motion; 0 of links that the motion lacks."""
     found = np.zeros(trace.links)
     t = trace.t - delay
@@ -211,7 +226,7 @@ def zeros(motion: Trace, trace: Trace, delay: float) -> np.ndarray:
     return found
 
 
-def with_further(motion: Trace, trace: Trace) -> Trace:
+def fill_gaps(motion: Trace, trace: Trace) -> Trace:
     """The motion with what a further, aligned recording shows where there was nothing: links, times, missing rows."""
     before = trace.t[trace.t < motion.t[0] - 0.5 * motion.interval]
     after = trace.t[trace.t > motion.t[-1] + 0.5 * motion.interval]

@@ -24,7 +24,7 @@ DOWN = np.pi / 2
 
 
 @dataclass(frozen=True)
-class ModelPlace:
+class ModelTarget:
     """A field of the model, or one of its entries.
 
     Attributes:
@@ -110,7 +110,7 @@ def all_joints(model: Model, field: str) -> Direction:
 
 
 @dataclass(frozen=True)
-class SetupPlace:
+class SetupTarget:
     """A number of the start, a sensor or a camera of a run: section, number in it, field, entry of the field."""
 
     section: str
@@ -120,7 +120,7 @@ class SetupPlace:
 
 
 @dataclass(frozen=True)
-class CameraPlace:
+class CameraTarget:
     """Rotation of the camera; with a link, the rotation of its marker or its encoder's zero relative to it."""
 
     link: int | None = None
@@ -128,7 +128,7 @@ class CameraPlace:
 
 
 @dataclass(frozen=True)
-class NodeMarkerPlace:
+class NodeMarkerTarget:
     """Offset of a node's marker: along (0) or across (1) the link that ends there; at a fixed end, x (0) or z (1)."""
 
     node: int
@@ -137,7 +137,7 @@ class NodeMarkerPlace:
 
 
 @dataclass(frozen=True)
-class LostPlace:
+class LostTarget:
     """Delay of the motion of a run relative to its clock, from one of its frames on, and that frame's time."""
 
     run: int
@@ -147,14 +147,14 @@ class LostPlace:
 
 
 @dataclass(frozen=True)
-class ClockPlace:
+class ClockTarget:
     """Rate of the motion's time relative to the traces' clock [s/s]: above 1 if the true frame interval is longer."""
 
     field: ClassVar[str] = CLOCK
 
 
 @dataclass(frozen=True)
-class ReleasePlace:
+class ReleaseTarget:
     """The instant (`time`) at which a run is released, or an `entry` of the `force` that holds it until then."""
 
     run: int
@@ -163,7 +163,7 @@ class ReleasePlace:
 
 
 @dataclass(frozen=True)
-class RecordingPlace:
+class RecordingTarget:
     """The `zero` of a link, the `scale` or the `delay` of a recording; `applied`: what was taken off its samples."""
 
     recording: int

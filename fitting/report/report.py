@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from dropper_jax.base.files import atomic_write, folder_without
-from dropper_jax.base.markdown import Rows, bullets, markdown_table
-from dropper_jax.base.toml_text import as_toml, literal
+from dropper_jax.base.files import atomic_write, prepare_folder
+from dropper_jax.base.markdown import Rows, bullets, literal, markdown_table
+from dropper_jax.base.toml_text import as_toml
 from dropper_jax.plots import style
 from dropper_jax.run.build import build_model, equilibrium
 from dropper_jax.statics.modes import damping_at, natural_modes
@@ -39,7 +39,7 @@ TRACE_PARTS = (("head", 0.0, 12.0), ("middle", 12.0, 25.0), ("tail", 25.0, 50.0)
 
 def write_report(result: FitResult, folder: str | Path) -> list[Path]:
     """Write `report.md`, its pictures and `fitted.toml`, the scene with the fitted values; returns the files."""
-    folder = folder_without(folder, "report.md")
+    folder = prepare_folder(folder, "report.md")
     fitted = fitted_scene(result.scene, result.model, result.parameters, result.values)
     files = [atomic_write(folder / "fitted.toml", as_toml(fitted.as_written())), *draw_fit(result, folder)]
     runs = {}
@@ -142,7 +142,7 @@ def _warnings(result: SceneFit) -> list[str]:
 def write_channel_report(result: ChannelFit, folder: str | Path) -> list[Path]:
     """Write `report.md`, a picture of every run, and `fitted.toml`, the scene with the fitted values; if runs have
     separate values, one scene each, `fitted_RUN.toml`."""
-    folder = folder_without(folder, "report.md")
+    folder = prepare_folder(folder, "report.md")
     runs = result.solution.problem.data.runs
     files = [channel_picture(result, i, folder / f"channels_{i + 1}.png") for i in range(len(runs))]
     files += write_scenes(result, folder)

@@ -26,18 +26,18 @@ from dropper_jax.stepping.halving import ROUNDING
 from dropper_jax.stepping.integrate import Steps
 from dropper_jax.stepping.progress import Trajectory
 from dropper_jax.study.lyapunov import lyapunov
-from fitting.parameters.parameter import apply
+from fitting.parameters.parameter import with_parameter_values
 from fitting.parameters.varied import Varied, floats_of
 from fitting.sensitivity.differences import central_differences, error_by_coarser, error_of_value, farthest
 from fitting.sensitivity.linear_range import with_linear_range
 from fitting.sensitivity.own_steps import part_of_steps, saved_times
-from fitting.sensitivity.problem import Plan, Study
+from fitting.sensitivity.problem import Study, StudyProgram
 from fitting.sensitivity.result import TANGENT, Local, empty_result, with_status
 from fitting.sensitivity.tangents import vary_start, vary_study
 
 
 @cached_jit(static=("plan",))
-def _reverse(plan: Plan, model: Model, near: State, values: Array, steps: Steps) -> Array:
+def _reverse(plan: StudyProgram, model: Model, near: State, values: Array, steps: Steps) -> Array:
     """Derivatives (p,) of the quantity by reverse mode."""
     return jax.grad(lambda p: plan.evaluate(model, near, p, steps, checkpoint=True))(values)
 
@@ -62,7 +62,7 @@ def local(problem: Study, say: Progress = silent, check: bool = False) -> Local:
     Args:
         check: also compute exact derivatives by reverse mode, and the Lyapunov exponent, by separate programs.
     """
-    if not problem.stretches:
+    if not problem.has_elastic_links:
         found = _by_tangents(problem, say, check)
     else:
         found = central_differences(problem, say)
@@ -192,7 +192,7 @@ def changed_study(problem: Study, values: np.ndarray) -> tuple[float, Varied | N
     """The quantity with these values (p,), NaN if the scene has no start with them; and its run."""
     at = jnp.asarray(values, problem.model.dtype)
     try:
-        s = initial_state(apply(problem.model, problem.parameters, at), problem.scene.start)
+        s = initial_state(with_parameter_values(problem.model, problem.parameters, at), problem.scene.start)
     except SceneError:
         return np.nan, None
     start = _fixed(s, len(at))
@@ -235,7 +235,7 @@ def windows(
     share = length / times[-1] * (1.0 + ROUNDING)
     saves = min(max(2, int(share * len(steps.ends))), len(steps.ends))
     count = len(steps.ends) // saves
-    model = apply(problem.model, problem.parameters, at)
+    model = with_parameter_values(problem.model, problem.parameters, at)
     found = []
     s = state(model, problem.start.r, problem.start.v, problem.start.tension)
     for i in range(count):

@@ -38,7 +38,7 @@ from dropper_jax.scene import RunSpec
 from dropper_jax.stepping.progress import Progress as RunProgress
 from dropper_jax.stepping.progress import Trajectory, begin
 from dropper_jax.stepping.record import Record
-from fitting.parameters.parameter import Parameter, apply
+from fitting.parameters.parameter import Parameter, with_parameter_values
 from fitting.sensitivity.problem import Study, measure_rows
 from fitting.sensitivity.result import (
     MOTION_GROWTH,
@@ -150,7 +150,7 @@ class StudyRuns:
     def model_at(self, values: np.ndarray) -> Model:
         """The model with these values (p,)."""
         problem = self.problem
-        return apply(problem.model, problem.parameters, jnp.asarray(values, problem.model.dtype))
+        return with_parameter_values(problem.model, problem.parameters, jnp.asarray(values, problem.model.dtype))
 
     def start_at(self, values: np.ndarray) -> State | None:
         """The start with these values, solved from scratch as that of a scene is; None if the scene has none."""

@@ -32,7 +32,7 @@ from dropper_jax.stepping.progress import Trajectory, begin
 from dropper_jax.stepping.record import MOST_STEPS
 from fitting.parameters.names import full_names
 from fitting.parameters.of_scene import find_parameters
-from fitting.parameters.parameter import Parameter, apply, with_effects
+from fitting.parameters.parameter import Parameter, with_parameter_values, with_zero_damping
 from fitting.sensitivity.own_steps import find_own_lengths, make_steps
 
 #: Number of runs of a global study that a GPU advances together.
@@ -42,19 +42,19 @@ LONGEST_INTERVAL = 0.1
 
 
 @dataclass(frozen=True)
-class Plan:
+class StudyProgram:
     """Key of a compiled program of a study: everything that is not a number of the model.
 
     Attributes:
         of: the quantity.
         parameters: positions of the values; their own start values and bounds are omitted.
-        start, run: of the scene.
+        start_spec, run: of the scene.
         stepper: with or without halved steps.
     """
 
     of: Quantity
     parameters: tuple[Parameter, ...]
-    start: StartSpec
+    start_spec: StartSpec
     run: RunSpec
     stepper: Stepper
 
@@ -90,16 +90,18 @@ class Plan:
     ) -> Array:
         """The quantity of the model with these values (p,), by a run along these steps; None: along steps of its own,
         without derivatives."""
-        model = apply(model, self.parameters, values)
-        s = initial_state(model, self.start, near=near)
+        model = with_parameter_values(model, self.parameters, values)
+        s = initial_state(model, self.start_spec, near=near)
         if self.of.at_rest:
-            return self.measure(model, s, only_start(s), s.t[None])
+            return self.measure(model, s, start_as_trajectory(s), s.t[None])
         if steps is None:
-            return self.measure(model, s, *self._run_adaptively(model, s))
-        times = s.t + jnp.cumsum(jnp.asarray(steps.length))[jnp.asarray(steps.ends) - 1]
+            run, times = self._run_own_steps(model, s)
+            return self.measure(model, s, run, times)
+        ends = jnp.asarray(steps.ends) - 1
+        times = s.t + jnp.cumsum(jnp.asarray(steps.length))[ends]
         return self.measure(model, s, self.march(model, s, steps, checkpoint), times)
 
-    def _run_adaptively(self, model: Model, s: State) -> tuple[Trajectory, Array]:
+    def _run_own_steps(self, model: Model, s: State) -> tuple[Trajectory, Array]:
         """Saved states of a run from s along steps of its own, and their times."""
         rows = self.run.rows
         interval = jnp.asarray(self.run.interval, model.dtype)
@@ -133,7 +135,7 @@ class Study:
     retries: bool = False
 
     @property
-    def stretches(self) -> bool:
+    def has_elastic_links(self) -> bool:
         """Whether runs have links that stretch: slopes are then differences of runs."""
         return not (self.of.at_rest or self.model.line.axial.rigid(self.model.line.links).all())
 
@@ -156,10 +158,10 @@ class Study:
         return stepper_of(self.model, self.scene.run, track_work=False, **settings)
 
     @cached_property
-    def plan(self) -> Plan:
+    def plan(self) -> StudyProgram:
         """The key of its compiled programs."""
         where = tuple(Parameter(p.name, p.where, 0.0) for p in self.parameters)
-        return Plan(self.of, where, self.scene.start, self.scene.run, self.stepper)
+        return StudyProgram(self.of, where, self.scene.start, self.scene.run, self.stepper)
 
     @cached_property
     def steps(self) -> Steps:
@@ -172,7 +174,7 @@ class Study:
     def steps_of(self, run: RunSpec) -> Steps:
         """The steps of a run at its own values with other settings.
 
-        Where an extreme over all steps of those that follow an accuracy is wanted, each is an interval of its own.
+        For an extreme over adaptive steps, every step is one interval.
 
         Raises:
             SceneError: they are more than `MOST_STEPS`.
@@ -232,7 +234,7 @@ def measure_rows(
     return of(model, s.r, rows, t)
 
 
-def only_start(s: State) -> Trajectory:
+def start_as_trajectory(s: State) -> Trajectory:
     """The saved states of a run that has not started: its start alone."""
     row: State = jax.tree.map(lambda a: a[None], s)
     none = jnp.zeros((1,), jnp.int32)
@@ -249,14 +251,16 @@ def study(scene: SceneLike, of: str, to: Sequence[str]) -> Study:
     """
     scene = load_scene(scene)
     names = full_names(scene, to, "to")
-    scene = with_effects(scene, names)
+    scene = with_zero_damping(scene, names)
     model, start = build(scene)
     parameters = find_parameters(scene, model, names, "to", idle=True)
     wanted = quantity(of, model)
     run = scene.run
-    if run.accuracy is None and wanted.statistic in (*OVER_STEPS, *OF_SAMPLES):  # an extreme is that of all steps
+    is_extreme = wanted.statistic in OVER_STEPS
+    needs_samples = wanted.statistic in OF_SAMPLES
+    if run.accuracy is None and (is_extreme or needs_samples):  # an extreme is that of all steps
         scene = scene.with_values({"run.save_every": 1})
-    if run.accuracy is not None and wanted.statistic in OF_SAMPLES and run.interval > LONGEST_INTERVAL:
+    if run.accuracy is not None and needs_samples and run.interval > LONGEST_INTERVAL:
         scene = scene.with_values({"run.save_interval": LONGEST_INTERVAL})
     if wanted.signal == PERIOD and scene.start.kind != "static":
         raise SceneError(f"of: {of!r}: the scene starts at {scene.start.kind!r}; allowed: start.kind = 'static'")

@@ -22,10 +22,10 @@ from dropper_jax.statics.static_pose import release_loads
 from dropper_jax.stepping.equal_steps import advance_and_save
 from dropper_jax.stepping.integrate import Steps, empty_trajectory, scan_steps
 from dropper_jax.stepping.progress import Progress, Trajectory, begin
-from fitting.parameters.parameter import Parameter, apply
+from fitting.parameters.parameter import Parameter, with_parameter_values
 from fitting.parameters.varied import Varied, floats_of, split, stack_rows, vary
 from fitting.sensitivity.own_steps import padded, saved_times
-from fitting.sensitivity.problem import Plan, Study, only_start
+from fitting.sensitivity.problem import Study, StudyProgram, start_as_trajectory
 
 
 def _vary(
@@ -34,15 +34,15 @@ def _vary(
     """`function(model, *trees)` with its derivatives by the parameters, of which the trees are functions too."""
 
     def of_values(p: Array, *trees: Any) -> Any:
-        return function(apply(model, parameters, p), *trees)
+        return function(with_parameter_values(model, parameters, p), *trees)
 
     return vary(of_values, values, jnp.eye(len(values)), *given)
 
 
-def vary_start(plan: Plan, model: Model, s: State, values: Array) -> Varied:
+def vary_start(plan: StudyProgram, model: Model, s: State, values: Array) -> Varied:
     """The initial state s of the model with these values, and its derivatives; a small program for elastic lines."""
     still = rest(model)
-    if not plan.start.is_static or still.constraints or outward(model) or not still.line.axial.elastic:
+    if not plan.start_spec.is_static or still.constraints or outward(model) or not still.line.axial.elastic:
         return _vary_start(plan, model, s, values)
     count = len(values)
     found, unsolved = follow_parameters(still, count, partial(_slopes_at_rest, plan, model, s, values))
@@ -50,21 +50,21 @@ def vary_start(plan: Plan, model: Model, s: State, values: Array) -> Varied:
 
 
 @cached_jit(static=("plan",))
-def _vary_start(plan: Plan, model: Model, s: State, values: Array) -> Varied:
+def _vary_start(plan: StudyProgram, model: Model, s: State, values: Array) -> Varied:
     """The same for any initial state."""
-    return _vary(lambda changed: initial_state(changed, plan.start, s, there=True), plan.parameters, model, values)
+    return _vary(lambda changed: initial_state(changed, plan.start_spec, s, there=True), plan.parameters, model, values)
 
 
 @cached_jit(static=("plan",))
 def _slopes_at_rest(
-    plan: Plan, model: Model, s: State, values: Array, by_value: Array, by_position: Array
+    plan: StudyProgram, model: Model, s: State, values: Array, by_value: Array, by_position: Array
 ) -> tuple[Array, Varied]:
     """Derivatives of the unbalanced forces (k, free, 3) [N] at rest, and of the state, along k directions of the
     parameters (k, p) and of the positions (k, free, 3) [m]."""
 
     def at(p: Array, x: Array) -> tuple[tuple[Array, list[Array]], State]:
-        full = apply(model, plan.parameters, p)
-        loads = release_loads(full, plan.start)
+        full = with_parameter_values(model, plan.parameters, p)
+        loads = release_loads(full, plan.start_spec)
         rows, tension = unbalanced_at(rest(full), state(full, s.r), loads, x)
         found = state(full, s.r + x, tension=tension)
         return (rows, floats_of(found)), found
@@ -159,13 +159,13 @@ def _add_row(earlier: Trajectory, row: Trajectory) -> Trajectory:
 
 @cached_jit(static=("plan",))
 def _vary_quantity(
-    plan: Plan, model: Model, values: Array, start: Varied, run: Varied | None, t: Array | np.ndarray
+    plan: StudyProgram, model: Model, values: Array, start: Varied, run: Varied | None, t: Array | np.ndarray
 ) -> Varied:
     """The quantity of a run from `start` with states saved at t (k,) [s], or of the start alone."""
     if run is None:
 
         def measure_start(changed: Model, s: State) -> Array:
-            return plan.measure(changed, s, only_start(s), s.t[None])
+            return plan.measure(changed, s, start_as_trajectory(s), s.t[None])
 
         return _vary(measure_start, plan.parameters, model, values, start)
     return _vary(partial(plan.measure, t=jnp.asarray(t)), plan.parameters, model, values, start, run)

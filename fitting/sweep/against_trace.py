@@ -15,8 +15,8 @@ import numpy as np
 from dropper_jax import load_scene
 from dropper_jax.analysis.spectrum import amplitude_spectrum
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.json_values import jsonable
 from dropper_jax.base.read import Table
-from dropper_jax.base.toml_text import jsonable
 from dropper_jax.integrators.rattle_4 import Rattle4
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.build import SceneLike, build

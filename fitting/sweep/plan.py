@@ -34,7 +34,7 @@ from dropper_jax.run.statistics import PERIOD
 from dropper_jax.scene import RunSpec
 from dropper_jax.stepping.stepper import check_settings, stepper_settings
 from fitting.parameters.names import DAMPING_PATHS, full_names
-from fitting.parameters.parameter import Parameter, apply
+from fitting.parameters.parameter import Parameter, with_parameter_values
 from fitting.parameters.paths import resolve
 
 #: Quantities that can be recorded for each case, with unit and meaning; `links` and `trace` add dimensions.
@@ -407,7 +407,7 @@ def _axis(scene: Scene, path: str, values: np.ndarray) -> Axis:
         parameters = resolve(model, [path], option="vary")
     except SceneError:
         return Axis(path, values)
-    inside = apply(model, parameters, np.full(len(parameters), float(values[-1])))
+    inside = with_parameter_values(model, parameters, np.full(len(parameters), float(values[-1])))
     if same(inside, build_model(scene.with_values({path: values[-1].item()}))):
         moves_start = ScenePath(path).stem not in DAMPING_PATHS
         return Axis(path, values, parameters, moves_start)

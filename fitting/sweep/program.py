@@ -28,7 +28,7 @@ from dropper_jax.run.statistics import statistic
 from dropper_jax.stepping.integrate import advance
 from dropper_jax.stepping.observe import observe
 from dropper_jax.stepping.progress import Progress, Trajectory, begin
-from fitting.parameters.parameter import apply
+from fitting.parameters.parameter import with_parameter_values
 from fitting.parameters.paths import resolve
 from fitting.sweep.plan import STATUS, Plan
 
@@ -246,7 +246,7 @@ def run_case(plan: Plan, stepper: Stepper, model: Model, start: State, values: A
     """One case, with these values (axes,), from start to end; a pure function to batch."""
     for axis, value in zip(plan.axes, values, strict=True):
         if axis.parameters:
-            model = apply(model, axis.parameters, jnp.broadcast_to(value, (len(axis.parameters),)))
+            model = with_parameter_values(model, axis.parameters, jnp.broadcast_to(value, (len(axis.parameters),)))
     run = plan.scene.run
     named = plan.named_quantities
     watch = None

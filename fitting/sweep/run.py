@@ -19,7 +19,7 @@ from dropper_jax.effects import register_installed
 from dropper_jax.run.build import SceneLike
 from dropper_jax.run.members import StepVerdict, check_steps
 from dropper_jax.run.storage import extra
-from fitting.sweep.cluster import done_on
+from fitting.sweep.cluster import run_on_cluster
 from fitting.sweep.plan import Plan, from_identity, make_plan
 from fitting.sweep.program import Program
 from fitting.sweep.store import IDENTITY, SweepStore, input_names
@@ -198,7 +198,7 @@ def _remote(plan: Plan, todo: list[int], scheduler: Scheduler) -> Iterator[tuple
     """Results in the order in which the workers of a cluster finish, from the first one, which had to be compiled."""
     identity = json.dumps(plan.identity())
     jobs = [(identity, chunk) for chunk in todo]
-    results = ((todo[i], found) for i, found in done_on(scheduler, run_chunk, jobs))
+    results = ((todo[i], found) for i, found in run_on_cluster(scheduler, run_chunk, jobs))
     return chain([next(results)], results)
 
 

@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.files import Lock, remove, remove_leftovers, unfinished_folder, unwritable
+from dropper_jax.base.files import remove, remove_leftovers, unfinished_folder, unwritable
+from dropper_jax.base.lock import Lock
 from dropper_jax.base.store import Store, StoreStopped, differences
 from dropper_jax.run.members import StepVerdict
 from dropper_jax.run.storage import extra

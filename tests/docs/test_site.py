@@ -16,7 +16,7 @@ import pytest
 import dropper_jax as dj
 import fitting
 from dropper_jax import INTEGRATORS
-from dropper_jax.base.toml_text import prose
+from dropper_jax.base.markdown import prose
 from dropper_jax.cli import find_commands
 from dropper_jax.effects import EFFECTS
 
@@ -67,7 +67,7 @@ def test_everything_public_is_described(generator):
 
 def test_prose_keeps_code_and_shows_the_rest_as_it_is():
     assert prose("`a*b` and a*b") == r"`a*b` and a\*b"
-    assert prose("`|z| <= 1` in <x>", table=True) == "<code>&#124;z&#124; &lt;= 1</code> in &lt;x&gt;"
+    assert prose("`|z| <= 1` in <x>", in_table=True) == "<code>&#124;z&#124; &lt;= 1</code> in &lt;x&gt;"
     assert prose("`|z|`") == "`|z|`"
     assert prose("a ` alone") == r"a \` alone"
 

@@ -14,8 +14,8 @@ import pytest
 import dropper_jax as dj
 from dropper_jax import SceneError, Solution, recover
 from dropper_jax.base import files
-from dropper_jax.base.files import Lock
-from dropper_jax.base.toml_text import parsed_toml
+from dropper_jax.base.lock import Lock
+from dropper_jax.base.toml_text import parse_toml_text
 from dropper_jax.cli import main
 from dropper_jax.run import chunks, row_store
 from dropper_jax.run.row_store import OnDisk
@@ -114,14 +114,14 @@ def test_a_fault_of_our_own_is_one_line_and_one_object(monkeypatch, printed):
 @pytest.mark.parametrize("text", ["x = " + "[" * 40 + "]" * 40, "x = " + "[" * 9999, ".".join("a" * 99) + " = 1"])
 def test_what_is_nested_beyond_measure_is_refused(text):
     with pytest.raises(ValueError, match="nested more than 32 deep"):
-        parsed_toml(text)
+        parse_toml_text(text)
 
 
 @pytest.mark.parametrize("number", ["9" * 30, "9" * 5000])
 def test_numbers_beyond_64_bits_are_refused(number):
     with pytest.raises(ValueError, match=r"64 bits|digits"):
-        parsed_toml(f"x = {number}")
-    assert parsed_toml(f"x = {2**63 - 1}") == {"x": 2**63 - 1}
+        parse_toml_text(f"x = {number}")
+    assert parse_toml_text(f"x = {2**63 - 1}") == {"x": 2**63 - 1}
 
 
 @pytest.mark.parametrize(
@@ -155,7 +155,7 @@ def test_what_a_killed_writer_left_is_removed_and_what_a_living_one_writes_stays
 
 
 def test_a_lock_names_its_owner_and_is_free_once_it_is_gone(tmp_path):
-    held = "import sys, time; from pathlib import Path; from dropper_jax.base.files import Lock\n"
+    held = "import sys, time; from pathlib import Path; from dropper_jax.base.lock import Lock\n"
     held += "lock = Lock(Path(sys.argv[1])); print('held', flush=True); time.sleep(60)"
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     call = [sys.executable, "-c", held, str(tmp_path / "a")]
@@ -264,7 +264,7 @@ def test_sigterm_keeps_what_is_done_as_an_interruption_does(tmp_path):
     ],
 )
 def test_names_stand_in_reports_as_they_are(name, shown):
-    from dropper_jax.base.toml_text import literal
+    from dropper_jax.base.markdown import literal
 
     assert literal(name) == shown
 

@@ -14,7 +14,7 @@ from dropper_jax import build_model
 from dropper_jax.statics import rest
 from dropper_jax.statics.host_stiffness import stiffness
 from dropper_jax.statics.rest_problem import system_tolerance, unbalanced
-from dropper_jax.statics.system import find_rest, guess
+from dropper_jax.statics.system import find_rest, straight_guess
 
 G, RHO = 9.81, 1025.0
 CHAIN = {"mass": 10.91, "diameter": 0.042, "EA": 48.884e6, "cdn": 1.4, "cdt": 0.2}
@@ -146,7 +146,7 @@ def test_a_weight_comes_to_rest_in_the_bottom_of_a_valley():
 def test_slow_motion_ends_where_descent_does_with_the_stiffness_of_all_forces():
     model = rest(build_model(dj.load_scene(valley(0.8))))
     loads, tolerance = jnp.zeros((model.free_nodes, 3)), system_tolerance(model)
-    s, residual = find_rest(model, guess(model), loads, tolerance)
+    s, residual = find_rest(model, straight_guess(model), loads, tolerance)
     assert residual <= tolerance
 
     @jax.jit
@@ -156,7 +156,7 @@ def test_slow_motion_ends_where_descent_does_with_the_stiffness_of_all_forces():
 
     _, exact = forces(s.r.ravel())
     np.testing.assert_allclose(stiffness(model, s, loads).toarray(), exact, rtol=1e-9, atol=1e-6)
-    r, drag = guess(model).r.ravel(), 1e4
+    r, drag = straight_guess(model).r.ravel(), 1e4
     for _ in range(SLOW_STEPS):  # implicit Euler through something ever less viscous
         rows, matrix = forces(r)
         r, drag = r - jnp.linalg.solve(matrix + drag * jnp.eye(r.size), rows), 0.97 * drag

@@ -15,6 +15,9 @@ from dropper_jax.base.read import Table
 from dropper_jax.decks.reading.sections import Row
 from dropper_jax.decks.reading.spars import rod_values
 
+#: Products of inertia below this fraction of the maximum moment are rounding.
+ROUNDING = 1e-12
+
 
 class Solid(NamedTuple):
     """Mass [kg], centre of mass (3,) [m] and inertia about it (3, 3) [kg m^2]."""
@@ -28,11 +31,11 @@ def free_body(row: Row, rods: list[Row]) -> Table:
     """`[[body]]` of a free body and the rods on it; its attachments are added with the points."""
     row.need(13, "body")
     what = f"body {row.words[0]}"
-    turned = np.radians(row.values(5, 8, "r0, p0, y0")).tolist()
-    if np.count_nonzero(turned) > 1:
+    angles = np.radians(row.values(5, 8, "r0, p0, y0")).tolist()
+    if np.count_nonzero(angles) > 1:
         row.refuse(f"{what}: is rotated about several axes; allowed: about one of x, y and z")
     centre = row.parts(9, "CG")
-    if len(centre) != 3:
+    if len(centre) != 3:  # MoorDyn: one number is the height of the centre on the body's z-axis
         centre = [0.0, 0.0, centre[0]]
     moments = np.broadcast_to(row.parts(10, "I"), 3)
     own = Solid(row.value(8, "Mass", 0.0), np.array(centre), np.diag(moments))
@@ -41,15 +44,15 @@ def free_body(row: Row, rods: list[Row]) -> Table:
     for rod in rods:
         shape = _cylinder(rod)
         cylinders.append(shape)
-        solids.append(_solid(rod, shape))
+        solids.append(_solid_of_rod(rod, shape))
     found: Table = {"name": row.name("body"), "row": row.number, "position": row.values(2, 5, "X0, Y0, Z0")}
-    found |= _together(row, what, solids)
-    if any(turned):
-        found["attitude"] = turned
+    found |= _combine_solids(row, what, solids)
+    if any(angles):
+        found["attitude"] = angles
     if cylinders:
         found["cylinders"] = cylinders
     if row.value(11, "Volume", 0.0):
-        if not own.mass:
+        if not own.mass:  # a massless body has no centre of its own: that of its rods
             centre = found["centre_of_mass"]
         found["spheres"] = [_sphere(row, centre)]
     elif any(row.parts(12, "CdA")):
@@ -63,7 +66,7 @@ def free_rod(row: Row) -> Table:
     start = shape["from"]
     shape |= {"from": [0.0, 0.0, 0.0], "to": np.subtract(shape["to"], start).tolist()}
     found = {"name": row.name("rod"), "row": row.number, "position": start, "cylinders": [shape]}
-    return found | _together(row, f"rod {row.words[0]}", [_solid(row, shape)])
+    return found | _combine_solids(row, f"rod {row.words[0]}", [_solid_of_rod(row, shape)])
 
 
 def _cylinder(row: Row) -> Table:
@@ -74,7 +77,7 @@ def _cylinder(row: Row) -> Table:
     return {**ends, **shape, "slices": max(row.integer(9, "NumSegs", 0), 1)}
 
 
-def _solid(row: Row, shape: Table) -> Solid:
+def _solid_of_rod(row: Row, shape: Table) -> Solid:
     """Mass and inertia of a rod, a solid cylinder."""
     start = np.array(shape["from"])
     end = np.array(shape["to"])
@@ -83,13 +86,14 @@ def _solid(row: Row, shape: Table) -> Solid:
         row.refuse(f"rod {row.words[0]}: has no length; allowed: two ends")
     along = (end - start) / length
     mass = rod_values(row)[0] * length
-    own = mass * shape["diameter"] ** 2 / 8.0
-    across = mass * (shape["diameter"] ** 2 / 16.0 + length**2 / 12.0)
-    inertia = across * np.eye(3) + (own - across) * np.outer(along, along)
+    # moments of a solid cylinder about its axis, and across it
+    axial = mass * shape["diameter"] ** 2 / 8.0
+    transverse = mass * (shape["diameter"] ** 2 / 16.0 + length**2 / 12.0)
+    inertia = transverse * np.eye(3) + (axial - transverse) * np.outer(along, along)
     return Solid(mass, 0.5 * (start + end), inertia)
 
 
-def _together(row: Row, what: str, parts: list[Solid]) -> Table:
+def _combine_solids(row: Row, what: str, parts: list[Solid]) -> Table:
     """Mass, centre of mass and inertia about it of several parts."""
     mass = sum(part.mass for part in parts)
     if not mass > 0.0:
@@ -97,13 +101,13 @@ def _together(row: Row, what: str, parts: list[Solid]) -> Table:
     centre = np.sum([part.mass * part.centre for part in parts], axis=0) / mass
     inertia = np.zeros((3, 3))
     for part in parts:
-        away = part.centre - centre
-        inertia += part.inertia + part.mass * (away @ away * np.eye(3) - np.outer(away, away))
-    found = np.diag(inertia)
+        offset = part.centre - centre
+        inertia += part.inertia + part.mass * (offset @ offset * np.eye(3) - np.outer(offset, offset))
+    values = np.diag(inertia)
     products = inertia[[0, 0, 1], [1, 2, 2]]
-    if np.max(np.abs(products)) > 1e-12 * np.max(found):
-        found = np.concatenate([found, products])
-    return {"mass": mass, "centre_of_mass": centre.tolist(), "inertia": found.tolist()}
+    if np.max(np.abs(products)) > ROUNDING * np.max(values):
+        values = np.concatenate([values, products])
+    return {"mass": mass, "centre_of_mass": centre.tolist(), "inertia": values.tolist()}
 
 
 def _sphere(row: Row, centre: list[float]) -> Table:

@@ -10,8 +10,9 @@ import numpy as np
 from dropper_jax.axial.force_table import ForceTable
 from dropper_jax.base.constants import GRAVITY, SEA_WATER
 from dropper_jax.base.errors import SceneError, nearest
-from dropper_jax.base.files import find_referenced, read_lines
+from dropper_jax.base.files import read_lines
 from dropper_jax.base.read import Table
+from dropper_jax.base.references import find_referenced
 from dropper_jax.decks.reading.sections import Deck, Row, is_number
 
 #: Coefficients in the columns after BA in version 1, and after EI in version 2.

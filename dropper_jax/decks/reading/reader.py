@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from dropper_jax.base.errors import LocatedValues, SceneError, nearest
-from dropper_jax.base.files import find_referenced
 from dropper_jax.base.read import Plain, Table
-from dropper_jax.base.toml_text import parsed_toml
+from dropper_jax.base.references import find_referenced
+from dropper_jax.base.toml_text import parse_toml_text
 from dropper_jax.decks.reading.joints import DeckLine, Part, join_lines
 from dropper_jax.decks.reading.options import Options, read_options, read_seafloor, read_types
 from dropper_jax.decks.reading.points import Ends, line_columns, read_ends, wet_floats_note
@@ -348,7 +348,7 @@ def _apply_free_text(deck: Deck, scene: Table) -> None:
     """Names, run settings and lines in several pieces, from the free text."""
     for key, text in deck.given.items():
         try:
-            value = parsed_toml(f"value = {text}")["value"]
+            value = parse_toml_text(f"value = {text}")["value"]
         except tomllib.TOMLDecodeError:
             continue  # a remark of the user, not a value written by this package
         match key.split("."):

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+from matplotlib.axes import Axes
 
 from dropper_jax.base.markdown import bullets, cell, cells, table
 from dropper_jax.base.read import Table
@@ -41,23 +42,23 @@ COLUMNS = (
 CHARACTERISTIC = {"mean": "mean of the seeds' maxima", "most_probable": "most probable maximum of the storm"}
 #: Labels of the cases by number.
 Labels = dict[int, str]
-#: Bars of parts within and beyond their limits, and dots of cases with intact and with broken lines.
-HOLDS = "#C9DAEA"
-WEAK = "#F0C9B0"
+#: Colours of the bars of parts within and beyond their limits.
+WITHIN_COLOUR = "#C9DAEA"
+BEYOND_COLOUR = "#F0C9B0"
 #: Maximum number of load cases in the page's table; the CSV has all.
 MOST_CASES = 12
 
 
 def write_page(found: Table, folder: str | Path) -> dict[str, Path]:
     """Write cases.md, cases.csv, cases.json and utilisation.png into a folder; returns their paths by name."""
-    files = write_report(Path(folder), "cases", found, page(found), COLUMNS, _rows(found))
+    files = write_report(Path(folder), "cases", found, page_text(found), COLUMNS, _csv_rows(found))
     return {**files, "picture": draw_utilisation(found, Path(folder) / "utilisation.png")}
 
 
-def page(found: Table) -> str:
+def page_text(found: Table) -> str:
     """The page's text."""
     labels = {case["case"]: _label(case) for case in found["cases"]}
-    verdict = "Not all limits hold, or not all runs are there: see below."
+    verdict = "A limit is exceeded, or a run is missing: see below."
     if found["passes"]:
         verdict = "All limits hold."
     if found["dt_s"] is None:
@@ -104,18 +105,19 @@ def page(found: Table) -> str:
 
 def _standard(found: Table) -> str:
     """Pairs of return periods with their sea states, currents and number of cases; empty without them."""
-    own = found["standard"]
-    if own is None:
+    standard = found["standard"]
+    if standard is None:
         return ""
     rows = []
-    for pair in own["pairs"]:
+    for pair in standard["pairs"]:
         cases = [case for case in found["cases"] if list(case["return_periods"]) == pair]
         seas = dict.fromkeys(str(case["sea_state"]) for case in cases)
         currents = dict.fromkeys(str(case["current"]) for case in cases)
         intact = sum(case["state"] == "intact" for case in cases)
         rows.append([*pair, ", ".join(seas), ", ".join(currents), str(intact), str(len(cases) - intact)])
     head = ["waves [years]", "current [years]", "sea states", "currents", "intact cases", "with a broken line"]
-    last = f"{own['source']}. Edition: {own['edition']}. Clause: {own['clause']}. Compared with: {own['checked']}."
+    last = f"{standard['source']}. Edition: {standard['edition']}. Clause: {standard['clause']}. "
+    last += f"Compared with: {standard['checked']}."
     return f"## Return periods\n\n{last}\n\n{table(head, rows)}"
 
 
@@ -160,7 +162,7 @@ def _part_cells(part: Table, labels: Labels) -> list[str]:
 
 
 def _label(case: Table) -> str:
-    """The label of a case; its end names the line that breaks and the time of the break."""
+    """The name of a case, which ends with the line that breaks, and the time of the break [s]."""
     if case["break_s"] is None:
         return case["name"]
     return f"{case['name']} at {case['break_s']:g} s"
@@ -239,16 +241,18 @@ def _worst_cases(found: Table, labels: Labels) -> str:
     by_case: dict[int, tuple[float, str]] = {}
     for part in found["parts"]:
         for row in part["cases"]:
-            by_case[row["case"]] = max(by_case.get(row["case"], (0.0, "-")), (row["utilisation"], part["part"]))
+            before = by_case.get(row["case"], (0.0, "-"))
+            used = (row["utilisation"], part["part"])
+            by_case[row["case"]] = max(before, used)
     ordered = sorted(by_case.items(), key=lambda item: -item[1][0])
-    rows = [[str(n), labels[n], part, f"{used:.2f}"] for n, (used, part) in ordered[:MOST_CASES]]
+    rows = [[str(n), labels[n], name, f"{utilisation:.2f}"] for n, (utilisation, name) in ordered[:MOST_CASES]]
     text = table(["case", "", "part used most", "utilisation"], rows)
     if len(ordered) > MOST_CASES:
         text += f"\n\n{len(ordered) - MOST_CASES} more in cases.csv."
     return text
 
 
-def _rows(found: Table) -> Iterator[Table]:
+def _csv_rows(found: Table) -> Iterator[Table]:
     """Every part and every fixed point in each case."""
     storms = {case["case"]: case for case in found["cases"]}
     for part in found["parts"]:
@@ -276,19 +280,31 @@ def draw_utilisation(found: Table, path: Path) -> Path:
     intact = [case["case"] for case in found["cases"] if case["state"] == "intact"]
     for y, bar in enumerate(bars.values()):
         worst = bar["worst"]["utilisation"]
-        colour = HOLDS if worst <= 1.0 else WEAK
+        colour = WITHIN_COLOUR if worst <= 1.0 else BEYOND_COLOUR
         axes.barh(y, worst, height=0.55, color=colour, zorder=1)
         step_error = (bar.get("step") or {}).get("relative", 0.0) * worst
         error = np.hypot(bar["worst"]["utilisation_error"] or 0.0, step_error)
         axes.errorbar(worst, y, xerr=error, color=style.DARK, capsize=3, lw=1, zorder=4)
-        for i, (label, is_intact) in enumerate((("intact", True), ("a line breaks", False))):
-            used = [row["utilisation"] for row in bar["cases"] if (row["case"] in intact) == is_intact]
-            if used:
-                name = label if y == 0 else None  # once in the legend
-                axes.plot(used, np.full(len(used), y), "o", ms=3.5, color=style.CYCLE[i], zorder=3, label=name)
+        used_intact = []
+        used_broken = []
+        for row in bar["cases"]:
+            if row["case"] in intact:
+                used_intact.append(row["utilisation"])
+            else:
+                used_broken.append(row["utilisation"])
+        _draw_cases(axes, y, used_intact, "intact", style.CYCLE[0])
+        _draw_cases(axes, y, used_broken, "a line breaks", style.CYCLE[1])
     axes.axvline(1.0, color=style.ALERT, lw=1, ls="--")
     axes.set_yticks(range(len(bars)), list(bars))
     axes.grid(False, axis="y")
     axes.set(xlim=(0.0, None), xlabel="utilisation: factor times load over capacity; error by chance and by the step")
     axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.2)
     return style.save(figure, path)
+
+
+def _draw_cases(axes: Axes, y: int, used: list[float], label: str, colour: str) -> None:
+    """A dot for each case of a row, at its utilisation."""
+    if not used:
+        return
+    name = label if y == 0 else None  # once in the legend
+    axes.plot(used, np.full(len(used), y), "o", ms=3.5, color=colour, zorder=3, label=name)

@@ -19,7 +19,7 @@ from dropper_jax.effects import REGISTERED_FILES, register_file, register_instal
 from fitting.farm.cases.case_store import CasesStopped, CaseStore
 from fitting.farm.cases.one import Found, Runner
 from fitting.farm.site import Case, Site, read_site
-from fitting.sweep.cluster import done_on
+from fitting.sweep.cluster import run_on_cluster
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ def run_cases(
     identity = json.dumps(site.portable())
     jobs = [(identity, case.storm.number, case.seed) for case in todo]
     if scheduler is not None:
-        source = done_on(scheduler, run_one, jobs)
+        source = run_on_cluster(scheduler, run_one, jobs)
     elif workers > 1 and len(todo) > 1:
         source = _local(jobs, min(workers, len(todo)))
     else:

@@ -21,7 +21,7 @@ from dropper_jax.scene import whole_lines
 from dropper_jax.scene.run import DEFAULT_ACCURACY
 from fitting.farm.optimise.broken_link import link_of, masked_still
 from fitting.farm.optimise.full_storm import Storms, full_storm
-from fitting.farm.optimise.goals import DepthLimit, Goals, check_depths
+from fitting.farm.optimise.goals import DepthUtilisation, Goals, check_depths
 from fitting.farm.optimise.maxima_weights import check_seeds, weights
 from fitting.farm.optimise.models import ASSUMPTIONS, Still, idle, sea_of, shifted_designs, still
 from fitting.farm.optimise.storm import WINDOW_RAMP, Peaks, Settings, WindowRun, check_windows, peaks, slopes
@@ -165,12 +165,13 @@ class Design:
         strength = np.array([strength_of(part, scene) for part in self.site.parts]) / self._strength
         return np.array([self.goals.objective.material(scene), *strength])
 
-    def depths(self, x: np.ndarray, storm: Storm) -> list[DepthLimit]:
+    def depths(self, x: np.ndarray, storm: Storm) -> list[DepthUtilisation]:
         """Depths of a design at rest, all lines intact, in the water of a load case."""
         start = self.run_start(x, replace(storm, broken=None))
         found = []
         for depth in self.goals.depths:
-            found += depth.over(start.still.model, np.asarray(start.rest.state.r), start.rest.dr, float(storm.level))
+            r = np.asarray(start.rest.state.r)
+            found += depth.utilisations(start.still.model, r, start.rest.dr, float(storm.level))
         return found
 
     def window(self, x: np.ndarray, window: Window) -> Peaks:
@@ -273,7 +274,7 @@ class Design:
 
     def _combine(self, x: np.ndarray, hard: Sequence[np.ndarray], slope: Sequence[np.ndarray], solved: bool) -> Values:
         """Objective and constraints from the quantities (q,) of every case and their slopes (q, p + a)."""
-        rows: list[DepthLimit] = []
+        rows: list[tuple[str, float, np.ndarray]] = []
         by_seed: dict[str, np.ndarray] = {}
         (material, *strength), of_scene = self.scene_constraints(x)
         of_scene = np.pad(of_scene, ((0, 0), (0, len(ASSUMPTIONS))))

@@ -19,7 +19,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
-from itertools import groupby, pairwise
+from itertools import groupby, pairwise, product
+from typing import NamedTuple
 
 import numpy as np
 
@@ -71,12 +72,16 @@ class Objective:
         return total + self.float_price * sum(float(p.mass or 0.0) for p in floats)
 
 
-#: Name of a bound, its utilisation (1 at the bound), and the derivative of this by the variables (p,).
-DepthLimit = tuple[str, float, np.ndarray]
+class DepthUtilisation(NamedTuple):
+    """Name of a bound, its utilisation (1 at the bound), and the derivative of this by the variables (p,)."""
+
+    name: str
+    value: float
+    slope: np.ndarray
 
 
 @dataclass(frozen=True)
-class Depth:
+class DepthRange:
     """Range of depths for nodes at rest [m] below the water's level."""
 
     name: str
@@ -88,24 +93,26 @@ class Depth:
     def nodes(self, model: Model) -> np.ndarray:
         """Numbers of the free nodes that it applies to."""
         names = [point.name for point in model.points]
-        free = [model.geometry.point_node[names.index(name)] for name in self.points]
-        return np.concatenate([free, *line_nodes(model, self.lines).values()]).astype(int)
+        point_nodes = [model.geometry.point_node[names.index(name)] for name in self.points]
+        return np.concatenate([point_nodes, *line_nodes(model, self.lines).values()]).astype(int)
 
-    def over(self, model: Model, r: np.ndarray, dr: np.ndarray, level: float) -> list[DepthLimit]:
+    def utilisations(self, model: Model, r: np.ndarray, dr: np.ndarray, level: float) -> list[DepthUtilisation]:
         """Each bound at the worst node."""
-        own = self.nodes(model)
-        depth = level - r[own, 2]
+        nodes = self.nodes(model)
+        depth = level - r[nodes, 2]
         found = []
         unit = self.deepest or self.shallowest or 1.0
         for key, bound, sign in (("shallowest", self.shallowest, 1.0), ("deepest", self.deepest, -1.0)):
-            if bound is not None:
-                i = int(np.argmin(sign * depth))
-                slope = sign * dr[:, own[i], 2] / unit
-                found.append((f"{self.name} {key}", 1.0 + sign * (bound - depth[i]) / unit, slope))
+            if bound is None:
+                continue
+            worst = int(np.argmin(sign * depth))
+            value = 1.0 + sign * (bound - depth[worst]) / unit
+            slope = sign * dr[:, nodes[worst], 2] / unit
+            found.append(DepthUtilisation(f"{self.name} {key}", value, slope))
         return found
 
 
-def check_depths(depths: Sequence[Depth], model: Model) -> None:
+def check_depths(depths: Sequence[DepthRange], model: Model) -> None:
     """Reject bounds that no pose meets: one requires a node to be deeper than another one allows.
 
     Raises:
@@ -146,7 +153,7 @@ class Goals:
     """Objective and constraints, read; those on storms by kind."""
 
     objective: Objective
-    depths: tuple[Depth, ...]
+    depths: tuple[DepthRange, ...]
     limits: tuple[StormLimit, ...]
 
     def quantities(self, site: Site, model: Model, kind: str = "intact") -> tuple[LimitedSignal, ...]:
@@ -173,7 +180,10 @@ def _nodes(model: Model, lines: Sequence[str]) -> tuple[int, ...]:
 def _pairs(model: Model, lines: Sequence[str]) -> tuple[tuple[int, int], ...]:
     """Nodes of each line with those of the next one, without ends and shared nodes."""
     nodes = [own[own < model.geometry.inner].tolist() for own in line_nodes(model, lines).values()]
-    return tuple((a, b) for one, other in pairwise(nodes) for a in one for b in other)
+    pairs: list[tuple[int, int]] = []
+    for one, other in pairwise(nodes):
+        pairs += product(one, other)
+    return tuple(pairs)
 
 
 def read_goals(site: Site) -> Goals:
@@ -182,15 +192,15 @@ def read_goals(site: Site) -> Goals:
     Raises:
         SceneError: an unknown objective, line, point or part, or contradicting bounds.
     """
-    names = site.lines
-    free = [p.name for p in site.scene.points if p.is_free]
+    line_names = site.lines
+    free_points = [p.name for p in site.scene.points if p.is_free]
     objective = _objective(read_table(site.raw.get("objective", {}), "objective"), site)
     depths = []
     limits = []
     if site.backbone is not None:
         own = site.backbone
-        lines = match_names(own.lines, names, "backbone.lines")
-        depths.append(Depth("backbone", (), lines, own.shallowest, own.deepest))
+        lines = match_names(own.lines, line_names, "backbone.lines")
+        depths.append(DepthRange("backbone", (), lines, own.shallowest, own.deepest))
     items = read_list(site.raw.get("constraint", []), "constraint", None, "one or more [[constraint]] tables")
     for i, item in enumerate(items):
         path = f"constraint.{i}"
@@ -198,7 +208,7 @@ def read_goals(site: Site) -> Goals:
         kind = read_text(table.get("kind"), f"{path}.kind", KINDS)
         check_keys(table, KINDS[kind], path)
         if kind == "depth":
-            depths.append(_depth(table, path, names, free))
+            depths.append(_depth(table, path, line_names, free_points))
         else:
             limits.append(_storm_limit(table, path, kind, site))
     limits.sort(key=lambda limit: list(KINDS).index(limit.kind))
@@ -241,7 +251,7 @@ def _objective(table: Values, site: Site) -> Objective:
     return Objective(of, prices, per_float, part, lines)
 
 
-def _depth(table: Values, path: str, lines: Sequence[str], free: Sequence[str]) -> Depth:
+def _depth(table: Values, path: str, line_names: Sequence[str], free_points: Sequence[str]) -> DepthRange:
     """A `[[constraint]]` on depth, of these lines and free points of the scene."""
     bounds = {}
     for key in ("shallowest", "deepest"):
@@ -253,8 +263,10 @@ def _depth(table: Values, path: str, lines: Sequence[str], free: Sequence[str]) 
         raise SceneError(f"{path}: no bound is given; needed: `shallowest`, `deepest` or both [m]")
     if low is not None and high is not None and not low < high:
         raise SceneError(f"{path}.deepest: {high:g} m contradicts shallowest; allowed: > {low:g} m")
-    points = match_names(read_patterns(table.get("points", []), path), free, f"{path}.points", "free point")
-    own = match_names(read_patterns(table.get("lines", []), path), lines, f"{path}.lines")
-    if not (points or own):
+    point_patterns = read_patterns(table.get("points", []), f"{path}.points")
+    points = match_names(point_patterns, free_points, f"{path}.points", "free point")
+    line_patterns = read_patterns(table.get("lines", []), f"{path}.lines")
+    lines = match_names(line_patterns, line_names, f"{path}.lines")
+    if not (points or lines):
         raise SceneError(f"{path}: has neither points nor lines; needed: patterns of one or both")
-    return Depth(f"depth {path.split('.')[1]}", points, own, low, high)
+    return DepthRange(f"depth {path.split('.')[1]}", points, lines, low, high)

@@ -12,8 +12,8 @@ import numpy as np
 
 from dropper_jax.base.errors import Progress, SceneError, silent
 from dropper_jax.base.files import atomic_write
+from dropper_jax.base.json_values import jsonable
 from dropper_jax.base.read import Table
-from dropper_jax.base.toml_text import jsonable
 from dropper_jax.study.gradient_check import NOT_TRUSTED, TRUSTED, GradientCheck, check_gradient
 from fitting.farm.optimise.design import Design
 from fitting.farm.optimise.goals import read_goals

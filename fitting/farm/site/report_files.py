@@ -9,8 +9,8 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from dropper_jax.base.files import atomic_write
+from dropper_jax.base.json_values import jsonable
 from dropper_jax.base.read import Table
-from dropper_jax.base.toml_text import jsonable
 
 
 def write_report(

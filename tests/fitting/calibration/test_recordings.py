@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 import dropper_jax as dj
 from dropper_jax.cli import main
 from fitting import Convention, FitSettings, Trace, fit
-from fitting.parameters.recordings import distance_from, find_delay, share_motion
+from fitting.parameters.recordings import convention_distance, find_delay, merge_recordings
 from fitting.report.report import write_report
 from fitting.traces.conventions import settle_convention
 
@@ -118,7 +118,7 @@ def test_the_delay_is_found_before_any_fit_and_another_period_is_named(motion):
     again = find_delay(swing, replace(swing, name="again", t=t + 0.2))
     assert again.value == pytest.approx(0.2, abs=1e-3)  # the smallest of 0.2, 1.2, -0.8 ...
     assert any(abs(other - 1.2) < 0.02 for other in again.alike)
-    chosen = share_motion([swing, replace(swing, name="again", t=t + 0.2)], {"recording.again.delay": 1.21})
+    chosen = merge_recordings([swing, replace(swing, name="again", t=t + 0.2)], {"recording.again.delay": 1.21})
     assert chosen.parameters[-1].value == pytest.approx(1.2, abs=1e-3)
 
 
@@ -131,7 +131,7 @@ def test_the_sign_of_a_recording_that_begins_within_the_swing_is_that_of_the_fir
     for begin in (1.5, 1.8, 2.1, 2.4):
         kept = second.t > begin
         later = Trace("B", second.t[kept], sign * second.theta[kept])
-        found, warnings = settle_convention(later, model, Convention(), partial(distance_from, first))
+        found, warnings = settle_convention(later, model, Convention(), partial(convention_distance, first))
         assert (found.convention.zero, found.convention.sign) == ("down", sign)
         assert any("inferred from the first recording" in warning for warning in warnings)
 
@@ -139,7 +139,7 @@ def test_the_sign_of_a_recording_that_begins_within_the_swing_is_that_of_the_fir
 def test_wrong_recordings_are_refused_in_one_line(motion, refusal):
     first, both = recorded(motion), [recorded(motion), biased(motion)]
     assert "one recording; needed: two" in refusal(fit, [first], SCENE, ["b_l"], settings=SETTINGS)
-    assert "same name" in refusal(share_motion, [first, first])
+    assert "same name" in refusal(merge_recordings, [first, first])
     static = refusal(fit, both, SCENE, ["b_l", "release.time"], settings=SETTINGS)
     assert "cannot be combined with a static start" in static
     assert "Use --same-motion" in refusal(fit, both, SCENE, ["b_l", "recording.B.delay"])

@@ -24,7 +24,7 @@ from fitting.estimate.least_squares import fit_windows
 from fitting.estimate.normal_equations import bounded_step
 from fitting.estimate.shooting import fit_shooting, loosest, solve_to_end
 from fitting.estimate.windows import Starts
-from fitting.parameters.parameter import apply
+from fitting.parameters.parameter import with_parameter_values
 from fitting.parameters.paths import resolve
 from fitting.traces import planar
 
@@ -196,7 +196,7 @@ def test_paths_reach_every_part_of_the_model():
     model = build_model(dj.load_scene(SCENE))
     names = ["line.0.mass.2", "point.right.position.0", "effects.weight.gravity", "camera.offset", *FREE]
     parameters = resolve(model, names)
-    changed = apply(model, parameters, np.array([0.05, 0.3, 9.7, 0.1, 0.004, 0.005]))
+    changed = with_parameter_values(model, parameters, np.array([0.05, 0.3, 9.7, 0.1, 0.004, 0.005]))
     assert float(changed.line.mass[2]) == 0.05
     assert float(changed.points[1].position[0]) == 0.3
     assert float(changed.effect("weight").gravity) == 9.7

@@ -7,7 +7,7 @@ import pytest
 from fitting import Convention, Trace, View, read_trace, write_trace
 from fitting.films.flattening import Flat, flatten
 from fitting.films.hindsight import exposure_share, second_differences
-from fitting.films.link_angles import four_quadrant, scatter
+from fitting.films.link_angles import estimate_angle_errors, four_quadrant
 from fitting.films.marks import find_marks
 
 
@@ -79,5 +79,5 @@ def test_the_scatter_of_lengths_tells_the_errors_of_angles():
     places = truth + 0.2 * rng.standard_normal(truth.shape)
     off = four_quadrant(places) - four_quadrant(truth)
     # the edges of the circles would have told a quarter of it
-    found = scatter(places, np.full((400, 2), 0.05), np.ones((400, 1), bool))
+    found = estimate_angle_errors(places, np.full((400, 2), 0.05), np.ones((400, 1), bool))
     assert np.sqrt(np.mean(found**2)) == pytest.approx(np.sqrt(np.mean(off**2)), rel=0.15)

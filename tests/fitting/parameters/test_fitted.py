@@ -7,7 +7,7 @@ from dropper_jax import build_model
 from fitting import fitted_scene
 from fitting.channels.setup import find_free
 from fitting.parameters.of_scene import find_parameters
-from fitting.parameters.parameter import apply
+from fitting.parameters.parameter import with_parameter_values
 
 LINE = {"name": "l", "from": "a", "to": "b", "links": 3, "length": 0.3, "mass": 0.1}
 SCENE = {
@@ -24,7 +24,7 @@ def test_a_scene_built_from_the_fitted_one_has_the_fitted_model():
     names = ["effects.linear_damping.b_l", "line.0.mass.1", "point.a.position.0", "effects.weight.gravity"]
     parameters = find_parameters(scene, model, names, "free")
     values = np.array([0.2, 0.13, 0.01, 9.7])
-    fitted = fitted_scene(scene, apply(model, parameters, values), parameters, values)
+    fitted = fitted_scene(scene, with_parameter_values(model, parameters, values), parameters, values)
     again = find_parameters(fitted, build_model(dj.load_scene(fitted)), names, "free")
     assert np.allclose([p.value for p in again], values)
     assert fitted.value("line.0.mass.2") == 0.1
@@ -36,7 +36,7 @@ def test_the_scale_of_a_rig_grows_a_length_that_is_fitted_too():
     model = build_model(dj.load_scene(scene))
     parameters = find_parameters(scene, model, ["rig.scale", "line.0.length.1"], "free")
     values = np.array([1.2, 0.5])
-    moved = apply(model, parameters, values)
+    moved = with_parameter_values(model, parameters, values)
     np.testing.assert_allclose(moved.line.length, [0.36, 0.6, 0.36])
     again = build_model(dj.load_scene(fitted_scene(scene, moved, parameters, values)))
     np.testing.assert_allclose(again.line.length, moved.line.length)

@@ -11,7 +11,7 @@ from dropper_jax.run.quantities import quantity
 from fitting import Camera, fit, fitted_scene, observe, simulate_truth
 from fitting.parameters.names import full_names
 from fitting.parameters.of_scene import find_parameters, free_of_traces, scene_parameter
-from fitting.parameters.parameter import apply
+from fitting.parameters.parameter import with_parameter_values
 from fitting.parameters.paths import resolve
 from fitting.parameters.targets import Direction
 from fitting.sensitivity import Study, ranges
@@ -28,7 +28,7 @@ def test_model_follows_numbers_of_the_scene_exactly_where_it_depends_on_them_lin
     assert [p.where.linear for p in parameters if isinstance(p.where, Direction)] == [True] * 3
     assert [(p.unit, p.value) for p in parameters] == [("m", 50.0), ("-", 1.4), ("m", 1.0), ("kg", 1200.0)]
     values = {p.name: p.value + LINEAR[p.name] for p in parameters}
-    moved = apply(model, parameters, jnp.array(list(values.values())))
+    moved = with_parameter_values(model, parameters, jnp.array(list(values.values())))
     other = build_model(scene.with_values(values))
     for a, b in zip(jax.tree.leaves(moved), jax.tree.leaves(other), strict=True):
         np.testing.assert_allclose(a, b, rtol=1e-10, atol=1e-10)
@@ -39,7 +39,9 @@ def test_slope_of_what_is_not_linear_is_its_derivative():
     model = build_model(scene)
     found = scene_parameter(scene, model, "line_type.chain.EA")
     assert not found.where.linear
-    slope = jax.jacfwd(lambda x: apply(model, [found], x).line.axial.damping)(jnp.array([found.value]))[:, 0]
+    slope = jax.jacfwd(lambda x: with_parameter_values(model, [found], x).line.axial.damping)(jnp.array([found.value]))[
+        :, 0
+    ]
     # BA = ratio l sqrt(EA m): half of it per EA
     expected = 0.5 * 0.1 * (50.0 / 12) * np.sqrt(10.91 / 48884000.0)
     np.testing.assert_allclose(slope, expected, rtol=1e-9)
@@ -114,7 +116,7 @@ def test_a_number_of_parameters_ties_the_values_computed_from_it():
     found = free_of_traces(scene, model, names)
     assert [(p.value, p.unit, p.low) for p in found] == [(0.03, "kg/s", 0.0), (0.01, "kg/s", 0.0)]
     values = np.array([0.05, 0.002])
-    moved = apply(model, found, jnp.array(values))
+    moved = with_parameter_values(model, found, jnp.array(values))
     other = fitted_scene(scene, moved, found, values)
     for a, b in zip(jax.tree.leaves(moved), jax.tree.leaves(build_model(other)), strict=True):
         np.testing.assert_allclose(a, b, rtol=1e-10)

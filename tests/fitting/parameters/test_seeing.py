@@ -8,7 +8,7 @@ import pytest
 import dropper_jax as dj
 from dropper_jax import SceneError, build_model
 from fitting.parameters.observation import camera_angles
-from fitting.parameters.parameter import apply
+from fitting.parameters.parameter import with_parameter_values
 from fitting.parameters.paths import resolve
 
 LENGTH = np.array([0.3, 0.2, 0.25, 0.3])
@@ -46,7 +46,7 @@ def test_markers_beside_their_nodes_are_seen_where_geometry_puts_them(model):
 
 def test_the_scale_of_a_rig_grows_lengths_and_the_gap_together(model):
     (scale,) = resolve(model, ["rig.scale"])
-    grown = apply(model, [scale], jnp.array([1.1]))
+    grown = with_parameter_values(model, [scale], jnp.array([1.1]))
     np.testing.assert_allclose(grown.line.length, 1.1 * LENGTH)
     np.testing.assert_allclose(grown.points[1].position, [0.66, 0, 0])
     np.testing.assert_allclose(grown.line.mass, model.line.mass)

@@ -14,7 +14,7 @@ from dropper_jax.cli import main
 from dropper_jax.run.quantities import quantity
 from dropper_jax.run.statistics import STATISTICS, excess_kurtosis, statistic
 from fitting import sensitivity
-from fitting.parameters.parameter import apply
+from fitting.parameters.parameter import with_parameter_values
 from fitting.sensitivity import global_indices, local, ranges, study, windows
 from fitting.sensitivity.differences import (
     Run,
@@ -262,7 +262,7 @@ def test_growth_of_the_derivatives_finds_a_chaotic_motion():
 def test_window_as_long_as_the_run_is_the_run_from_a_held_start(loop):
     @jax.jit
     def held(p):
-        model = apply(loop.model, loop.parameters, p)
+        model = with_parameter_values(loop.model, loop.parameters, p)
         run = loop.plan.march(model, loop.start, loop.steps)
         return loop.plan.measure(model, loop.start, run, saved_times(loop.steps))
 

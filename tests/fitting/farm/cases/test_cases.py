@@ -23,7 +23,7 @@ from fitting.farm.cases import assess, run_cases, write_page
 from fitting.farm.cases.case_store import CaseStore as Store
 from fitting.farm.cases.flags import characteristic
 from fitting.farm.cases.one import Runner
-from fitting.farm.cases.page import page
+from fitting.farm.cases.page import page_text
 from fitting.farm.cases.step_errors import step_errors
 from fitting.farm.site import Case, read_site
 from fitting.farm.site.sections import RunValues, standards
@@ -115,7 +115,7 @@ def test_steps_of_cases_follow_the_accuracy_of_the_site(tmp_path):
     error = step_errors(site, tmp_path, assess(site, tmp_path))["legs"]
     assert list(error["by_step"]) == ["0.01", "0.0025"]
     assert error["relative"] < 0.02
-    assert "accuracy 0.01" in page(assess(site, tmp_path))
+    assert "accuracy 0.01" in page_text(assess(site, tmp_path))
     with pytest.raises(SceneError, match=r"run\.dt: 0\.01 excludes accuracy"):
         small_site(run={**run, "accuracy": 0.01, "dt": 0.01})
 
@@ -151,7 +151,7 @@ def test_quantities_by_name_are_in_the_report_and_wrong_ones_are_refused(found):
     rows = found["cases"][0]["quantities"]
     assert set(rows) == set(SITE["quantities"])
     assert rows["z.buoy.mean"]["kind"] == "mean"
-    assert "| tension.east-leg.anchor.max |" in page(found)
+    assert "| tension.east-leg.anchor.max |" in page_text(found)
     with pytest.raises(SceneError, match="'east-lag' is not a line; did you mean 'east-leg'"):
         small_site(quantities=["tension.east-lag.max"])
 
@@ -341,7 +341,7 @@ def by_standard(tmp_path_factory):
 
 @pytest.mark.check
 def test_every_number_of_the_page_can_be_followed_to_edition_and_clause(by_standard):
-    text, factors = page(by_standard), standards("factors")["ns-9415-rope"]
+    text, factors = page_text(by_standard), standards("factors")["ns-9415-rope"]
     cases = standards("cases")["ns-9415"]
     assert f"Edition: {cases['edition']}. Clause: {cases['clause']}. Compared with: {cases['checked']}." in text
     assert "| 50 | 10 | 50 years | slow | 2 | 0 |" in text
@@ -363,7 +363,7 @@ def test_a_rougher_crop_raises_the_mean_load_of_its_case(by_standard):
 def test_a_broken_case_has_the_time_of_its_break_and_the_page_says_it(found):
     times = {case["state"]: case["break_s"] for case in found["cases"]}
     assert times == {"intact": None, "west-leg": 8.0}
-    rows = [row for row in page(found).splitlines() if row.startswith("| ") and "storm, 0 deg" in row]
+    rows = [row for row in page_text(found).splitlines() if row.startswith("| ") and "storm, 0 deg" in row]
     broken = [row for row in rows if "broken" in row]
     assert 0 < len(broken) < len(rows)
     assert all("west-leg broken at 8 s |" in row for row in broken)

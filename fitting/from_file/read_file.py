@@ -36,6 +36,8 @@ NOISE_ROWS = 6000
 LATEST_START = 1e5
 #: Shortest period of a chain of unknown lengths, as a fraction of its main period.
 SHORTEST_PERIOD = 0.5
+#: Largest ratio of the period of a pendulum as long as all links to the main period: lengths in another unit exceed it.
+PERIOD_RATIO = 6.0
 #: Minimum number of rows of the span that the user gives.
 FEWEST_ROWS_IN_SPAN = 10
 
@@ -262,9 +264,7 @@ def _read_lengths(
     count = motion.theta.shape[1]
     missing = ",".join(f"L{j + 1}" for j in range(count))
     if given.lengths is not None:
-        if len(given.lengths) != count:
-            raise SceneError(f"--lengths: {len(given.lengths)} values; {file} shows {count} links")
-        return np.array(given.lengths), ["lengths as given"]
+        return _given_lengths(file, np.array(given.lengths), count, clock.period)
     if count == 1:
         return None, []
     if motion.lengths is None or motion.joint is None:
@@ -276,6 +276,26 @@ def _read_lengths(
     if last_link is None and unit not in METRES:
         raise SceneError(f"{file}: the points show no scale. Give the lengths of the links [m]: --lengths {missing}")
     return _scaled_lengths(motion.lengths, unit, last_link)
+
+
+def _given_lengths(file: str, lengths: np.ndarray, count: int, period: float) -> tuple[np.ndarray | None, list[str]]:
+    """Lengths [m] that the user gives for a motion of `count` links with this main period [s], and notes.
+
+    Raises:
+        SceneError: another number of links, lengths of another period.
+    """
+    if len(lengths) != count:
+        raise SceneError(f"--lengths: {len(lengths)} values; {file} shows {count} links")
+    expected = 2 * np.pi * np.sqrt(np.sum(lengths) / GRAVITY)
+    if not 1 / PERIOD_RATIO < expected / period < PERIOD_RATIO:
+        given = ", ".join(f"{length:g}" for length in lengths)
+        raise SceneError(
+            f"--lengths: links of {given} m swing in about {expected:.2g} s, those of {file} in {period:.2g} s. Give "
+            "metres"
+        )
+    if count == 1:
+        return None, ["one link: its effective length follows from the swing, --lengths is not needed"]
+    return lengths, ["lengths as given"]
 
 
 def _scaled_lengths(

@@ -247,3 +247,11 @@ def test_the_last_point_may_be_missing_in_the_first_row(tmp_path, separator):
     assert [(x.name, y.name) for x, y in find_columns(cells).points] == [("x1", "y1"), ("x2", "y2")]
     assert len(cells.values) == len(T)
     assert np.isnan(cells.values[0, 3:]).all()
+
+
+def test_lengths_in_another_unit_are_refused(tmp_path):
+    path = write(tmp_path / "a.csv", ["t,angle_rad"], np.stack([T, PHI], axis=1))
+    with pytest.raises(SceneError, match="Give metres"):
+        read_measured(path, FileOptions(lengths=(1000 * LENGTH,)))
+    found = read_measured(path, FileOptions(lengths=(LENGTH,)))
+    assert any("effective length follows" in note for note in found.notes)

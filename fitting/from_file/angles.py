@@ -6,23 +6,21 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from fitting.from_file.motion import LinkMotion
-from fitting.from_file.swing import half_range, main_period, unit_of_angle
+from fitting.from_file.swing import PER_PERIOD, half_range, main_period, unit_of_angle
 from fitting.traces.trace import RADIANS, unwrap
 
 #: Range of whole numbers above which they are not degrees.
 LARGEST_DEGREES = 400.0
-#: Fraction of the rows of a log that must have the step that a log's rows have.
+#: Minimum fraction of the rows of a log of steps that differ from the last one, and, after a pause, by one step.
 EVERY_STEP = 0.97
-#: Interval of a row over the median one above which nothing else than one step is written; least fraction of such rows.
-PAUSE = 2.0
-PAUSES = 0.005
-#: Fraction of the rows that repeat the last reading, and noise of a reading in its steps. From this fraction on and
-#: below this noise, a mean of rows has an error by rounding.
-REPEATS = 0.8
+#: Interval before a row, over the median one, from which it is a pause; minimum fraction of pauses in a log.
+PAUSE_RATIO = 2.0
+FEWEST_PAUSES = 0.005
+#: Minimum fraction of rows that repeat the last reading, and maximum noise in steps, for which a mean of rows keeps an
+#: error by rounding.
+MOST_REPEAT = 0.8
 LITTLE_NOISE = 0.35
-#: Rows per period that show the motion without its noise.
-PER_PERIOD = 40
-#: Longest turn of a swing without a change of the reading, in periods: of 5 steps of amplitude.
+#: Longest turn of a swing without a change of the reading, in periods: its amplitude is then 5 steps.
 LONGEST_TURN = 0.2
 
 
@@ -163,8 +161,8 @@ def is_log_of_steps(t: np.ndarray, column: np.ndarray, step: float) -> bool:
     known = np.isfinite(column)
     change = np.abs(np.diff(column[known])) / step
     interval = np.diff(t[known])
-    paused = interval > PAUSE * np.median(interval)
-    if np.mean(paused) < PAUSES:
+    paused = interval > PAUSE_RATIO * np.median(interval)
+    if np.mean(paused) < FEWEST_PAUSES:
         return False
     by_one = np.abs(change[paused] - 1.0) < 0.05
     return float(min(np.mean(change > 0.5), np.mean(by_one))) > EVERY_STEP
@@ -197,7 +195,7 @@ def is_stepped(t: np.ndarray, column: np.ndarray, step: float) -> bool:
     known = np.isfinite(column)
     column = column[known]
     change = np.abs(np.diff(column))
-    if np.mean(change > 0.5 * step) > 1.0 - REPEATS:
+    if np.mean(change > 0.5 * step) > 1.0 - MOST_REPEAT:
         return False
     period = main_period(t[known], column[:, None])
     distant = max(1, int(period / PER_PERIOD / np.median(np.diff(t[known]))))

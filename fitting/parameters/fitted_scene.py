@@ -44,18 +44,27 @@ def fitted_scene(scene: Scene, model: Model, parameters: Sequence[Parameter], va
 
 
 def _scaled(scene: Scene, model: Model, scale: float) -> Scene:
-    """The scene with the lengths of the fitted model, and its points at scaled positions."""
+    """The scene with the lengths of the fitted model, and its points at scaled positions.
+
+    A line that is specified by the metre has its whole length scaled, so that its mass grows with it.
+    """
     found: dict[str, Any] = {}
     for i, point in enumerate(scene.points):
         found[f"point.{i}.position"] = (scale * np.asarray(point.position, float)).tolist()
-    ends = np.cumsum([line.links for line in scene.lines])[:-1]
-    for field in ("length", "centre_of_mass", "inertia"):
-        whole = getattr(model.line, field)
-        if whole is None:
-            continue
-        for i, own in enumerate(np.split(np.asarray(whole, float), ends)):
-            found[f"line.{i}.{field}"] = own.tolist()
-    return scene.with_values(found)
+    scene = scene.with_values(found)
+    ends = np.cumsum([line.links for line in scene.lines])
+    for i, (line, end) in enumerate(zip(scene.lines, ends, strict=True)):
+        lengths: dict[str, Any] = {}
+        for field in ("length", "centre_of_mass", "inertia"):
+            whole = getattr(model.line, field)
+            if whole is not None:
+                lengths[f"line.{i}.{field}"] = np.asarray(whole, float)[end - line.links : end].tolist()
+        try:
+            scene = scene.with_values(lengths)
+        except SceneError:
+            length = f"line.{i}.length"
+            scene = scene.with_values({length: (scale * np.asarray(scene.value(length))).tolist()})
+    return scene
 
 
 def _of_all_lines(scene: Scene, where: ModelTarget, value: float) -> Scene:

@@ -44,6 +44,18 @@ def test_the_scale_of_a_rig_grows_a_length_that_is_fitted_too():
     np.testing.assert_allclose(again.points[1].position, moved.points[1].position)
 
 
+def test_the_scale_of_a_rig_grows_a_line_by_the_metre_as_a_whole():
+    rope = {"name": "rope", "mass": 1.0, "diameter": 0.02, "EA": 1e5}
+    line = {"name": "l", "from": "a", "to": "b", "type": "rope", "links": 3, "length": 0.9}
+    scene = dj.load_scene({**SCENE, "line_type": [rope], "line": [line], "effects": {"weight": {}}})
+    model = build_model(scene)
+    parameters = find_parameters(scene, model, ["rig.scale"], "free")
+    values = np.array([1.2])
+    again = build_model(fitted_scene(scene, with_parameter_values(model, parameters, values), parameters, values))
+    np.testing.assert_allclose(again.line.length, [0.36, 0.36, 0.36])
+    np.testing.assert_allclose(again.points[1].position, [0.0, 0.0, -1.08])
+
+
 def test_a_link_counted_among_all_lines_is_the_right_lines():
     rope = {"links": 2, "length": 1.0, "mass": 1.0, "axial": {"law": "rope", "EA": 1e4}}
     scene = dj.load_scene(

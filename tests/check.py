@@ -2,9 +2,9 @@
 
     python tests/check.py [--jobs 2] [--only PART ...] [--list]
 
-A part that fails is told at once with the end of its output, the others go on; a table closes, and the exit status is
-1 where any part failed, ran out of time or was not found. Parts are single processes, so that two cores are busy to
-the end: those that take longest begin.
+A part that fails is reported at once with the end of its output, and the others continue. A table is printed at the
+end, and the exit status is 1 if any part failed, ran out of time or was not found. Parts are single processes; those
+that take longest start first, so that two cores are busy to the end.
 """
 
 import argparse
@@ -21,8 +21,8 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 #: After this long a part hangs [s].
 MOST = 3600.0
-#: Lines of output told where a part fails.
-TOLD = 40
+#: Lines of output printed where a part fails.
+PRINTED_LINES = 40
 #: Only the parts themselves use the cores: threads of OpenBLAS beside them wait for each other.
 ALONE = {"OPENBLAS_NUM_THREADS": "1", "PYTHONUNBUFFERED": "1"}
 #: One line for each test, with its time: a part that runs out of time says how far it came and what took long.
@@ -43,7 +43,7 @@ class Outcome:
     part: Part
     minutes: float
     code: int | None
-    said: str
+    printed: str
 
     @property
     def word(self) -> str:
@@ -71,7 +71,7 @@ def plain(name: str, *where: str) -> Part:
     return Part(f"plain {name}", (*TESTS, *where), {"DROPPER_BACKEND": "plain"})
 
 
-#: Folders whose marked tests are parts of their own; the part `check rest` takes whatever stands elsewhere.
+#: Folders whose marked tests are parts of their own; the part `check rest` takes all others.
 APART = ("fitting", "effects", "stepping", "integrators", "docs", "moordyn", "statics")
 CALIBRATION = "tests/fitting/calibration"
 #: Fits of measured traces, of which one takes half an hour.
@@ -94,7 +94,7 @@ PARTS = (
     marked("docs", "tests/docs", f"--ignore={PAGES}"),
     as_users("stepping", "tests/stepping"),
     as_users("derivatives", "tests/stepping/test_step_derivatives.py", without="check"),
-    # says where there is none
+    # reports where there is none
     Part("browser", (*TESTS, "-k", "browser", "tests/docs/test_site.py", "tests/report/page")),
     Part("figures of the sources", ("benchmarks/source_figures.py", "all", "--plot", "build/check/figures")),
     Part("many scenes", ("tests/many_scenes.py",)),
@@ -112,7 +112,7 @@ PARTS = (
 )
 
 
-def tail(text: str, lines: int = TOLD) -> str:
+def tail(text: str, lines: int = PRINTED_LINES) -> str:
     return "\n".join(text.rstrip().splitlines()[-lines:])
 
 
@@ -122,11 +122,11 @@ def last_word(text: str) -> str:
     return re.sub(r"\s+", " ", lines[-1])[:70] if lines else ""
 
 
-def run(part: Part, out: Path, tell: threading.Lock) -> Outcome:
+def run(part: Part, out: Path, printing: threading.Lock) -> Outcome:
     path = out / f"{part.name.replace(' ', '-')}.txt"
-    with tell:
-        print(f"begins: {part.name}", flush=True)
-    begun = time.monotonic()
+    with printing:
+        print(f"starts: {part.name}", flush=True)
+    started = time.monotonic()
     with path.open("w") as file:
         try:
             done = subprocess.run(
@@ -142,18 +142,18 @@ def run(part: Part, out: Path, tell: threading.Lock) -> Outcome:
             code = done.returncode
         except subprocess.TimeoutExpired:
             code = None
-    said = path.read_text(errors="replace")
-    outcome = Outcome(part, (time.monotonic() - begun) / 60.0, code, last_word(said))
-    with tell:
+    printed = path.read_text(errors="replace")
+    outcome = Outcome(part, (time.monotonic() - started) / 60.0, code, last_word(printed))
+    with printing:
         print(f"ends:   {part.name}, {outcome.minutes:.1f} min, {outcome.word}", flush=True)
         if code != 0:
-            print(f"{tail(said)}\n(whole output: {path})", flush=True)
+            print(f"{tail(printed)}\n(whole output: {path})", flush=True)
     return outcome
 
 
 def table(found: list[Outcome], minutes: float) -> str:
     rows = [("part", "minutes", "outcome", "last line")]
-    rows += [(one.part.name, f"{one.minutes:.1f}", one.word, one.said) for one in found]
+    rows += [(one.part.name, f"{one.minutes:.1f}", one.word, one.printed) for one in found]
     rows.append(("all", f"{minutes:.1f}", "ok" if all(one.code == 0 for one in found) else "FAILED", ""))
     widths = [max(len(row[i]) for row in rows) for i in range(4)]
     return "\n".join("  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip() for row in rows)
@@ -175,10 +175,10 @@ def main(arguments: list[str] | None = None, parts: tuple[Part, ...] = PARTS) ->
             print(f"{part.name}: {' '.join([*(f'{k}={v}' for k, v in part.environment.items()), *part.call])}")
         return 0
     args.out.mkdir(parents=True, exist_ok=True)
-    tell, begun = threading.Lock(), time.monotonic()
+    printing, started = threading.Lock(), time.monotonic()
     with ThreadPoolExecutor(max_workers=args.jobs) as pool:
-        found = list(pool.map(lambda part: run(part, args.out, tell), chosen))
-    print(table(found, (time.monotonic() - begun) / 60.0), flush=True)
+        found = list(pool.map(lambda part: run(part, args.out, printing), chosen))
+    print(table(found, (time.monotonic() - started) / 60.0), flush=True)
     return int(any(one.code != 0 for one in found))
 
 

@@ -81,7 +81,7 @@ from dropper_jax.stepping.progress import begin  # noqa: E402
 jax.config.update("jax_compilation_cache_dir", str(KEPT / "compiled"))
 jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
 jax.config.update("jax_persistent_cache_min_entry_size_bytes", 0)
-#: Memory maps (870 at first) beyond which programs go after a file: each would compile its small operations anew.
+#: Memory maps (870 at first) beyond which programs go after a file: each would compile its small operations again.
 MANY_MAPS = 3000
 
 

@@ -23,15 +23,15 @@ def python(check, name, code, **environment):
     return check.Part(name, ("-c", code), environment)
 
 
-def test_a_part_that_fails_is_told_with_its_output_and_the_others_go_on(check, tmp_path, capsys):
+def test_a_part_that_fails_is_reported_with_its_output_and_the_others_continue(check, tmp_path, capsys):
     parts = (
         python(check, "bad", "import sys; print('why it failed'); sys.exit(3)"),
         python(check, "good", "import os; print('seen', os.environ['MARK'])", MARK="here"),
     )
     assert check.main(["--out", str(tmp_path)], parts) == 1
-    told = capsys.readouterr().out
-    assert "why it failed\n(whole output: " in told
-    closing = {line.split("  ")[0]: line for line in told.splitlines()[-4:]}
+    reported = capsys.readouterr().out
+    assert "why it failed\n(whole output: " in reported
+    closing = {line.split("  ")[0]: line for line in reported.splitlines()[-4:]}
     assert "FAILED: exit status 3" in closing["bad"]
     assert "ok" in closing["good"]
     assert "seen here" in closing["good"]

@@ -60,8 +60,15 @@ HARD = {
     "spar_buoys": "buoy-under",
     "point_bodies": "many-floats",
 }
-#: Effects that push or move points as they are told, or repeat a source: no hard case of their own, but a scene.
-TOLD = ("clamp_motion", "nodal_force", "recorded_motion", "sea_following_end", "thesis_wave_force", "vessel_motion")
+#: Effects that push or move points as prescribed, or repeat a source: no hard case of their own, but a scene.
+PRESCRIBED = (
+    "clamp_motion",
+    "nodal_force",
+    "recorded_motion",
+    "sea_following_end",
+    "thesis_wave_force",
+    "vessel_motion",
+)
 #: Those whose derivatives have a test of their own too, or take long.
 CHECKED = ("bending", "body_bed", "body_buoyancy", "body_water", "buoyancy", "end_motion", "joint_friction", "torsion")
 CHECKED += ("line_contact", "morison_drag", "morison_inertia", "rigid_bodies", "seabed_friction", "sea_following_end")
@@ -208,8 +215,8 @@ def test_it_has_a_row_of_costs(name):
 
 
 def test_every_effect_has_a_hard_case_in_the_catalogue():
-    assert set(HARD).isdisjoint(TOLD)
-    assert {*HARD, *TOLD} == set(ALL)
+    assert set(HARD).isdisjoint(PRESCRIBED)
+    assert {*HARD, *PRESCRIBED} == set(ALL)
     assert [case for case in HARD.values() if case not in CASES] == []
     assert [name for name in HARD if name not in {e.name for e in model_of(name).effects}] == []
 

@@ -124,7 +124,7 @@ def test_link_that_vanishes_for_a_sample_keeps_its_angles_and_a_missing_sample_i
     np.testing.assert_allclose(np.delete(polar, 4), np.delete(theta, 4), atol=1e-12)
 
 
-def test_samples_of_a_run_that_blew_up_are_nan_and_spoil_no_other():
+def test_samples_of_a_run_that_diverged_are_nan_and_affect_no_other():
     theta = np.linspace(1.0, 2.0, 8)[:, None] + np.array([0.0, 0.3])
     nodes = planar(theta)
     nodes[6] *= 1e200
@@ -143,7 +143,7 @@ def test_conical_motion_has_constant_polar_angle_and_linear_azimuth():
         np.testing.assert_allclose(azimuth[:, 0], 0.4 + rate * t, atol=1e-10)
 
 
-def test_first_azimuth_lies_within_a_quarter_turn_of_x_whatever_the_noise():
+def test_first_azimuth_lies_within_a_quarter_turn_of_x_with_any_noise():
     start = np.linspace(-np.pi, np.pi, 41)
     for azimuth in start:
         first = link_angles(cone(0.6, np.array([azimuth])), "down")[1][0, 0]

@@ -19,7 +19,7 @@ def test_sines_on_bins_have_their_amplitudes(window):
 
 
 @pytest.mark.parametrize(("window", "worst"), [("hann", 8 / (3 * np.pi)), ("none", 2 / np.pi)])
-def test_a_sine_between_two_bins_loses_what_its_window_says(window, worst):
+def test_a_sine_between_two_bins_loses_what_its_window_predicts(window, worst):
     # Half-way between bins the window's transform is 8/(3 pi) (Hann) or 2/pi (none) of its peak.
     frequency, amplitude = amplitude_spectrum(T, np.sin(2 * np.pi * 10.025 * T), window)
     np.testing.assert_allclose(amplitude.max(), worst, rtol=2e-3)

@@ -134,7 +134,7 @@ def test_rigid_triangles_hold_more_than_they_need_to():
 
 
 @pytest.mark.check
-def test_a_table_beside_ropes_is_a_rope_where_it_is_straight():
+def test_a_table_among_ropes_is_a_rope_where_it_is_straight():
     def scene(**axial) -> dict:
         points = [fixed("left", 0.0, 0.0, 0.0), fixed("right", 3.0, 0.0, 0.0), free("low", 1.5, 0.0, -1.0)]
         return system(points, [rope("near", "left", "low", 4, 2.2), rope("far", "low", "right", 4, 2.2, **axial)])

@@ -226,7 +226,7 @@ def interrupted_while_jax_compares_keys(scene, **_):
 
 
 @pytest.mark.parametrize("end", [interrupted, interrupted_while_jax_compares_keys])
-def test_interrupted_run_exits_with_130_and_says_so(printed, monkeypatch, end):
+def test_interrupted_run_exits_with_130_and_reports_it(printed, monkeypatch, end):
     monkeypatch.setattr(simulate, "simulate", end)
     out, err = printed(["run", SCENE, "--json"], 130)
     assert json.loads(out) == {"schema": 1, "status": "interrupted", "error": "interrupted"}

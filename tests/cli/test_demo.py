@@ -28,7 +28,7 @@ def short(monkeypatch):
 
 
 @pytest.mark.slow
-def test_the_demo_ends_with_a_calibration_that_says_it_is_synthetic(short, tmp_path, printed):
+def test_the_demo_ends_with_a_calibration_marked_as_synthetic(short, tmp_path, printed):
     out, err = printed(["demo", "--out", str(tmp_path), "--json"])
     found = json.loads(out)["calibration"]
     assert found["status"] == "ok"

@@ -39,7 +39,7 @@ LAB = {"points": (), "halves": ("nodes = ",), "bars": ("centre_of_mass = ", "ine
 
 
 @pytest.mark.parametrize("kind", LAB)
-def test_the_lab_template_says_where_the_mass_of_a_link_is(tmp_path, kind):
+def test_the_lab_template_states_where_the_mass_of_a_link_is(tmp_path, kind):
     file = tmp_path / "lab.toml"
     assert main(["new", "lab", str(file)]) == 0
     text = file.read_text()

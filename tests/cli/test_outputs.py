@@ -57,8 +57,8 @@ def test_a_folder_or_one_file_takes_pictures(tmp_path):
 
 
 def test_a_run_leaves_its_report(tmp_path, json_of):
-    assert json_of(["run", *SHORT, "--json", "--report", str(tmp_path / "told")])["status"] == "ok"
-    assert {"report.md", "report.json"} <= {path.name for path in (tmp_path / "told").iterdir()}
+    assert json_of(["run", *SHORT, "--json", "--report", str(tmp_path / "report")])["status"] == "ok"
+    assert {"report.md", "report.json"} <= {path.name for path in (tmp_path / "report").iterdir()}
 
 
 @pytest.mark.check

@@ -83,7 +83,7 @@ def broken(tmp_path):
         (["new", "lab", __file__], "no known suffix; allowed: .toml"),
     ],
 )
-def test_mistakes_that_need_no_scene_are_told_in_one_line_without_jax(broken, argv, words):
+def test_mistakes_that_need_no_scene_are_reported_in_one_line_without_jax(broken, argv, words):
     code, out, lines, imported = started(*(broken if word == "broken" else word for word in argv))
     assert (code, out, imported) == (2, "", [])
     assert len(lines) == 1
@@ -91,7 +91,7 @@ def test_mistakes_that_need_no_scene_are_told_in_one_line_without_jax(broken, ar
     assert words in lines[0]
 
 
-def test_values_that_are_wrong_are_told_without_scipy_and_pictures(tmp_path):
+def test_wrong_values_are_reported_without_scipy_and_pictures(tmp_path):
     file = tmp_path / "scene.toml"
     file.write_text(python("from dropper_jax.cli import main; main()", "scenes", "paper-case-1").stdout)
     for argv in (["--set", "run.dt=0"], ["--set", "effects.wight.x=1"], ["--solver", "dens"], ["--integrator", "eulr"]):

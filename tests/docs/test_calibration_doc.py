@@ -16,7 +16,7 @@ TEXT = "\n".join((ROOT / "docs" / page).read_text() for page in PAGES)
 ANGLES = re.sub(r"^## Fit any channel$.*?(?=^# )", "", TEXT, flags=re.M | re.S)
 
 
-def test_the_example_trace_is_read_as_it_is_described(tmp_path):
+def test_the_example_trace_is_read_as_described(tmp_path):
     block = re.search(r"```\n(# zero=down.*?)```", TEXT, re.DOTALL).group(1)
     rows = block + "".join(f"{0.004 * i:.3f},{0.01 * i:.3f},0.4\n" for i in range(2, 20))
     (tmp_path / "run.csv").write_text(rows)

@@ -190,7 +190,7 @@ def test_python_of_a_page_runs(page, place):
 
 @pytest.fixture
 def registry():
-    """The registry of effects as it was, whatever a page registers."""
+    """The registry of effects as it was, after a page has registered some."""
     before = dict(EFFECTS)
     yield EFFECTS
     EFFECTS.clear()
@@ -267,7 +267,7 @@ def test_the_gradient_of_a_run_in_the_readme_is_that_of_two_runs():
 
 
 @pytest.mark.check
-def test_the_first_screen_of_the_readme_says_what_comes_out():
+def test_the_first_screen_of_the_readme_shows_the_results():
     text = (ROOT / "README.md").read_text()
     largest, when = re.search(r"(\d+\.\d) kN in the western chain at (\d+) s", text).groups()
     run = dj.simulate("edulis-longline", duration=60.0)

@@ -145,7 +145,7 @@ def test_printed_orders_are_those_of_the_schemes():
     assert all(abs(float(found[name]) - order) < 0.15 for name, order in formal.items())
 
 
-def test_printed_hard_cases_say_what_the_text_says():
+def test_printed_hard_cases_agree_with_the_text():
     text = printed("3-")
     rows = re.findall(r"^ +\S+ +(energy_momentum|thesis_angles) +(\S+) +\S+ +(\S+)$", text, re.M)
     lost = {name: [float(row[2]) for row in rows if row[0] == name] for name in ("energy_momentum", "thesis_angles")}

@@ -30,7 +30,7 @@ def test_every_path_of_a_scene_is_described(name):
     assert [path for path in missing if ".attachments." not in path] == []
 
 
-def test_every_key_says_what_it_is():
+def test_every_key_has_a_meaning():
     for section in sections():
         assert section.about or not section.keys, section.path
         for key in section.keys:

@@ -61,7 +61,7 @@ def page():
     return names
 
 
-def begun(source, scheme, **choice):
+def start_of(source, scheme, **choice):
     """Stepper, model and a start at rest, as the scheme begins."""
     model = build_model(load_scene(source))
     stepper = make_stepper(model, scheme, **choice)
@@ -98,7 +98,7 @@ RESOLVED = {**RIGID, "elastic": STRETCHY["elastic"], "elastic, waves": STRETCHY[
 
 @pytest.mark.parametrize("source", RESOLVED.values(), ids=RESOLVED)
 def test_energy_momentum_on_the_page_makes_the_steps_of_the_package(page, source):
-    stepper, model, s = begun(source, "energy_momentum")
+    stepper, model, s = start_of(source, "energy_momentum")
 
     def step(carry, t):
         carry = page["energy_momentum"](model, *carry, t, DT)
@@ -113,7 +113,7 @@ def test_energy_momentum_on_the_page_makes_the_steps_of_the_package(page, source
 @pytest.mark.parametrize("rho", [0.5, 0.9])
 @pytest.mark.parametrize("source", [STRETCHY["elastic"], STRETCHY["elastic, stiff"]], ids=["elastic", "stiff"])
 def test_generalized_alpha_on_the_page_makes_the_steps_of_the_package(page, source, rho):
-    stepper, model, s = begun(source, "generalized_alpha", rho_infinity=rho)
+    stepper, model, s = start_of(source, "generalized_alpha", rho_infinity=rho)
 
     def step(carry, t):
         *carry, tension = page["generalized_alpha"](model, *carry, t, DT, rho)
@@ -139,7 +139,7 @@ OTHERS = [
 @pytest.mark.check
 @pytest.mark.parametrize(("scheme", "choice"), OTHERS, ids=[name for name, _ in OTHERS])
 def test_other_implicit_schemes_make_the_same_steps_under_the_loop_of_the_page(page, scheme, choice):
-    stepper, model, s = begun(RIGID["drag"], scheme, **choice)
+    stepper, model, s = start_of(RIGID["drag"], scheme, **choice)
     stepper = replace(stepper, iterations=24, tolerance=1e-15)  # what a correction leaves grows over the steps
 
     def stage(s, h):

@@ -65,7 +65,7 @@ def test_everything_public_is_described(generator):
                 assert (getattr(package, name).__doc__ or "").strip(), name
 
 
-def test_prose_keeps_code_and_shows_the_rest_as_it_is():
+def test_prose_keeps_code_and_shows_the_rest_unchanged():
     assert prose("`a*b` and a*b") == r"`a*b` and a\*b"
     assert prose("`|z| <= 1` in <x>", in_table=True) == "<code>&#124;z&#124; &lt;= 1</code> in &lt;x&gt;"
     assert prose("`|z|`") == "`|z|`"

@@ -6,7 +6,7 @@ from pathlib import Path
 ROOT = Path(__file__).parents[2]
 
 
-def test_numbers_beside_the_sources_tables_are_those_of_the_scenes():
+def test_numbers_next_to_the_sources_tables_are_those_of_the_scenes():
     import sources
 
     stored = json.loads((ROOT / "benchmarks" / "results" / "sources.json").read_text())

@@ -31,7 +31,7 @@ def test_a_document_shows_some_columns_and_rows_of_a_table(tables):
     assert tables.part_of(table, "3 2", "2") == "| d | b \\| c |\n| --- | --- |\n| 6 | 5 |\n\nBelow."
 
 
-def test_a_speed_that_is_not_reached_says_so(tables):
+def test_a_speed_that_is_not_reached_is_marked(tables):
     errors = {"mean": 1e-3, "std": 2e-2}
     ours = [{"dt_s": 0.02, "cpu_per_s": 1e-3, "errors": errors}]
     ours += [{"dt_s": 0.05, "cpu_per_s": 4e-4, "errors": errors}]

@@ -67,14 +67,14 @@ def test_lines_that_are_not_joined_meet_in_a_hinge():
 
 
 @pytest.mark.parametrize(
-    ("other", "told"),
+    ("other", "reason"),
     [
         ("rihgt", "effects.bending.joined.0: 'rihgt' is not a line; did you mean 'right'"),
         ("left", "'left' and 'left' do not meet in one point"),
     ],
 )
-def test_lines_that_cannot_be_joined_are_refused(other, told, refusal):
-    assert told in refusal(load_scene, halves(False, joined=[["left", other]]))
+def test_lines_that_cannot_be_joined_are_refused(other, reason, refusal):
+    assert reason in refusal(load_scene, halves(False, joined=[["left", other]]))
 
 
 def test_energy_of_a_bent_circle_is_ei_over_2_r2_per_length_and_the_force_its_gradient():
@@ -213,7 +213,7 @@ def test_derivatives_by_stiffness_and_clamp_are_those_of_differences_both_ways(s
 
 
 @pytest.mark.parametrize(
-    ("more", "told"),
+    ("more", "reason"),
     [
         ({"clamped": ["b"], "directions": [[1, 0, 0]]}, "'b' is not a fixed point"),
         ({"clamped": ["a"]}, "directions: has 0 entries; allowed: one for each of the 1"),
@@ -222,8 +222,8 @@ def test_derivatives_by_stiffness_and_clamp_are_those_of_differences_both_ways(s
         ({"EI": -1.0}, "effects.bending.EI: -1.0 is out of range"),
     ],
 )
-def test_clamps_that_make_no_sense_are_refused(more, told, refusal):
-    assert told in refusal(load_scene, cantilever(4) | {"effects": {"bending": {"EI": 1.0, **more}}})
+def test_clamps_that_make_no_sense_are_refused(more, reason, refusal):
+    assert reason in refusal(load_scene, cantilever(4) | {"effects": {"bending": {"EI": 1.0, **more}}})
 
 
 def test_moments_go_to_netcdf_vtk_json_and_the_report(tmp_path, loaded):

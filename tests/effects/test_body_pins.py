@@ -51,7 +51,7 @@ def test_a_pinned_body_hangs_below_its_pin_and_has_three_modes_of_the_closed_for
     np.testing.assert_allclose(modes.period[turning], [period, period], rtol=1e-6)
 
 
-def test_a_body_that_starts_to_turn_begins_with_the_velocity_of_its_turning():
+def test_a_body_that_starts_to_turn_has_the_velocity_of_its_rotation():
     solution = dj.simulate(pendulum(0.0, duration=0.02, angular_velocity=[0.3, 0.0, 0.0]))
     assert solution.kinetic[0] == pytest.approx(0.5 * (MOMENT + MASS * ARM**2) * 0.3**2, rel=1e-9)
 
@@ -127,7 +127,7 @@ def test_a_ball_that_slides_ends_rolling_with_the_speed_of_the_textbook():
     assert np.ptp(ran.body_velocity[-50:, 0, 0]) < 1e-3
 
 
-def test_friction_of_bodies_takes_energy_whatever_the_motion():
+def test_friction_of_bodies_dissipates_energy_in_any_motion():
     scene, _ = drum(0.4, [0.3, 0.2, 0.0], attitude=(0.1, 0.05, 0.3))
     model, start = build(scene)
     effect = next(e for e in model.effects if isinstance(e, BodyBedFriction))

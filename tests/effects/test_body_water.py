@@ -1,4 +1,4 @@
-"""Drag, added mass and waves on bodies: coupled eigenvalues, decay and wave response against equations derived anew."""
+"""Drag, added mass and waves on bodies: coupled eigenvalues, decay and wave response against independent equations."""
 
 from dataclasses import replace
 
@@ -53,7 +53,7 @@ def test_coupled_surge_heave_and_pitch_of_a_moored_spar(spar):
 
 
 @pytest.mark.check
-def test_heave_decays_as_its_equation_says(spar):
+def test_heave_decays_as_its_equation_predicts(spar):
     scene = spar(coefficients={"cat": 1.0, "cdt": 5.0}, position=(0.0, 0.0, -4.2), slices=8)
     solution = dj.simulate({**scene, "run": {"dt": 0.02, "duration": 20.0}})
     heave = solution.body("float")["body_position"][:, 2] + DRAUGHT

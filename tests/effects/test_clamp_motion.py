@@ -132,6 +132,6 @@ def test_at_rest_the_line_has_the_direction_of_the_clamp():
     ],
 )
 def test_what_a_clamp_cannot_do_is_refused(clamp, message, refusal):
-    said = refusal(dj.load_scene, scene(**{"time": [0.0, 1.0], **clamp}))
-    assert said.startswith("effects.clamp_motion")
-    assert message in said
+    printed = refusal(dj.load_scene, scene(**{"time": [0.0, 1.0], **clamp}))
+    assert printed.startswith("effects.clamp_motion")
+    assert message in printed

@@ -95,9 +95,9 @@ def test_an_effect_of_a_file_acts_in_a_scene_and_in_its_saved_run(tmp_path, json
 
 def test_the_error_of_an_unknown_effect_names_the_option_and_the_entry_point(tmp_path, printed):
     own_file(tmp_path)
-    said = printed(["check", str(tmp_path / "scene.toml")], 2).err
-    assert "effects.push: unknown key; " in said
-    assert "--effects FILE.py, or an entry point of the group dropper.effects" in said
+    output = printed(["check", str(tmp_path / "scene.toml")], 2).err
+    assert "effects.push: unknown key; " in output
+    assert "--effects FILE.py, or an entry point of the group dropper.effects" in output
 
 
 @pytest.mark.parametrize(
@@ -131,8 +131,8 @@ def test_an_effect_has_a_name_and_is_registered_once():
 @pytest.mark.parametrize("name", ["none.py", "scene.toml"])
 def test_a_file_that_is_not_python_is_refused(tmp_path, printed, name):
     own_file(tmp_path)
-    said = printed(["check", str(tmp_path / "scene.toml"), "--effects", str(tmp_path / name)], 2).err
-    assert "is not a Python file; allowed: an existing FILE.py" in said
+    output = printed(["check", str(tmp_path / "scene.toml"), "--effects", str(tmp_path / name)], 2).err
+    assert "is not a Python file; allowed: an existing FILE.py" in output
 
 
 def test_every_command_that_reads_scenes_or_runs_takes_effects_of_a_file():

@@ -145,7 +145,7 @@ def test_derivatives_with_dry_friction_are_those_of_the_sliding_motion(slopes_of
     slopes_of(end, jnp.asarray(0.01), 1e-6, rel=1e-5)
 
 
-def test_joints_stopped_on_their_bounds_are_solved_whatever_the_rounding():
+def test_joints_stopped_on_their_bounds_are_solved_with_any_rounding():
     """Two joints at rest in the middle of a step, hit by random rates at its end: |h z + P| <= h tau, less energy."""
     h, tau, z = 0.01, 0.2, np.array([0.15, -0.1])
     effects = {"joint_friction": {"dry": tau, "axis": [0.0, 1.0, 0.0]}}

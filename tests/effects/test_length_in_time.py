@@ -245,9 +245,9 @@ def test_derivatives_of_peaks_by_gains_of_a_winch_agree_with_differences_of_runs
     ],
     ids=["stable", "unstable gain", "used up"],
 )
-def test_a_run_says_what_its_winch_does_badly(control, message):
-    said = [text for text in dj.simulate(scene(winch(**control))).warnings if "winch" in text]
-    assert message in said[0] if message else not said
+def test_a_run_reports_faults_of_its_winch(control, message):
+    printed = [text for text in dj.simulate(scene(winch(**control))).warnings if "winch" in text]
+    assert message in printed[0] if message else not printed
 
 
 @pytest.mark.parametrize(

@@ -89,9 +89,9 @@ def test_fifty_random_crossings_pass_nowhere_and_gain_no_energy(crossings):
     assert failed.sum() == 0
     assert halved.sum() > 0  # some came in by more than half a radius in a step
     low, high = nodes[:, :, : LINKS + 1], nodes[:, :, LINKS + 1 :]
-    begun = [linking(a[0], b[0]) for a, b in zip(low, high, strict=True)]
-    assert np.all(np.abs(begun) == 1.0)
-    for a, b, sense in zip(low, high, begun, strict=True):
+    senses = [linking(a[0], b[0]) for a, b in zip(low, high, strict=True)]
+    assert np.all(np.abs(senses) == 1.0)
+    for a, b, sense in zip(low, high, senses, strict=True):
         assert all(linking(p, q) == sense for p, q in zip(a, b, strict=True))
     met = np.min(segment_distances(low, high), axis=1) < THICK
     assert met.sum() >= 45  # as they were thrown
@@ -148,7 +148,7 @@ def test_the_nearest_places_are_those_that_a_reports_exact_search_finds():
 
 
 @pytest.mark.check
-def test_damping_and_friction_take_energy_whatever_the_motion():
+def test_damping_and_friction_dissipate_energy_in_any_motion():
     model, s = dj.build(crossing(50.0, friction=0.4))
     (contact,) = model.effects
     rng = np.random.default_rng(5)
@@ -206,7 +206,7 @@ def test_a_body_that_falls_on_a_line_bounces_and_keeps_all_energy():
 
 
 @pytest.mark.parametrize(
-    ("more", "told"),
+    ("more", "message"),
     [
         ({"pairs": [["low", "hgh"]]}, "line_contact.pairs.0.1: 'hgh' is not a line; did you mean 'high'"),
         ({"pairs": [["low", "low"]]}, "'low' is paired with itself"),
@@ -217,12 +217,12 @@ def test_a_body_that_falls_on_a_line_bounces_and_keeps_all_energy():
         ({"stiffness": 0.0}, "effects.line_contact.stiffness: 0.0 is out of range; allowed: a number > 0 N/m"),
     ],
 )
-def test_pairs_that_make_no_sense_are_refused(more, told, refusal):
-    assert told in refusal(dj.load_scene, crossing(**more))
+def test_pairs_that_make_no_sense_are_refused(more, message, refusal):
+    assert message in refusal(dj.load_scene, crossing(**more))
 
 
 @pytest.mark.check
-def test_steps_that_no_halving_makes_short_enough_are_said():
+def test_steps_that_no_halving_makes_short_enough_are_reported():
     buoy = {"name": "float", "point": "d", "mass": 2.0, "diameter": 0.2, "height": 0.4, "attachment": 0.4}
     table = beside(buoy=[buoy])  # falls 0.3 m: more than half a radius in a step of 0.1 s
     table["point"].append(free("d", 0.05, 0.1, 0.4))

@@ -12,7 +12,7 @@ def ramp(t, start, rise, release):
 
 
 @pytest.mark.parametrize("t", [0.0, 3.0, 4.0, 5.0, 9.0, 14.999, 15.0, 20.0])
-def test_nodal_force_ramps_and_is_let_go_as_in_the_thesis(instant, t):
+def test_nodal_force_ramps_and_is_released_as_in_the_thesis(instant, t):
     """(E.1): min(max(0.094 (t - 3), 0), M g)."""
     values = {"nodes": [1, 3], "force_n": [[0, 0, 2.0], [1.0, -1.0, 0]], "start": 3.0, "rise": 4.0, "release": 15.0}
     model, k = instant({"nodal_force": values})

@@ -144,10 +144,10 @@ def test_nodes_are_found_through_their_line():
     for i, member in enumerate(system.geometry.members):
         inner = system.node(member.name, 1)
         assert inner == system.node(i, 1) == system.geometry.paths[i][1]
-    for model, line, node, said in (
+    for model, line, node, message in (
         (system, "nowhere", 1, "line: 'nowhere' is unknown"),
         (chain, 0, 0, "node: 0 of line 0 is fixed"),
         (chain, 0, 99, "allowed: 0 to"),
     ):
-        with pytest.raises(ValueError, match=said):
+        with pytest.raises(ValueError, match=message):
             model.node(line, node)

@@ -7,7 +7,7 @@ import pytest
 
 
 @pytest.mark.parametrize("form", ["isotropic", "componentwise"])
-def test_quadratic_damping_opposes_the_motion_whatever_its_sign(instant, form):
+def test_quadratic_damping_opposes_motion_of_either_sign(instant, form):
     model, k = instant({"quadratic_damping": {"b_q": 0.7, "form": form}})
     v = np.asarray(k.v)
     for sign in (1, -1):

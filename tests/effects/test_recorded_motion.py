@@ -39,7 +39,7 @@ def test_each_point_follows_its_own_parabola_with_its_rate_and_acceleration():
 
 
 @pytest.mark.check
-def test_a_run_begins_at_the_first_row_and_ends_at_the_last():
+def test_a_run_starts_at_the_first_row_and_ends_at_the_last():
     found = dj.simulate(scene())
     assert found.status == "ok"
     for number, name in enumerate(("left", "right")):
@@ -48,7 +48,7 @@ def test_a_run_begins_at_the_first_row_and_ends_at_the_last():
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "message"),
     [
         ({"points": ["left", "top"]}, "recorded_motion.points.1: 'top' is not a fixed point"),
         ({"points": []}, "recorded_motion.points: is empty"),
@@ -57,5 +57,5 @@ def test_a_run_begins_at_the_first_row_and_ends_at_the_last():
         ({"positions": path(TIMES, 0).tolist()}, "recorded_motion.positions: has 11 rows; allowed: 22"),
     ],
 )
-def test_tables_that_fit_nothing_are_refused(change, said, refusal):
-    assert said in refusal(dj.load_scene, scene(**change))
+def test_tables_that_fit_nothing_are_refused(change, message, refusal):
+    assert message in refusal(dj.load_scene, scene(**change))

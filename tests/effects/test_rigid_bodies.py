@@ -106,7 +106,7 @@ def test_gradient_of_a_tumbling_body_against_differences(slopes_of):
 
 
 @pytest.mark.parametrize(
-    ("changed", "told"),
+    ("changed", "message"),
     [
         ({"mass": None}, "body.0.mass: missing"),
         ({"mass": -1.0}, "body.0.mass: -1.0 is out of range"),
@@ -116,10 +116,10 @@ def test_gradient_of_a_tumbling_body_against_differences(slopes_of):
         ({"masss": 1.0}, "unknown key"),
     ],
 )
-def test_scene_refuses(changed, told, refusal):
+def test_scene_refuses(changed, message, refusal):
     scene = stone(**changed)
     scene["body"][0] = {key: value for key, value in scene["body"][0].items() if value is not None}
-    assert told in refusal(dj.load_scene, scene)
+    assert message in refusal(dj.load_scene, scene)
 
 
 def test_an_attachment_on_an_arm_outside_the_hull_is_a_warning():

@@ -103,7 +103,7 @@ def test_a_chain_slides_down_a_slope_as_a_block_does(friction, integrator):
     assert middle[-1] - middle[0] == pytest.approx(expected[-1], rel=0.01)
 
 
-def test_between_the_places_of_a_grid_the_bed_is_bilinear_and_goes_on_outside(lying):
+def test_the_bed_is_bilinear_between_points_of_a_grid_and_constant_outside(lying):
     x, y = np.array([0.0, 1.0, 3.0]), np.array([-1.0, 2.0])
 
     def depth_at(x, y):

@@ -64,15 +64,15 @@ def test_writhe_of_a_helix_is_its_turns_by_one_minus_the_cosine_of_its_pitch(han
 
 
 @pytest.mark.check
-def test_a_run_says_where_its_torque_would_throw_loops():
+def test_a_run_reports_where_its_torque_would_form_loops():
     scene = rod(torque=MOMENT, duration=0.02)
     plain = dj.simulate(scene)
     assert not any("loops" in words for words in plain.warnings)
     pull = float(np.min(plain.tension[plain.tension > 0.0]))
     # Greenhill: 2 sqrt(EI T) = Q at EI = Q^2/(4 T)
-    for share, told in ((1.1, False), (0.5, True)):
+    for share, warned in ((1.1, False), (0.5, True)):
         stiff = {**scene, "effects": {**scene["effects"], "bending": {"EI": share * MOMENT**2 / (4.0 * pull)}}}
-        assert any("it would form loops" in words for words in dj.simulate(stiff).warnings) == told
+        assert any("it would form loops" in words for words in dj.simulate(stiff).warnings) == warned
 
 
 @pytest.mark.check
@@ -127,7 +127,7 @@ def test_derivatives_are_those_of_differences_both_ways(slopes_of):
 
 
 @pytest.mark.parametrize(
-    ("more", "told"),
+    ("more", "message"),
     [
         ({"lines": ["rope"]}, "effects.torsion.lines.0: 'rope' is not a line"),
         ({"first": "free"}, "effects.torsion.last: 'free' lets lines spin"),
@@ -136,8 +136,8 @@ def test_derivatives_are_those_of_differences_both_ways(slopes_of):
         ({"GJ": 0.0}, "effects.torsion.GJ: 0.0 is out of range; allowed: a number or a list of 40 numbers"),
     ],
 )
-def test_what_makes_no_sense_is_refused(more, told, refusal):
-    assert told in refusal(dj.load_scene, rod(**more))
+def test_what_makes_no_sense_is_refused(more, message, refusal):
+    assert message in refusal(dj.load_scene, rod(**more))
 
 
 def two_pieces(turned_round, pairs=True, **torsion):

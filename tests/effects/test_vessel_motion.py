@@ -72,7 +72,7 @@ def test_point_of_a_vessel_follows_its_table_and_tightens_the_rope():
 
 
 @pytest.mark.parametrize(
-    ("vessel", "told"),
+    ("vessel", "message"),
     [
         (
             {"rao": {**RAO, "heave": [[1.0, 0.7]] * 2}},
@@ -86,8 +86,8 @@ def test_point_of_a_vessel_follows_its_table_and_tightens_the_rope():
         ({"time": [0.0, 1.0], "motion": [[0.0] * 6]}, "vessel.0.time"),
     ],
 )
-def test_scene_refuses(vessel, told):
-    with pytest.raises(SceneError, match=told):
+def test_scene_refuses(vessel, message):
+    with pytest.raises(SceneError, match=message):
         build_model(dj.load_scene(moored(**vessel)))
 
 

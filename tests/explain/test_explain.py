@@ -50,7 +50,7 @@ def test_the_closed_form_is_the_line_that_its_forces_lay_out(line):
     assert shape.stiffness[0, 0] == pytest.approx(slope, rel=1e-4)
 
 
-def test_a_line_lifts_its_anchor_at_the_offset_that_is_said():
+def test_a_line_lifts_its_anchor_at_the_reported_offset():
     line = Hanging(300.0, 80.0, 350.0, 600.0, 3e8, True)
     reserve = offset_until_uplift(line)
     at = solve(replace(line, span=line.span + reserve))

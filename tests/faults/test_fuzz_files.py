@@ -15,7 +15,7 @@ for package in ("xarray", "h5netcdf", "zarr", "cv2"):
     pytest.importorskip(package)
 
 FILES = int(os.environ.get("FUZZ_FILES", "15"))
-#: More files than the default are others each time; the seed is told where one fails.
+#: More files than the default are others each time; the seed is printed where one fails.
 SEED = 1 if FILES <= 60 else int.from_bytes(os.urandom(3))
 
 

@@ -1,4 +1,4 @@
-"""Runs, sweeps and fits ended at random moments: nothing readable is wrong, at most the last piece is lost and told."""
+"""Runs, sweeps and fits ended at random moments: nothing readable is wrong, and a lost last piece is reported."""
 
 import json
 import os
@@ -48,24 +48,24 @@ class Commands:
 
     def seconds(self, argv: list[str]) -> float:
         """How long a command takes that is let be."""
-        begun = time.perf_counter()
+        started = time.perf_counter()
         with self.begin(argv) as process:
-            said = process.communicate()[1]
-        assert process.returncode == 0, said
-        return time.perf_counter() - begun
+            printed = process.communicate()[1]
+        assert process.returncode == 0, printed
+        return time.perf_counter() - started
 
-    def end(self, argv: list[str], how: int, after: float, begun: Callable[[], bool] | None = None) -> None:
+    def end(self, argv: list[str], how: int, after: float, started: Callable[[], bool] | None = None) -> None:
         """End one `after` seconds from its start, or from when something has begun; no traceback is left behind."""
         with self.begin(argv) as process:
             late = time.perf_counter() + 60
-            while begun is not None and time.perf_counter() < late and process.poll() is None and not begun():
+            while started is not None and time.perf_counter() < late and process.poll() is None and not started():
                 time.sleep(0.005)
             time.sleep(after)
             process.send_signal(how)
-            said = process.communicate()[1]
-        assert process.returncode in (0, -how, 130), said
+            printed = process.communicate()[1]
+        assert process.returncode in (0, -how, 130), printed
         if how == signal.SIGTERM and process.returncode == 130:
-            assert "Traceback" not in said
+            assert "Traceback" not in printed
 
 
 @pytest.fixture(scope="module")
@@ -97,13 +97,13 @@ def test_a_run_that_is_ended_is_kept_to_its_last_whole_piece(commands, run_takes
         commands.end([*RUN, "--out", str(out)], how, rng.uniform(0.0, 0.6 * run_takes), lambda: has_begun(out))
     else:
         commands.end([*RUN, "--out", str(out)], how, rng.uniform(0.0, run_takes))
-    told = recover(out)
+    reported = recover(out)
     if not out.exists():  # before the first piece
-        assert told == []
+        assert reported == []
         return
     found = Solution.load(out)
     assert found.status in ("ok", "interrupted")
-    assert bool(told) == (how == signal.SIGKILL and found.status == "interrupted")
+    assert bool(reported) == (how == signal.SIGKILL and found.status == "interrupted")
     np.testing.assert_array_equal(found.positions, whole.positions[: len(found.t)])
     np.testing.assert_array_equal(found.tension, whole.tension[: len(found.t)])
     assert [item for item in tmp_path.iterdir() if item != out] == []
@@ -180,8 +180,8 @@ def test_what_a_fit_writes_is_whole_or_not_there(commands, fit, tmp_path, how, m
     rng = random.Random(f"{how} {moment}")
     argv = [*words, *outputs(tmp_path)]
     if moment % 2:
-        begun = lambda: any((tmp_path / "report").glob("*fitted.toml*"))  # noqa: E731
-        commands.end(argv, how, rng.uniform(0.0, 0.3 * takes), begun)
+        started = lambda: any((tmp_path / "report").glob("*fitted.toml*"))  # noqa: E731
+        commands.end(argv, how, rng.uniform(0.0, 0.3 * takes), started)
     else:
         commands.end(argv, how, rng.uniform(0.0, takes))
     found = files_of(tmp_path)
@@ -206,8 +206,8 @@ def test_a_store_loses_no_complete_chunk_to_sixty_kills_and_a_full_disk(kind, tm
     pytest.importorskip("zarr")
     call = [sys.executable, str(Path(__file__).with_name("ended_writer.py")), kind, str(tmp_path), "60"]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])}
-    said = subprocess.run(call, env=environment, capture_output=True, text=True, check=True).stdout
-    *killed, refused, last = map(json.loads, said.splitlines())
+    printed = subprocess.run(call, env=environment, capture_output=True, text=True, check=True).stdout
+    *killed, refused, last = map(json.loads, printed.splitlines())
     assert len(killed) == 60
     for row in [*killed, last]:
         assert (row["lost"], row["wrong"]) == ([], [])

@@ -61,7 +61,7 @@ def test_an_unknown_platform_is_one_line_and_one_object():
 
 @pytest.mark.check
 @pytest.mark.parametrize("suffix", ["nc", "npz"])
-def test_a_full_disk_is_told_with_the_file_and_brings_nothing_down(tmp_path, suffix):
+def test_a_full_disk_is_reported_with_the_file_and_stops_nothing_else(tmp_path, suffix):
     """The limit on the size of files works as a disk that is full; HDF5 ended in a segmentation fault."""
     if suffix == "nc":
         pytest.importorskip("h5netcdf")
@@ -133,7 +133,7 @@ def test_numbers_beyond_64_bits_are_refused(number):
         (["sweep", "string", "--vary", "b_l=0:1:1000000000000", "--out", "x.zarr"], "allowed: at most 10000000"),
     ],
 )
-def test_what_is_too_large_is_told_before_it_begins(refused, argv, words):
+def test_what_is_too_large_is_reported_before_it_starts(refused, argv, words):
     assert words in refused(argv)
 
 

@@ -43,7 +43,7 @@ def test_embedded_schemes_converge_with_at_least_their_order(order, integrator, 
         ("energy_momentum", (8, 9, 10), 2.0, 0.1),
     ],
 )
-def test_damping_leaves_the_order_as_it_is(order, integrator, powers, expected, within):
+def test_damping_leaves_the_order_unchanged(order, integrator, powers, expected, within):
     assert order(integrator, powers, damped=True) == pytest.approx(expected, abs=within)
 
 

@@ -1,4 +1,4 @@
-"""Members side by side: the same results as `jax.vmap`, whatever operations a function is made of."""
+"""Members side by side: the same results as `jax.vmap`, for every operation."""
 
 import jax
 import jax.numpy as jnp

@@ -17,7 +17,7 @@ from dropper_jax import SceneError, build, load_scene, make_stepper
 from dropper_jax.study.march import grid_run
 
 EXAMPLES = int(os.environ.get("FUZZ_EXAMPLES", "20"))
-#: The default examples are the same in every run; more of them are drawn anew.
+#: The default examples are the same in every run; further ones are drawn at random.
 FUZZ = settings(
     max_examples=EXAMPLES,
     deadline=None,

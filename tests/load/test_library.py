@@ -84,7 +84,7 @@ def test_a_scene_names_parts_and_is_written_back_whole():
 
 
 @pytest.mark.parametrize(
-    ("kind", "point", "said"),
+    ("kind", "point", "printed"),
     [
         ("library:chain-studless", "library:float-1", "has no size"),
         ("library:chain-stdless-0.02", "library:float-1", "did you mean 'chain-studless-0.022'"),
@@ -95,8 +95,8 @@ def test_a_scene_names_parts_and_is_written_back_whole():
         ("library:kelp-5", "library:float-nan", "is not a number"),
     ],
 )
-def test_parts_that_do_not_exist_are_named(kind, point, said):
-    with pytest.raises(SceneError, match=said) as found:
+def test_parts_that_do_not_exist_are_named(kind, point, printed):
+    with pytest.raises(SceneError, match=printed) as found:
         dj.load_scene(scene(kind, point))
     assert str(found.value).startswith(("line.0.type: ", "point.1.type: "))
 
@@ -141,7 +141,7 @@ def test_a_lighter_dropper_of_the_library_is_the_one_published_for_january():
     assert values["can"] == january["can"]
 
 
-def test_every_published_crop_says_what_was_read_and_resembles_a_family():
+def test_every_published_crop_states_its_source_and_resembles_a_family():
     for crop in published_crops():
         assert crop["read"]
         assert FAMILIES[crop["like"]].spread

@@ -51,7 +51,7 @@ def test_one_mooring_in_many_ways_is_one_scene(kind, tmp_path, read):
         assert found[key] == base[key], key
 
 
-def test_a_seafloor_file_stands_beside_its_deck(tmp_path, monkeypatch):
+def test_a_seafloor_file_is_found_next_to_its_deck(tmp_path, monkeypatch):
     """A bed that falls by 10 m over 200 m, looked for where the deck is and not where the command runs."""
     rows = "\n".join(f"{x} {y} {-45 + 0.05 * x}" for x in (-100.0, 100.0) for y in (-10.0, 10.0))
     (tmp_path / "bed.txt").write_text(f"num_x {2} num_y {2}\n-100.0 100.0\n-10.0 10.0\n{rows}\n")

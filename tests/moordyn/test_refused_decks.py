@@ -84,7 +84,7 @@ def test_an_option_out_of_range_is_refused_with_its_line(option, value, deck):
         load_scene(deck(re.sub(rf"(?m)^\S+(\s+{option}\s)", rf"{value}\1", text)))
 
 
-def test_without_gravity_a_deck_rests_as_its_stretch_says(deck):
+def test_without_gravity_a_deck_rests_where_its_stretch_is_balanced(deck):
     """MoorDyn takes g = 0; a straight rope of 300 m over the distance of its ends pulls `EA (distance/300 - 1)`."""
     text = (DECKS / "catenary.txt").read_text().replace("320.0      20", "300.0      4").replace("9.81 ", "0    ")
     scene = load_scene(deck(text))
@@ -96,7 +96,7 @@ def test_without_gravity_a_deck_rests_as_its_stretch_says(deck):
         scene.with_values({"sea.waves": waves})
 
 
-def test_what_results_would_lack_is_named_by_itself(deck):
+def test_each_omission_that_changes_results_is_named_separately(deck):
     """Waves, currents and friction of OpenFAST's own kinds change all that a run gives: each has a line of its own."""
     text = (DECKS / "openfast_v2.dat").read_text()
     text = text.replace("0.0         mu_kT", "0.1         mu_kT").replace("0.0         mu_kA", "0.3         mu_kA")

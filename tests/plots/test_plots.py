@@ -1,4 +1,4 @@
-"""Pictures of made-up motions: valid files, whole or absent, whatever the run looked like."""
+"""Pictures of made-up motions: valid files, whole or absent, also of runs that failed or are short."""
 
 import shutil
 import sys
@@ -122,9 +122,9 @@ def test_snapshot_takes_a_time_and_the_suffix_chooses_the_format(tmp_path):
 
 @pytest.mark.parametrize("space", [False, True], ids=["plane", "space"])
 def test_animation_plays_all_frames_and_reports_progress(tmp_path, space):
-    told = []
+    reported = []
     path = plots.animate(
-        run_of(21, space=space), tmp_path / "motion.gif", fps=10, progress=lambda done, what: told.append(done)
+        run_of(21, space=space), tmp_path / "motion.gif", fps=10, progress=lambda done, what: reported.append(done)
     )
     with Image.open(path) as image:
         # 1 s of motion at 10 frames per second, both ends included.
@@ -133,9 +133,9 @@ def test_animation_plays_all_frames_and_reports_progress(tmp_path, space):
         image.seek(10)
         assert (first != np.asarray(image.convert("RGB"))).any()
         assert (first[0, 0] == 255).all()
-    assert len(told) == 11
-    assert told == sorted(told)
-    assert told[-1] == 1.0
+    assert len(reported) == 11
+    assert reported == sorted(reported)
+    assert reported[-1] == 1.0
     assert [p.name for p in tmp_path.iterdir()] == ["motion.gif"]
 
 
@@ -184,7 +184,7 @@ def test_callers_matplotlib_settings_are_untouched(tmp_path):
         assert dict(matplotlib.rcParams) == before
 
 
-def test_planar_motion_is_told_from_motion_in_space():
+def test_planar_motion_is_distinguished_from_motion_in_space():
     assert view.planar(run_of(10).positions)
     assert view.planar(run_of(10).positions + np.array([0.0, 3.0, 0.0]))
     assert not view.planar(run_of(10, space=True).positions)
@@ -208,17 +208,17 @@ def stand_in(folder, text):
 
 
 def test_an_mp4_gets_every_frame_whole(tmp_path, monkeypatch):
-    # a stand-in that keeps the number of bytes and what it was told, since few machines have the real one
+    # a stand-in that keeps the number of bytes and its arguments, since few machines have the real one
     keep = "open(sys.argv[-1], 'w').write(' '.join([str(len(data)), *sys.argv[1:-1]]))"
     monkeypatch.setenv("PATH", stand_in(tmp_path, keep))
     path = plots.animate(run_of(21), tmp_path / "motion.mp4", fps=10)
-    count, *told = path.read_text().split()
-    width, height = map(int, told[told.index("-s") + 1].split("x"))
+    count, *reported = path.read_text().split()
+    width, height = map(int, reported[reported.index("-s") + 1].split("x"))
     frames = int(count) / (3 * width * height)
     with Image.open(plots.animate(run_of(21), tmp_path / "motion.gif", fps=10)) as gif:
         assert frames == gif.n_frames
         assert gif.size == (width, height)
-    assert told[told.index("-r") + 1] == "10"
+    assert reported[reported.index("-r") + 1] == "10"
 
 
 def test_an_encoder_that_fails_leaves_nothing_behind(tmp_path, monkeypatch):

@@ -79,7 +79,7 @@ def test_yearly_damage_scales_the_record_and_lines_without_breaking_load_say_so(
     assert line["life_years"] == pytest.approx(1 / line["damage_per_year"])
 
 
-def test_without_the_package_the_rest_of_the_report_stands(longline, monkeypatch):
+def test_without_the_package_the_rest_of_the_report_is_written(longline, monkeypatch):
     monkeypatch.setitem(sys.modules, "rainflow", None)
     found = report_run(longline())
     assert "dropper-jax[fatigue]" in found["fatigue"]["skipped"]
@@ -307,7 +307,7 @@ def test_pieces_between_attached_points_are_reported_as_the_line_they_were_cut_f
     assert (near["nearest"], near["nearest_at_m"]) == ("drop", 4.5)
 
 
-def test_what_fatigue_lacks_is_said_of_lines_with_a_breaking_load():
+def test_lines_with_a_breaking_load_report_what_fatigue_lacks():
     line = {"line": "leg", "cycles": [3.0], "equivalent_range_n": [10.0], "largest_range_n": [20.0], "damage": None}
     with_load = line | {"why_no_damage": NO_CURVE}
     text = sections.fatigue([with_load])

@@ -74,7 +74,7 @@ def test_steps_that_follow_an_accuracy_are_not_reported_as_the_interval_of_sampl
 # --- what is bad, and what reaches the disk -------------------------------------------------------------------------
 
 
-def test_a_run_that_went_bad_is_reported_up_to_there_and_says_so(longline):
+def test_a_run_that_failed_is_reported_up_to_its_last_good_step(longline):
     solution = longline(status="non_finite", first_bad=None)
     solution.positions[40:] = np.nan
     solution.step_status[40:] = 2
@@ -135,7 +135,7 @@ def test_command_writes_report_json_and_pictures(longline, tmp_path, capsys):
     assert "anchor-a" in text
 
 
-def test_report_of_a_failed_run_exits_with_3_and_says_why(longline, tmp_path, printed):
+def test_report_of_a_failed_run_exits_with_3_and_the_reason(longline, tmp_path, printed):
     solution = longline(status="not_converged")
     file = solution.save(tmp_path / "run.npz")
     out = printed(["report", str(file), "--json"], 3)

@@ -87,7 +87,7 @@ def test_a_third_piece_with_a_step_of_its_own_counts_on(half):
     assert np.abs(second.positions[-1] - fine.positions[-1]).max() < 1e-3  # errors of the coarser step
 
 
-def test_an_interrupted_run_goes_on_to_its_end():
+def test_an_interrupted_run_continues_to_its_end():
     def stop(share, text):
         if text.startswith("t =") and share > 0.3:
             raise KeyboardInterrupt
@@ -102,7 +102,7 @@ def test_an_interrupted_run_goes_on_to_its_end():
     assert rest.t[-1] == whole.t[-1]
 
 
-def test_the_command_goes_on_with_or_without_its_scene(half, tmp_path, json_of):
+def test_the_command_continues_with_or_without_its_scene(half, tmp_path, json_of):
     file = str(half.save(tmp_path / "first.npz"))
     for scene in ([], [PENDULUM]):
         argv = ["run", *scene, "--continue", file, "--duration", "0.1", "--dt", "0.01", "--quiet", "--json"]
@@ -112,7 +112,7 @@ def test_the_command_goes_on_with_or_without_its_scene(half, tmp_path, json_of):
         np.testing.assert_array_equal(Solution.load(out).positions, half.continued(0.1).positions)
 
 
-def told(half, tmp_path, printed, *argv, **last):
+def reported(half, tmp_path, printed, *argv, **last):
     run = dj.Solution(**{**vars(half), "last": {k: v for k, v in (half.last | last).items() if v is not None}})
     file = str(run.save(tmp_path / "edited.npz"))
     message = printed(["run", *argv, "--continue", file, "--quiet"], 2).err.strip()
@@ -120,8 +120,8 @@ def told(half, tmp_path, printed, *argv, **last):
     return message
 
 
-def test_what_cannot_go_on_is_told_in_one_line(half, tmp_path, printed):
-    ask = lambda *argv, **last: told(half, tmp_path, printed, *argv, **last)  # noqa: E731
+def test_what_cannot_continue_is_reported_in_one_line(half, tmp_path, printed):
+    ask = lambda *argv, **last: reported(half, tmp_path, printed, *argv, **last)  # noqa: E731
     assert "lacks 'last_carry_state_v'" in ask(last_carry_state_v=None)
     assert "float64[2, 3]; allowed: float64[1, 3]" in ask(last_carry_state_r=np.zeros((2, 3)))
     assert "non-finite values in 'last_row_r'" in ask(last_row_r=np.full((1, 3), np.nan))
@@ -134,7 +134,7 @@ def test_what_cannot_go_on_is_told_in_one_line(half, tmp_path, printed):
     assert main(["run", "--quiet"]) == 2
 
 
-def test_a_run_that_failed_does_not_go_on(half):
+def test_a_run_that_failed_does_not_continue(half):
     bad = {"step": 7, "time_s": 0.07, "residual": 1.0, "reason": "of a test"}
     failed = dataclasses.replace(half, status="not_converged", first_bad=bad)
     with pytest.raises(SceneError, match=r"the run to continue failed, not_converged: step 7"):

@@ -129,7 +129,7 @@ def test_a_restored_state_with_an_accuracy_repeats_to_the_bit(following, tmp_pat
         dj.Coupled(LOOP, points=ENDS, accelerations=True).restore(tmp_path / "saved.npz")
 
 
-def test_a_caller_may_go_on_in_its_own_arrays(coupled):
+def test_a_caller_may_continue_in_its_own_arrays(coupled):
     coupled.init()
     after = steps(coupled, 3)
     coupled.init()
@@ -140,7 +140,7 @@ def test_a_caller_may_go_on_in_its_own_arrays(coupled):
     np.testing.assert_array_equal(coupled.forces, after)
 
 
-def test_a_step_that_fails_says_so_and_leaves_the_state(coupled):
+def test_a_step_that_fails_is_reported_and_leaves_the_state(coupled):
     coupled.init()
     before, still = steps(coupled, 1), np.zeros((2, 3))
     with pytest.raises(SimulationError, match=r"^(not_converged|non_finite): the step to t = 0\.05 s, 3 inner steps"):

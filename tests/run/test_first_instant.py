@@ -8,7 +8,7 @@ from scene_parts import line_of, scene_of
 import dropper_jax as dj
 
 
-def test_a_run_from_angles_begins_with_the_tension_of_its_first_instant():
+def test_a_run_from_angles_starts_with_the_tension_of_its_first_instant():
     """A conical pendulum: `m g / sin(polar)` for a polar angle from the horizontal, at once and ever after."""
     scene = dj.load_scene("conical-pendulum")
     run = dj.simulate(scene, dt=0.01, duration=0.1)
@@ -16,7 +16,7 @@ def test_a_run_from_angles_begins_with_the_tension_of_its_first_instant():
     np.testing.assert_allclose(run.tension[:, 0], weight / np.sin(scene.start.polar[0]), rtol=1e-6)
 
 
-def test_a_run_from_points_begins_with_the_tension_of_its_lines_length():
+def test_a_run_from_points_starts_with_the_tension_of_its_lines_length():
     stretched = hung_line(1, 1.0, 0.1, nodes="shared", axial={"law": "rope", "EA": 5000.0})
     stretched["point"][1] |= {"position": [0.0, 0.0, -1.01], "mass": 2.0}
     stretched |= {"run": {"dt": 0.001, "duration": 0.01}, "start": {"kind": "points"}}

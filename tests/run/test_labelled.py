@@ -72,7 +72,7 @@ def test_time_of_a_file_counts_seconds_from_a_date(solution, opened):
     np.testing.assert_allclose(1e-9 * passed, solution.t, atol=1e-9)
 
 
-def test_a_line_that_is_not_there_is_told_with_the_nearest(opened):
+def test_an_unknown_line_is_reported_with_the_nearest_name(opened):
     with pytest.raises(SceneError, match=r"line: 'sok' is not a line.*sock"):
         select_line(opened, "sok")
 

@@ -23,9 +23,9 @@ LONG = {"dt": 0.01, "duration": 2.0}
 def test_pieces_of_any_length_give_the_same_numbers(monkeypatch, scene, settings, resists):
     whole = dj.simulate(scene, **settings)
     monkeypatch.setattr(chunks, "SECONDS", 0.0)
-    told = []
-    single = dj.simulate(scene, **settings, progress=lambda share, text: told.append(text))
-    assert sum(text.startswith("t =") for text in told) == len(whole.t) - 1  # a save at a time
+    reported = []
+    single = dj.simulate(scene, **settings, progress=lambda share, text: reported.append(text))
+    assert sum(text.startswith("t =") for text in reported) == len(whole.t) - 1  # a save at a time
     assert (whole.retried_steps > 0) == resists
     assert whole.retried_steps == single.retried_steps
     for name in ARRAYS:
@@ -33,10 +33,10 @@ def test_pieces_of_any_length_give_the_same_numbers(monkeypatch, scene, settings
 
 
 def test_a_long_run_shows_at_least_so_many_pieces():
-    told = []
-    dj.simulate("conical-pendulum", **LONG, progress=lambda share, text: told.append(share))
-    assert len(told) > chunks.MIN_CHUNKS
-    assert told == sorted(told)
+    reported = []
+    dj.simulate("conical-pendulum", **LONG, progress=lambda share, text: reported.append(share))
+    assert len(reported) > chunks.MIN_CHUNKS
+    assert reported == sorted(reported)
 
 
 def test_a_piece_keeps_within_its_bytes(monkeypatch):

@@ -30,15 +30,15 @@ def moored(**motion):
 
 
 @pytest.mark.parametrize(
-    ("z", "said"), [(-2.5, []), (-7.5, ["under water"]), (-29.0, ["under water", "on the seabed"])]
+    ("z", "expected"), [(-2.5, []), (-7.5, ["under water"]), (-29.0, ["under water", "on the seabed"])]
 )
-def test_buoys_under_water_or_on_the_bed_are_remarked(z, said):
+def test_buoys_under_water_or_on_the_bed_are_remarked(z, expected):
     positions = np.zeros((5, 3))
     positions[-1, 2] = z
     found = [text for text in pose_remarks(load_scene(moored()), positions, np.zeros(4)) if text.startswith("spar")]
-    assert len(found) == len(said)
-    assert all(words in remark for words, remark in zip(said, found, strict=True))
-    if "under water" in said:
+    assert len(found) == len(expected)
+    assert all(words in remark for words, remark in zip(expected, found, strict=True))
+    if "under water" in expected:
         assert f"{-(z - 1.0 + 8.0):.3g} m under water" in found[0]
 
 
@@ -78,14 +78,14 @@ def test_an_end_that_starts_at_once_over_a_bed_with_friction_is_warned_of(motion
         assert f"anchor starts abruptly at {speed}" in found[0]
 
 
-def test_without_friction_on_the_bed_nothing_is_said():
+def test_without_friction_on_the_bed_there_is_no_remark():
     scene = moored(**SINE)
     del scene["effects"]["seabed_friction"]
     assert not list(motion_warnings(load_scene(scene)))
 
 
 @pytest.mark.parametrize(("speed", "warned"), [(5e-4, False), (5e-3, False), (0.05, True)])
-def test_a_start_whose_shock_is_small_beside_friction_is_not_warned_of(speed, warned):
+def test_a_start_whose_shock_is_small_compared_with_friction_has_no_warning(speed, warned):
     """Friction of the line is 0.5 * 9.81 * 40 = 196 N; the shock sqrt(1e5 * 1) = 316 N per m/s: 0.16, 1.6 and 16 N."""
     scene = moored(time=[0.0, 1.0, 2.0], displacement=[[0.0, 0.0, 0.0], [speed, 0.0, 0.0], [2 * speed, 0.0, 0.0]])
     assert bool(list(motion_warnings(load_scene(scene)))) == warned
@@ -157,7 +157,7 @@ def test_links_that_collapse_under_compression_are_warned_of(law, warned):
     assert all("Use axial law 'elastic'" in text for text in found)
 
 
-def test_a_start_that_collapses_under_compression_is_refused_with_the_law_that_stands():
+def test_a_start_that_collapses_under_compression_is_refused_and_the_law_that_holds_is_named():
     """A rod between points that are closer together than its length: it buckles, a rope collapses."""
     points = [{"name": "wall", "position": [0.0, 0.0, 0.0]}, {"name": "tip", "position": [0.6, 0.0, 0.0]}]
     rope = {**bent_rope("rope"), "start": {"kind": "static"}, "point": points}

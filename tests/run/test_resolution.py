@@ -61,7 +61,7 @@ def test_a_symplectic_scheme_at_a_step_that_loses_energy_is_not_called_ok():
     assert run.status == "energy_drift"
 
 
-def test_tensions_that_alternate_or_come_in_pulses_are_told(soft):
+def test_tensions_that_alternate_or_come_in_pulses_are_reported(soft):
     steps = np.arange(len(soft.t))
     smooth = 100.0 + 10.0 * np.sin(0.2 * steps)
     assert changed(soft, tension=smooth[:, None]).warnings == ()
@@ -96,8 +96,8 @@ def test_what_the_tolerance_leaves_of_a_slack_rope_pushes_nothing(soft):
 
 def test_a_farm_names_its_worst_lines_and_counts_the_others():
     rows = [("not resolved", float(size), f"line {size}") for size in range(50)] + [("alternates", 1.0, "line x")]
-    told = limit_warnings(iter(rows))
-    assert told == ["line 47", "line 48", "line 49", "line x", "47 more lines: not resolved"]
+    reported = limit_warnings(iter(rows))
+    assert reported == ["line 47", "line 48", "line 49", "line x", "47 more lines: not resolved"]
     assert limit_warnings(iter(rows[:MOST_WARNINGS])) == [f"line {size}" for size in range(MOST_WARNINGS)]
     assert len(limit_warnings(iter([("not resolved", 1.0, "the same")] * 50))) == MOST_WARNINGS + 1
 

@@ -119,7 +119,7 @@ def test_drop_off_compares_accelerations_with_what_holds_a_mussel():
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "message"),
     [
         ({"month": 13.0}, "growth.month: 13.0 is out of range; allowed: 0 to 12"),
         ({"lines": []}, "growth.lines: is empty"),
@@ -134,8 +134,8 @@ def test_drop_off_compares_accelerations_with_what_holds_a_mussel():
         ({"densty": 1.0}, "growth.densty"),
     ],
 )
-def test_a_season_that_makes_no_sense_is_refused_by_its_path(change, said):
-    with pytest.raises(dj.SceneError, match=said):
+def test_a_season_that_makes_no_sense_is_refused_by_its_path(change, message):
+    with pytest.raises(dj.SceneError, match=message):
         dj.load_scene(scene(**change))
 
 

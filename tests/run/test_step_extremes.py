@@ -44,7 +44,7 @@ def assert_same_extremes(one, other):
         assert other[name]["max_s"] == pytest.approx(wanted["max_s"], abs=1e-9)
 
 
-def test_extremes_and_their_times_are_those_of_all_steps_whatever_is_saved(every_step, thinned):
+def test_extremes_and_their_times_are_those_of_all_steps_also_of_unsaved_ones(every_step, thinned):
     assert thinned.tension.max() < 0.9 * every_step.tension.max()
     assert_same_extremes(every_step.tension_summary(), thinned.tension_summary())
     assert_same_extremes(every_step.line_tensions(), thinned.line_tensions())
@@ -63,7 +63,7 @@ def test_extremes_of_each_row_are_those_of_its_steps(every_step, thinned):
         assert np.all(found.largest_at[1:] > times - 16 * 0.005)
 
 
-def test_what_is_saved_is_said(every_step, thinned):
+def test_a_run_reports_what_it_saves(every_step, thinned):
     assert every_step.saved_rows == ""
     assert every_step.tension_max is None
     assert thinned.summary()["saved_rows"] == "every 16th step is saved"

@@ -24,7 +24,7 @@ def test_a_case_from_table_6_has_the_poses_of_the_table_and_the_rest_of_its_case
 
 
 @pytest.mark.check
-def test_the_chain_of_table_6_rests_on_its_catenary_until_the_buoy_is_let_go():
+def test_the_chain_of_table_6_rests_on_its_catenary_until_the_buoy_is_released():
     rise = BUOY[2] - ANCHOR[2]
 
     def hanging(a):  # length and span of a catenary with H = a WET from the bed up to the buoy

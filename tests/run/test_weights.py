@@ -47,7 +47,7 @@ def test_end_forces_of_a_coarse_line_are_those_of_the_catenary_and_link_tensions
     assert line["mean_first_link_n"] == pytest.approx(link[0], rel=1e-3)
 
 
-def test_the_bed_carries_the_half_link_beside_an_anchor_that_is_not_lifted():
+def test_the_bed_carries_the_half_link_next_to_an_anchor_that_is_not_lifted():
     """A catenary that ends on a smooth bed: its horizontal tension a w is all that the anchor feels."""
     depth, span, length = 20.0, 40.0, 56.0
     scene = hanging(links=16, effects=WATER | {"seabed": {"stiffness": 1e6}}, sea={"depth": depth, "density": 1000.0})
@@ -78,7 +78,7 @@ def test_ends_of_a_line_by_the_link_have_the_weight_that_its_nodes_carry():
         assert sum(up) == pytest.approx(8 * weight, rel=1e-6)  # both ends carry the whole line
 
 
-def test_commands_print_forces_on_end_points_beside_link_tensions(tmp_path, capsys, json_of, file_of):
+def test_commands_print_forces_on_end_points_and_link_tensions(tmp_path, capsys, json_of, file_of):
     file = file_of(hanging())
     found = json_of(["equilibrium", file, "--json"])
     assert found["end_forces_n"]["rope"]["first"] > 1.02 * found["tension_n"][0]

@@ -107,7 +107,7 @@ def test_beyond_and_outside_the_other_theory_is_chosen():
 
 
 @pytest.mark.check
-def test_the_highest_waves_end_where_williams_says():
+def test_the_highest_waves_end_at_the_limit_of_williams():
     # deep water 0.1411 L, solitary wave 0.8332 d; Newton's method itself gets to within 5 % and not beyond
     assert highest(1.0, 1e4) == pytest.approx(0.141063, rel=1e-4)
     assert highest(1e6, 1.0) == pytest.approx(0.8332, rel=1e-3)
@@ -252,7 +252,7 @@ def test_gradients_of_a_run_agree_forward_reverse_and_with_differences(slopes_of
     slopes_of(final, jnp.array([0.4, 0.3, 1.0]), 1e-5)
 
 
-def test_a_scene_says_what_is_off_and_keeps_its_keys():
+def test_a_scene_reports_waves_outside_their_theory_and_keeps_its_keys():
     scene = dj.load_scene(SCENE)
     assert dj.Scene.from_dict(scene.to_dict()) == scene
     assert "theory" not in dj.load_scene("wet-pendulum-wave").to_dict()["sea"]["waves"]
@@ -262,7 +262,7 @@ def test_a_scene_says_what_is_off_and_keeps_its_keys():
     assert "'stokes5' is inaccurate for this wave, its length is" in " ".join(sea_warnings(long, make_sea(long.sea)))
 
 
-def test_the_command_says_what_sea_it_is(tmp_path, json_of):
+def test_the_command_describes_the_sea(tmp_path, json_of):
     picture = tmp_path / "regimes.png"
     given = ["sea", "wet-pendulum-wave", "--set", "sea.waves.theory=auto", "--json", "--regimes", str(picture)]
     found = json_of(given)["waves"]

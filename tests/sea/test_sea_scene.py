@@ -173,25 +173,25 @@ WARN = [
 @pytest.mark.parametrize(("table", "start"), WARN, ids=["breaking", "reach", "repeats", "slender", "shallow"])
 def test_what_is_doubtful_is_a_warning_with_numbers(table, start):
     scene = dj.Scene.from_dict(table)
-    assert any(said.startswith(start) for said in sea_warnings(scene, make_sea(scene.sea)))
+    assert any(printed.startswith(start) for printed in sea_warnings(scene, make_sea(scene.sea)))
 
 
 @pytest.mark.parametrize("farm", ["dropper-farm-2", "dropper-farm-4"])
 def test_shelter_that_does_not_turn_with_the_current_is_a_warning(farm):
-    def told(direction):
+    def reported(direction):
         scene = dj.load_scene(farm).with_values({"sea.current.direction": direction})
-        return [said for said in sea_warnings(scene, make_sea(scene.sea)) if said.startswith("line.shelter")]
+        return [printed for printed in sea_warnings(scene, make_sea(scene.sea)) if printed.startswith("line.shelter")]
 
-    assert not told(0.0)
-    assert not told(0.5)
-    assert "the current flows at 90 degrees from x" in told(np.pi / 2)[0]
-    assert told(np.pi)
+    assert not reported(0.0)
+    assert not reported(0.5)
+    assert "the current flows at 90 degrees from x" in reported(np.pi / 2)[0]
+    assert reported(np.pi)
 
 
 def test_the_tail_of_a_spectrum_is_no_reason_to_warn():
     waves = {"kind": "components", "amplitude": [1.0, 0.05], "period": [10.0, 1.3]}
     scene = dj.Scene.from_dict(changed(line__0__diameter=0.9, sea__waves=waves))
-    assert not any("diameter" in said for said in sea_warnings(scene, make_sea(scene.sea)))
+    assert not any("diameter" in printed for printed in sea_warnings(scene, make_sea(scene.sea)))
 
 
 def test_a_measured_elevation_comes_back_between_its_samples():

@@ -7,7 +7,7 @@ The tests compare these with the values here.
 
 The systems are those of MoorPy's `examples/sample.txt` (three chains to a platform in 600 m), `tests/case8.dat` (a spar
 on three polyester bridles) and `tests/test_system.py::test_basicU` (two floats, with a chain between them that sags to
-the bed), written anew as plain numbers. Fairleads and floats are the points whose stiffness is asked for. MoorPy's is
+the bed), written again as plain numbers. Fairleads and floats are the points whose stiffness is asked for. MoorPy's is
 the analytic one (`getCoupledStiffnessA`) of exact catenaries on a rigid bed without friction; of the floats it is that
 of differences over 1 cm (`getCoupledStiffness`): the analytic one is the same but for the signs of two entries of the
 line that sags to the bed, which break the mirror symmetry of the floats.

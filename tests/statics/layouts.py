@@ -4,7 +4,8 @@ Layout i is drawn from seed i: a topology, a bed (flat, sloping, with hills), ro
 lengths from taut to slack, floats and spar buoys from too small to much too large, depths of 5 to 60 m, currents of 0
 to 2 m/s.
 
-- Balance: forces of the effects and `EA max(e, 0)` of every link, summed anew in NumPy, over the weight of all lines.
+- Balance: forces of the effects and `EA max(e, 0)` of every link, summed independently in NumPy, over the weight of
+  all lines.
 - Stability: smallest real part of the eigenvalues of the whole stiffness, drag included (a pose to which every slow
   motion returns), over the weight of a mean link per its length. What nothing holds has zero.
 """
@@ -23,7 +24,7 @@ STABLE = -1e-6
 
 
 def unbalanced(model: dj.Model, s: dj.State) -> np.ndarray:
-    """Forces that are left on the free nodes (free, 3) [N], the ropes' tensions anew from where their ends are."""
+    """Forces that are left on the free nodes (free, 3) [N], with tensions from the positions of the ropes' ends."""
     graph, line = model.geometry, model.line
     nodes = np.concatenate([s.r, model.ends(s.t).positions])
     d = nodes[graph.last] - nodes[graph.first]

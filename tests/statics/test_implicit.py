@@ -1,4 +1,4 @@
-"""Derivatives of static poses: closed forms, differences of poses sought anew, and poses that something may leave."""
+"""Derivatives of static poses: closed forms, differences of poses solved again, and poses that something may leave."""
 
 from dataclasses import replace
 
@@ -122,7 +122,7 @@ def test_a_held_system_has_no_free_motion(mooring):
 
 @pytest.mark.check
 def test_periods_follow_stiffness_lengths_and_masses_with_the_pose(both_modes):
-    """Against periods of poses sought anew."""
+    """Against periods of poses solved again."""
     table = {
         "run": {"dt": 0.02, "duration": 0.02},
         "line_type": [{"name": "rope", "mass": 1.0, "diameter": 0.02, "EA": 5e3}],
@@ -150,9 +150,9 @@ def test_periods_follow_stiffness_lengths_and_masses_with_the_pose(both_modes):
         return natural_periods(changed, dj.settle(changed, pose.state), 3)
 
     _, reverse, forward = both_modes(periods)(jnp.ones(3))
-    anew = lambda p: natural_modes(at(p), dj.equilibrium(at(p)).state, 3).period  # noqa: E731
+    solved_again = lambda p: natural_modes(at(p), dj.equilibrium(at(p)).state, 3).period  # noqa: E731
     h = 1e-3
     for i, e in enumerate(np.eye(3)):
-        far, near = (anew(1 + k * h * e) - anew(1 - k * h * e) for k in (2, 1))
+        far, near = (solved_again(1 + k * h * e) - solved_again(1 - k * h * e) for k in (2, 1))
         np.testing.assert_allclose(forward[:, i], (8 * near - far) / (12 * h), rtol=1e-6, atol=1e-7)
     np.testing.assert_allclose(reverse, forward, rtol=1e-8, atol=1e-9)

@@ -62,7 +62,7 @@ def test_a_run_of_small_amplitude_is_what_the_matrices_say():
         },
     }
     scene = wire(EA=1e4, **water)  # it sags, so that the mass swings
-    said = dj.linearised(scene).response(2 * np.pi / period, {"b": [moved, 0.0, moved]})
+    predicted = dj.linearised(scene).response(2 * np.pi / period, {"b": [moved, 0.0, moved]})
     motion = {"amplitude": [moved, 0.0, moved], "period": period, "ramp": 4.0, "point": "b"}
     run = dj.simulate({**scene, "effects": {**water["effects"], "end_motion": motion}})
     assert run.status == "ok"
@@ -71,4 +71,4 @@ def test_a_run_of_small_amplitude_is_what_the_matrices_say():
     waves = np.stack([np.sin(2 * np.pi * t / period), np.cos(2 * np.pi * t / period), np.ones_like(t)], 1)
     pulls = np.linalg.lstsq(waves[late], run.tension[late], rcond=None)[0]
     # the run moves as the sine: what is said of exp(i w t) is turned by -i
-    np.testing.assert_allclose(pulls[0] + 1j * pulls[1], said.tension[0], rtol=2e-2)
+    np.testing.assert_allclose(pulls[0] + 1j * pulls[1], predicted.tension[0], rtol=2e-2)

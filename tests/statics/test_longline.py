@@ -58,7 +58,7 @@ def test_chain_on_a_bed_is_the_elastic_catenary_to_1e_4_and_of_second_order(one_
     [(0.3, (60.0, 0.0, 0.0)), (1.0, (60.0, 0.0, 0.0)), (1.0, (0.0, 60.0, 0.0))],
     ids=["to the anchor", "to a part without tension", "laid along y"],
 )
-def test_friction_on_the_bed_lowers_the_tension_towards_the_anchor_as_jonkman_says(one_line, mu, end):
+def test_friction_on_the_bed_lowers_the_tension_towards_the_anchor_as_jonkman_derives(one_line, mu, end):
     length, w, EA, links = 75.0, CHAIN["mass"] * G, CHAIN["EA"], 100
 
     def rows(u):  # Jonkman (2007), closed form with CB = mu

@@ -1,4 +1,4 @@
-"""Ropes that lie on a bed, float, or hang in numbers from one float: closed forms, and balances summed anew."""
+"""Ropes that lie on a bed, float, or hang in numbers from one float: closed forms, and independent balances."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Mooring stiffness: closed forms, MoorPy's numbers, differences of poses sought anew, and what is refused."""
+"""Mooring stiffness: closed forms, MoorPy's numbers, differences of poses solved again, and what is refused."""
 
 import csv
 from dataclasses import replace
@@ -50,7 +50,7 @@ def test_a_tight_wire_is_a_spring_along_itself_and_a_string_across(wire):
     np.testing.assert_allclose(mooring_stiffness(model, pose.state, ["middle", "b"]).matrix[:3, 3:], turned[3:, :3])
 
 
-def test_a_held_point_is_pulled_as_poses_sought_anew_tell(wire):
+def test_the_force_on_a_fixed_point_is_that_of_poses_solved_again(wire):
     model, pose = wire
     found = mooring_stiffness(model, pose.state, ["b"]).matrix
     move, pulls = 1e-4, []
@@ -65,7 +65,7 @@ def test_a_held_point_is_pulled_as_poses_sought_anew_tell(wire):
 
 @pytest.mark.check
 @pytest.mark.parametrize("name", ["bridles", "floats", "spread"])
-def test_sample_systems_are_as_stiff_as_moorpy_says(name):
+def test_sample_systems_have_the_stiffness_of_moorpy(name):
     assert against_moorpy.stiffness(name, against_moorpy.known("stiffness")[name])[0] < 0.01
 
 

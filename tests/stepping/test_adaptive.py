@@ -113,9 +113,9 @@ def test_a_change_of_the_step_leaves_no_alternating_tensions_in_rigid_links():
     # with the rates of the first steps tensions would alternate by 0.8 N for ever
     model, start = dj.build("dropper-release-a")
     stepper = dj.make_stepper(model).plain
-    begun, _ = dj.integrate(stepper, model, start, 0.01, 20)
+    started, _ = dj.integrate(stepper, model, start, 0.01, 20)
     lengths = jnp.concatenate([jnp.full(1, 0.01), jnp.full(40, 1e-4)])
-    _, run = jax.jit(partial(dj.integrate, stepper, steps=41))(model, begun, dt=lengths)
+    _, run = jax.jit(partial(dj.integrate, stepper, steps=41))(model, started, dt=lengths)
     tension = np.asarray(run.tension[1:])
     saw = np.abs(tension[:-2] - 2.0 * tension[1:-1] + tension[2:]).max() / 4.0
     assert saw < 1e-3 * np.abs(tension).max()
@@ -190,7 +190,7 @@ def test_schemes_without_a_known_error_are_refused(integrator, falling):
         dj.simulate(scene, integrator=integrator, accuracy=0.01)
 
 
-def test_an_accuracy_below_rounding_is_not_held_and_the_run_says_so():
+def test_an_accuracy_below_rounding_is_not_reached_and_the_run_reports_it():
     found = dj.simulate("dropper-release-a", duration=0.05, accuracy=1e-13)
     assert found.settings["shortest_steps"] > 0.9 * found.settings["steps"]
     assert any("steps are as short as steps get" in text for text in found.warnings)

@@ -65,7 +65,7 @@ def pendulum(times):
 
 
 @pytest.mark.parametrize("scheme", SCHEMES)
-def test_steps_end_where_a_force_lets_go_and_where_a_point_moves_off_and_stops(scheme):
+def test_steps_end_where_a_force_is_released_and_where_a_point_starts_and_stops(scheme):
     solution = dj.simulate(PENDULUM, integrator=scheme, accuracy=1e-8)
     assert solution.status == "ok"
     exact = pendulum(solution.t[1:])
@@ -135,7 +135,7 @@ def test_lengths_and_energy_hold_over_50_s_without_damping(scheme, tolerance):
     assert solution.energy_drift < 300 * tolerance * solution.energy_scale
 
 
-def test_a_summary_tells_the_steps_taken_and_refused(released):
+def test_a_summary_has_the_steps_taken_and_refused(released):
     solution, _ = released("tsit5", 1e-5)
     summary = solution.summary()
     assert summary["error_tolerance"] == 1e-5
@@ -205,8 +205,8 @@ def test_damping_that_holds_the_steps_is_named_with_what_to_take(scheme):
     scene = dj.load_scene(PENDULUM).with_values({"effects.linear_damping.b_l": 300.0})
     stiff = dj.simulate(scene, integrator=scheme, duration=0.5)
     assert stiff.status == "ok"
-    (told,) = (text for text in stiff.warnings if "linear_damping" in text)
-    assert "damping, not the error, limits the steps. Use energy_momentum" in told
+    (reported,) = (text for text in stiff.warnings if "linear_damping" in text)
+    assert "damping, not the error, limits the steps. Use energy_momentum" in reported
     # steps end up where h b/m is what the scheme bears
     assert 0.5 < stiff.settings["steps"] / (0.5 * 1000.0 / {"tsit5": 3.0, "dop853": 6.0}[scheme]) < 2.0
     calm = dj.simulate(PENDULUM, integrator=scheme)

@@ -196,7 +196,7 @@ def test_a_sweep_and_a_study_count_the_energy_of_broken_links_as_single_runs_do(
 
 
 @pytest.mark.check
-def test_windows_of_a_study_go_on_with_what_has_parted():
+def test_windows_of_a_study_continue_with_links_that_have_parted():
     scene = hanging(2, {"line": "rope", "link": 2, "load": 500.0}, run={"dt": 0.01, "duration": 1.0})
     problem = study(scene, "tension.2.max", ["effects.point_bodies.gravity"])
     mean, error, length = windows(problem, problem.values, 0.2)

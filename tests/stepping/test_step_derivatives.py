@@ -98,7 +98,7 @@ def cases(*names, often=OFTEN):
     return [pytest.param(name, marks=[pytest.mark.slow if name in often else pytest.mark.check]) for name in names]
 
 
-def begun(name):
+def start_of(name):
     """Stepper, model and start of a case."""
     source, scheme, choice = CASES[name]
     model = build_model(load_scene(source))
@@ -149,7 +149,7 @@ def directions(values):
 
 @pytest.mark.parametrize("name", cases(*CASES))
 def test_forward_and_reverse_mode_and_differences_agree_in_every_input(name):
-    function, values = differentiated(*begun(name))
+    function, values = differentiated(*start_of(name))
     x, unravel = ravel_pytree(values)
     along = directions(values)
 
@@ -177,7 +177,7 @@ def test_forward_and_reverse_mode_and_differences_agree_in_every_input(name):
 )
 def test_gradients_by_one_input_alone_are_those_by_all_together(name):
     """JAX refused to transpose a step of which an input is held."""
-    function, values = differentiated(*begun(name))
+    function, values = differentiated(*start_of(name))
 
     def total(values):
         return sum(jnp.sum(a) for a in function(values))

@@ -149,7 +149,7 @@ def test_the_thesis_own_scheme_has_no_numerical_damping_at_its_own_step_because_
 
 
 @pytest.mark.check
-def test_euler_schemes_do_what_the_thesis_says_on_the_pendulums() -> None:
+def test_euler_schemes_behave_as_in_the_thesis_on_the_pendulums() -> None:
     assert all(row["holds"] for row in euler_claims(dts=(0.005,)))
 
 

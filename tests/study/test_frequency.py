@@ -123,7 +123,7 @@ def test_command_prints_writes_and_draws(file, tmp_path, printed, json_of):
 
 
 @pytest.mark.check
-def test_runs_in_time_are_reported_beside_the_response(file, json_of):
+def test_runs_in_time_are_reported_with_the_response(file, json_of):
     """Linear waves on a spring with drag: the run has the same deviation within the error of the linearisation."""
     words = ["--sea-states", "0.2:4,0.5:5,1:5", "--frequencies", "20", "--runs", "2", "--json"]
     runs = json_of(["frequency", file, *words])["runs"]

@@ -24,8 +24,8 @@ def test_mean_amplitude_and_phase_are_those_of_scipy(tmp_path, json_of):
     assert found["phase_rad"] == pytest.approx(np.angle(swing / surface), abs=0.02)
     file = tmp_path / "scene.toml"
     file.write_text(as_toml(scene.to_dict()))
-    told = json_of(["response", str(file), "--periods", "6:6:1", "--no-higher-waves", "--json", "--quiet"])
-    assert told["rows"][0]["amplitude_rad"] == found["amplitude_rad"]
+    reported = json_of(["response", str(file), "--periods", "6:6:1", "--no-higher-waves", "--json", "--quiet"])
+    assert reported["rows"][0]["amplitude_rad"] == found["amplitude_rad"]
 
 
 @pytest.mark.parametrize(

@@ -24,17 +24,17 @@ def test_modes_of_a_long_line_are_seen_from_where_they_show(moved, seen):
 def test_a_pose_leaves_its_picture_and_its_result(tmp_path, json_of):
     out = tmp_path / "pose.json"
     words = ["equilibrium", "dropper-release-a", "--plot", str(tmp_path), "--out", str(out), "--json"]
-    told = json_of(words)
-    assert json.loads(out.read_text()) == told
-    assert len(told["positions_m"]) == 8
+    reported = json_of(words)
+    assert json.loads(out.read_text()) == reported
+    assert len(reported["positions_m"]) == 8
     with Image.open(tmp_path / "pose.png") as image:
         assert image.width > 500
 
 
 @pytest.mark.check
 def test_modes_leave_a_picture(tmp_path, json_of):
-    told = json_of(["modes", "paper-case-4", "--count", "2", "--json", "--plot", str(tmp_path / "two.png")])
-    assert len(told["period_s"]) == 2
+    reported = json_of(["modes", "paper-case-4", "--count", "2", "--json", "--plot", str(tmp_path / "two.png")])
+    assert len(reported["period_s"]) == 2
     assert (tmp_path / "two.png").stat().st_size > 5000
 
 

@@ -50,7 +50,7 @@ def test_runs_with_gaps_are_fitted_together(two, ready, fitted, motion, ten):
 
 @pytest.mark.check
 @pytest.mark.parametrize("options", [{"held_out": [(6.0, 9.6)]}, {"until": 6.0}, {}])
-def test_a_rig_that_swings_is_never_said_to_rest(two, ready, motion, options):
+def test_a_rig_that_swings_is_never_reported_at_rest(two, ready, motion, options):
     """Samples that a fit does not see, or that are missing at both ends, are no still frames."""
     trace = two.seen(motion, 0)
     if not options:
@@ -78,7 +78,7 @@ def test_a_pose_held_before_the_release_is_found_and_is_no_part_of_the_fit(two, 
     np.testing.assert_allclose(result.uncertainty.std_error, other.uncertainty.std_error, rtol=0.02)
 
 
-def test_one_run_follows_the_trace_and_says_how_long(two, ten, motion, tmp_path):
+def test_one_run_follows_the_trace_and_reports_how_long(two, ten, motion, tmp_path):
     """Against SciPy's motion without its noise; with twice the damping the run leaves the trace early."""
     found = predict(ten[0])
     t, phi = motion
@@ -127,7 +127,7 @@ def test_profile_and_bootstrap_agree_with_the_errors_of_either_method(two, prepa
 
 
 def test_a_bootstrap_of_few_windows_is_as_wide_as_the_noise_makes_it_and_warns(ten):
-    """Eight windows, of which the first few tell most: ten traces with white noise, whose errors their noise tells."""
+    """Eight windows, of which the first few determine most: ten traces with white noise, whose errors follow from their noise."""
     drawn = [bootstrap(result, draws=400) for result in ten]
     ratio = [d.draws.std(axis=0) / result.uncertainty.std_error for d, result in zip(drawn, ten, strict=True)]
     np.testing.assert_allclose(np.sqrt(np.mean(np.square(ratio), axis=0)), 1.0, atol=0.15)
@@ -136,7 +136,7 @@ def test_a_bootstrap_of_few_windows_is_as_wide_as_the_noise_makes_it_and_warns(t
 
 
 def test_nothing_of_what_is_held_out_touches_the_fit(two, ready, motion):
-    """Whatever stands in the held-out spans: the same windows, noise, first starts, and so the same fit."""
+    """With any samples in the held-out spans: the same windows, noise, first starts, and so the same fit."""
     trace, other = two.seen(motion, 0), two.seen(motion, 0)
     held = ((trace.t >= 4.8) & (trace.t < 6.0)) | (trace.t >= 8.4)
     other.theta[held] += 0.3 * np.random.default_rng(1).standard_normal((held.sum(), 2))
@@ -274,10 +274,10 @@ def exact(two, ready, motion):
 
 @pytest.mark.check
 @pytest.mark.parametrize("method", ["windows", "shooting"])
-def test_a_step_too_coarse_for_small_errors_is_told_and_halved_until_it_is_not(two, exact, fitted, method):
+def test_a_step_too_coarse_for_small_errors_is_reported_and_halved_until_it_is_not(two, exact, fitted, method):
     """A hundredth of the noise: the default step, of second order here, moves the estimate by many standard errors."""
     coarse = fit_windows(exact.problem(), exact.values, exact.starts)
-    told, _ = step_bias(coarse)
+    reported, _ = step_bias(coarse)
     result = fitted(exact, method)
     solution = result.solution
     error = result.uncertainty.std_error
@@ -286,9 +286,9 @@ def test_a_step_too_coarse_for_small_errors_is_told_and_halved_until_it_is_not(t
     assert np.all(np.abs(result.values - two.TRUTH) < 3 * error)
     assert solution.windows.substeps >= 4
     assert np.all(np.abs(solution.step_bias) < LARGEST_BIAS)
-    if method == "windows":  # the bias that half the step foretold is the one that a much finer step takes away
+    if method == "windows":  # the bias that half the step predicted is the one that a much finer step takes away
         own = uncertainty(coarse).std_error
-        assert told[0] * own[0] == pytest.approx(coarse.values[0] - solution.values[0], rel=0.1)
+        assert reported[0] * own[0] == pytest.approx(coarse.values[0] - solution.values[0], rel=0.1)
     else:  # the step's error does not hold the gap weight up: errors are near those of one uninterrupted run
         level = level_of(solution.problem, 1e-6)
         whole = level.undamped_step(solution.evaluation, solution.values, np.inf)
@@ -323,7 +323,7 @@ def test_a_step_that_stays_too_coarse_is_warned_of(two, exact):
 
 
 def test_one_window_without_a_derivative_does_not_hold_the_parameters(prepared, ten):
-    """A joint at its switch gave 1e20 for one window: its part is left out and told, the others decide."""
+    """A joint at its switch gave 1e20 for one window: its part is left out and reported, the others decide."""
     windows, best = prepared.windows, ten[0].solution
     sound = prepared.simulator(best.values, best.starts, windows)
     broken = sound._replace(jacobian=sound.jacobian.copy())
@@ -355,8 +355,8 @@ class Rough:
 
 
 @pytest.mark.parametrize(("off", "status"), [(0.0, "ok"), (1.0, "not_converged")])
-def test_where_no_step_lowers_the_cost_a_fit_says_how_far_its_minimum_is(prepared, ten, off, status):
-    """0.3 standard errors are converged; the windows' own optimum tells how far the point really is."""
+def test_where_no_step_lowers_the_cost_a_fit_reports_how_far_its_minimum_is(prepared, ten, off, status):
+    """0.3 standard errors are converged; the windows' own optimum shows how far the point really is."""
     best = ten[0]
     begin = best.values + off * best.uncertainty.std_error
     rough = replace(prepared.problem(), simulator=Rough(prepared.simulator, 0.3))

@@ -18,7 +18,7 @@ from fitting.calibration.undetected import undetected_parts
 from fitting.estimate.normal_equations import Prior
 
 
-def test_every_subset_of_the_parts_is_a_law_that_stands_after_those_it_contains():
+def test_every_subset_of_the_parts_is_a_law_listed_after_those_it_contains():
     assert len(LADDER) == 2 ** len(PARTS) == len({frozenset(parts) for parts in LADDER.values()})
     names = list(LADDER)
     assert all(names.index(a) > names.index(b) for a in names for b in names if contains(a, b))
@@ -51,7 +51,7 @@ def test_a_window_is_scored_by_its_density_given_all_that_was_fitted():
     assert count == len(W)
 
 
-def test_folds_score_every_window_once_and_fit_none_beside_it():
+def test_folds_score_every_window_once_and_fit_none_next_to_it():
     run = np.array([0] * 9 + [1] * 7)
     folds = blocks(run)
     assert np.all(sum(scored.astype(int) for scored, _ in folds) == 1)
@@ -122,7 +122,7 @@ def test_a_part_that_no_trace_could_have_shown_keeps_its_law_possible():
 
 
 def test_two_parts_more_are_open_only_where_one_of_them_is():
-    """Linear drag is imitated by quadratic drag and dry friction together, whatever the traces exclude of each."""
+    """Linear drag is imitated by quadratic drag and dry friction together, with any part of each excluded."""
     rows = laws({"linear": 20.0, "linear + quadratic": 19.9, "linear + dry": 19.9, "linear + quadratic + dry": 19.8})
     rows[3] = replace(rows[3], unseen=("linear", "quadratic", "dry"))
     logs = scores(-30.0, -30.5, -30.4, -31.0)
@@ -131,7 +131,7 @@ def test_two_parts_more_are_open_only_where_one_of_them_is():
     assert verdict(decide(rows, logs)) == "undecided {linear, linear + dry, linear + quadratic + dry}"
 
 
-def test_a_law_that_did_not_converge_stands_where_its_cost_does():
+def test_a_law_that_did_not_converge_is_ranked_by_its_cost():
     """Its cost is an upper limit; where that is too high, it may be the fit's fault, and is said so."""
     rows = laws({"none": 90.0, "dry": 20.0, "linear + dry": 19.9})
     rows[:2] = (replace(row, status="not_converged") for row in rows[:2])

@@ -120,7 +120,7 @@ def solution(sound):
     return estimate(sound, "windows")
 
 
-def test_a_sample_that_stands_out_alone_makes_no_window_lost(solution):
+def test_a_single_outlier_makes_no_window_lost(solution):
     """Of every fourth window one sample is half a radian off."""
     residual = solution.evaluation.residual.copy()
     slot, link = np.argwhere((solution.windows.weight > 0).all(axis=0))[-1]

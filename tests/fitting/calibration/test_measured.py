@@ -67,14 +67,14 @@ def test_the_measured_single_pendulum_is_predicted_better_than_by_its_published_
         ),
     ],
 )
-def test_a_rig_that_says_what_it_leaves_open_needs_no_list(file, scene, until, spans, published, part):
+def test_a_rig_that_declares_its_unknowns_needs_no_list(file, scene, until, spans, published, part):
     """As the command without `--free` does: parts of the published parameters' held-out error."""
     result = fit(file, scene, until=until, held_out=spans)
     assert result.status == "ok"
     assert result.windows.times().max() < until
     assert np.mean([held.rms for held in result.held_out]) < part * np.mean(published)
     inertia = next(i for i, p in enumerate(result.parameters) if p.name.startswith("line.0.inertia"))
-    assert result.uncertainty.std_error[inertia] > 0.003 * result.values[inertia]  # angles tell no scale of mass
+    assert result.uncertainty.std_error[inertia] > 0.003 * result.values[inertia]  # angles determine no scale of mass
 
 
 @pytest.mark.check

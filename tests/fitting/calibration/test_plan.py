@@ -51,7 +51,7 @@ def test_errors_of_a_chaotic_rig_are_those_that_its_fit_reports():
 
 
 @pytest.mark.check
-def test_longer_and_larger_swings_tell_more(plans):
+def test_longer_and_larger_swings_determine_more(plans):
     error = {(row.scene, row.duration): row.std_error for row in plans}
     for scene in ("from-0.2", "from-1.2"):
         for name, long in error[scene, DURATION].items():
@@ -85,5 +85,5 @@ def test_what_cannot_be_planned_is_named(settings, text):
 def test_the_command_prints_one_object(tmp_path, printed):
     scene = tmp_path / "swing.json"
     scene.write_text(json.dumps(released(1.2)))
-    said = printed(["plan", str(scene), "--free", "b_l", "--duration", "x"], 2).err
-    assert "--duration: 'x' is not a list of numbers" in said
+    output = printed(["plan", str(scene), "--free", "b_l", "--duration", "x"], 2).err
+    assert "--duration: 'x' is not a list of numbers" in output

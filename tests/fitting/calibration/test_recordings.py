@@ -123,7 +123,7 @@ def test_the_delay_is_found_before_any_fit_and_another_period_is_named(motion):
 
 
 @pytest.mark.parametrize("sign", [1, -1])
-def test_the_sign_of_a_recording_that_begins_within_the_swing_is_that_of_the_first_one(motion, sign):
+def test_the_sign_of_a_recording_that_starts_within_the_swing_is_that_of_the_first_one(motion, sign):
     """A hanging chain has no sign of its own: a file that states none is read as the first recording shows it."""
     model, _ = dj.build(SCENE)
     first = recorded(motion).in_model_convention(Convention("down", 1, "rad"))

@@ -77,7 +77,7 @@ def fit_file(folder, trace, scene, capsys, *more):
 
 @pytest.mark.check
 @pytest.mark.parametrize(
-    ("spoil", "words"),
+    ("damage", "words"),
     [
         (lambda trace: column(trace, 1, np.negative), "theta_2 has the wrong sign"),
         (lambda trace: column(trace, 2, lambda a: np.pi - a), "theta_3 is mirrored"),
@@ -96,8 +96,8 @@ def fit_file(folder, trace, scene, capsys, *more):
         (lambda trace: replace(twice(trace), t=np.tile(trace.t, 2)), "two runs in one file"),
     ],
 )
-def test_a_wrong_file_between_hooks_is_refused_or_named_by_its_mistake(tmp_path, held, capsys, spoil, words):
-    code, found = fit_file(tmp_path, spoil(held), HELD, capsys)
+def test_a_wrong_file_between_hooks_is_refused_or_named_by_its_mistake(tmp_path, held, capsys, damage, words):
+    code, found = fit_file(tmp_path, damage(held), HELD, capsys)
     if code == 2:
         assert words in found["error"]
         advice = ("To correct it: ", "Use one file per run", "Reverse the rows", "Use --unit deg", "allowed: ")
@@ -158,7 +158,7 @@ def test_a_right_file_with_gaps_outliers_and_a_still_start_is_not_named(scene, h
 
 
 @pytest.mark.parametrize(
-    ("spoil", "words"),
+    ("damage", "words"),
     [
         (lambda trace: trace, None),
         # with the other one mirrored instead, the whole motion is: both close to the same chi-square
@@ -181,8 +181,8 @@ def test_a_right_file_with_gaps_outliers_and_a_still_start_is_not_named(scene, h
         ),
     ],
 )
-def test_short_windows_name_a_wrong_file_of_a_free_end(two, ready, motion, spoil, words):
-    prepared = ready(spoil(two.seen(motion, 6)))
+def test_short_windows_name_a_wrong_file_of_a_free_end(two, ready, motion, damage, words):
+    prepared = ready(damage(two.seen(motion, 6)))
     found = name_wrong_file(prepared)
     assert words in found if words else found == ""
 
@@ -209,7 +209,7 @@ def test_the_right_rig_with_errors_of_its_model_above_a_low_noise_is_not_called_
 
 
 @pytest.mark.check
-def test_a_fit_of_a_wrong_file_is_not_ok_and_says_why(two, rods, ready, motion, monkeypatch):
+def test_a_fit_of_a_wrong_file_is_not_ok_and_names_the_reason(two, rods, ready, motion, monkeypatch):
     trace = relative(two.seen(motion, 6))
     # by the simulator of the other tests, whose windows are compiled
     monkeypatch.setattr("fitting.calibration.fit.prepare", partial(prepare, simulator=ready(trace).simulator))

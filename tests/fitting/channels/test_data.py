@@ -81,7 +81,7 @@ def changed(section, index, **values):
 
 
 @pytest.mark.parametrize(
-    ("table", "said"),
+    ("table", "message"),
     [
         (changed("channel", 0, kind="smell"), "channel.0.kind: 'smell' is unknown"),
         (changed("channel", 0, unit="mm"), "channel.0.unit: 'mm' is not a unit of this quantity; allowed: N, kN"),
@@ -109,8 +109,8 @@ def changed(section, index, **values):
         ({**GOOD, "motion": [{"point": "float", "columns": ["u", "v", "x"], "unit": "m"}]}, "is not a fixed point"),
     ],
 )
-def test_what_cannot_be_is_refused_by_name(scene, table, said, refusal):
-    assert said in refusal(read_data, table, scene)
+def test_what_cannot_be_is_refused_by_name(scene, table, message, refusal):
+    assert message in refusal(read_data, table, scene)
 
 
 def two_files(folder, *channels):

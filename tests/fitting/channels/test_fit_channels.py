@@ -68,7 +68,7 @@ def found():
 
 
 @pytest.mark.slow
-def test_four_kinds_of_channels_tell_damping_gain_delay_start_and_length(found):
+def test_four_kinds_of_channels_determine_damping_gain_delay_start_and_length(found):
     truth = {"b_l": DAMPING, "gain": 1.03, "delay": DELAY, "polar": START, "length": LENGTH}
     assert found.status == "ok"
     assert np.abs((found.values - list(truth.values())) / found.errors.std_error).max() < 3.5
@@ -161,7 +161,7 @@ def test_runs_with_a_damping_of_their_own_share_the_rest():
 
 
 @pytest.mark.parametrize(
-    ("more", "said"),
+    ("more", "message"),
     [
         ({"free": ["channel.pul.gain"]}, "free: 'channel.pul.gain': 'pul' is not a channel; did you mean 'pull'"),
         ({"free": ["channel.pull.scale"]}, "does not exist; allowed: channel.pull and offset, gain, delay"),
@@ -180,9 +180,9 @@ def test_runs_with_a_damping_of_their_own_share_the_rest():
         ({"own": ["b_l"], "free": ["line.0.length"]}, "own: 'b_l': there is only one run"),
     ],
 )
-def test_mistakes_are_named(more, said, refusal):
+def test_mistakes_are_named(more, message, refusal):
     given = {"free": ["b_l"], "own": [], "start": {}, "bounds": {}, "priors": {}, **more}
-    assert said in refusal(pose, table(seen(np.random.default_rng(0))), dj.load_scene(scene()), **given)
+    assert message in refusal(pose, table(seen(np.random.default_rng(0))), dj.load_scene(scene()), **given)
 
 
 def test_growth_of_derivatives_is_seen(found):

@@ -50,7 +50,7 @@ def of_line(y, loss=LEAST_SQUARES, rounds=3):
     return estimate_size(y, np.stack([np.ones(N), T], 1), loss=loss, rounds=rounds)
 
 
-def test_the_size_of_white_noise_is_told():
+def test_the_size_of_white_noise_is_estimated():
     size, decay, rho, _ = of_line(0.02 * np.random.default_rng(0).normal(size=N))
     assert size == pytest.approx(0.02, rel=0.04)
     assert np.isinf(decay)
@@ -69,14 +69,14 @@ def test_degrees_of_freedom_that_a_fit_takes_are_counted():
 
 
 @pytest.mark.parametrize("loss", [Huber(3.0), StudentT()])
-def test_robust_losses_tell_the_noise_of_what_does_not_stand_out(loss):
+def test_robust_losses_estimate_the_noise_without_outliers(loss):
     """From a size that is fifty times too large; 2 % of the samples are a hundred deviations off."""
     rng = np.random.default_rng(5)
     wild = np.where(rng.random(N) < 0.02, 2.0, 0.0)
     assert of_line(0.02 * rng.normal(size=N) + wild, loss, 14)[0] == pytest.approx(0.02, rel=0.15)
 
 
-def test_memory_is_told_and_taken_out():
+def test_memory_of_noise_is_estimated_and_removed():
     rng = np.random.default_rng(2)
     r = np.zeros(N)
     for i in range(1, N):
@@ -85,7 +85,7 @@ def test_memory_is_told_and_taken_out():
     assert np.exp(-0.1 * decay) == pytest.approx(0.9, abs=0.02)
     assert size == pytest.approx(0.05, rel=0.15)
     assert abs(rho) < 0.06
-    # whitened derivatives of an offset tell as little as so few independent samples: (1 - phi)/(1 + phi) of them
+    # whitened derivatives of an offset contain as little as so few independent samples: (1 - phi)/(1 + phi) of them
     assert np.sum(slopes[:, 0] ** 2) * size**2 == pytest.approx(N / 19, rel=0.25)
 
 

@@ -20,7 +20,7 @@ def test_angles_by_their_zero():
     assert np.isclose(show("azimuth", 1, 2), np.arctan2(4, 3))
 
 
-def test_angles_go_on_beyond_a_full_turn():
+def test_angles_continue_beyond_a_full_turn():
     turn = jnp.linspace(0, 4 * np.pi, 50)
     nodes = jnp.stack([jnp.zeros((50, 3)), jnp.stack([jnp.sin(turn), 0 * turn, -jnp.cos(turn)], 1)], axis=1)
     shown = Angle(**COMMON, zero="down").see(SavedMotion(nodes, nodes[1:], jnp.zeros((49, 1))))[:, 0]

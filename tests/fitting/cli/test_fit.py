@@ -86,7 +86,7 @@ def test_fit_prints_the_agreed_json_and_writes_the_report(files, call, printed):
         (["--set", "run.solver=network"], "run.solver: 'network' cannot serve this fit: it is for systems of lines"),
     ],
 )
-def test_what_a_user_can_mend_is_one_line_and_exit_code_2(call, refused, more, words):
+def test_what_a_user_can_correct_is_one_line_and_exit_code_2(call, refused, more, words):
     assert words in refused([*call, "--quiet", *more])
 
 
@@ -112,7 +112,7 @@ def test_a_gradient_fit_lists_its_descent_and_draws_it(files, call, json_of):
 
 
 @pytest.mark.check
-def test_intervals_by_profile_and_bootstrap_stand_beside_the_errors_and_priors_hold(call, json_of):
+def test_intervals_by_profile_and_bootstrap_are_listed_with_the_errors_and_priors_hold(call, json_of):
     more = ["--method", "windows", "--start", "b_l=0.5", "--bounds", "b_l=:0.8", "--prior", "b_q=0.05+-1e-6"]
     found = json_of([*call, *more, "--profile", "b_l", "--bootstrap", "100", "--json"])
     b_l = found["parameters"]["effects.linear_damping.b_l"]

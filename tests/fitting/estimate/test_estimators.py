@@ -1,4 +1,4 @@
-"""Twin experiments: the estimators find the truth they were not told, and their errors mean what they say.
+"""Synthetic data: the estimators find the truth, and their errors cover it.
 
 The truth is integrated by another scheme at a 20 times finer step; fits start ten times off. The full statistics
 (20 and 60 noise seeds) are in docs/checked-against.md.
@@ -211,7 +211,7 @@ def test_a_parameter_that_does_nothing_is_named():
         prepare(trace, pendulum, ["point.0.position.1"])
 
 
-def test_of_gap_weights_that_the_evidence_cannot_tell_apart_the_loosest_is_taken():
+def test_of_gap_weights_of_equal_evidence_the_loosest_is_taken():
     found = [SimpleNamespace(evidence=e) for e in (-9.0, -3.15, -3.1, -3.0)]
     assert loosest(found) is found[1]
     assert loosest(found[:1]) is found[0]

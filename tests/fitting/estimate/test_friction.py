@@ -46,7 +46,7 @@ def ready():
 
 
 @pytest.mark.check
-def test_dry_friction_and_linear_damping_are_told_apart(ready):
+def test_dry_friction_and_linear_damping_are_distinguished(ready):
     result = summarise(ready, "windows", estimate(ready, "windows"))
     assert result.status == "ok"
     assert result.chi2_per_dof == pytest.approx(1.0, abs=0.15)

@@ -29,8 +29,8 @@ def test_the_variance_of_a_robust_mean_is_the_scatter_of_draws(loss):
     for _ in range(50):
         weight = loss.weights(samples - mean)
         mean = np.sum(weight * samples, axis=1, keepdims=True) / np.sum(weight, axis=1, keepdims=True)
-    told = [robust_variance(x, loss, 199) / loss.weights(x).sum() for x in (samples - mean)[:200]]
-    assert np.mean(told) == pytest.approx(mean.var(), rel=0.1)
+    reported = [robust_variance(x, loss, 199) / loss.weights(x).sum() for x in (samples - mean)[:200]]
+    assert np.mean(reported) == pytest.approx(mean.var(), rel=0.1)
 
 
 def test_huber_is_least_squares_within_its_threshold_and_straight_beyond():

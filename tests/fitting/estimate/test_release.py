@@ -123,7 +123,7 @@ def test_laws_are_compared_with_the_release_free_in_each(ready):
 
 
 @pytest.mark.check
-def test_the_laws_are_not_judged_on_windows_that_the_model_begins():
+def test_the_laws_are_not_judged_on_windows_that_the_model_starts():
     """Two runs with four windows each."""
     released = np.arange(8) % 4 == 0
     folds = fair(blocks(np.arange(8) // 4), released)

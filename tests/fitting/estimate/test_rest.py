@@ -27,8 +27,8 @@ def hanging(length, end):
         force = pull[1:] - pull[:-1] + MASS[:3, None] * np.array([0, -9.81])
         return np.concatenate([force.ravel(), np.sum(d**2, axis=1) - length**2])
 
-    begun = np.array([0.07, -0.13, 0.19, -0.2, 0.3, -0.13, 5, 5, 5, 5], float)
-    x = fsolve(balance, begun, xtol=1e-13)
+    guess = np.array([0.07, -0.13, 0.19, -0.2, 0.3, -0.13, 5, 5, 5, 5], float)
+    x = fsolve(balance, guess, xtol=1e-13)
     assert np.abs(balance(x)).max() < 1e-10
     d = np.diff(np.concatenate([[[0, 0]], x[:6].reshape(3, 2), [[end, 0]]]), axis=0)
     return np.arctan2(-d[:, 1], d[:, 0])
@@ -91,7 +91,7 @@ def test_a_dry_joint_leaves_a_pendulum_at_rest_anywhere_in_its_band(chain):
     assert found == pytest.approx(2e-3 / np.sqrt(3) / (0.1 * 9.81 * 0.3), rel=1e-6)
 
 
-def test_a_trace_that_rests_before_and_after_is_told_so():
+def test_a_trace_that_rests_before_and_after_is_recognised():
     """A pendulum held by its hook alone, pushed at 1.5 s and at rest again from 6 s on, in noise and with a gap."""
     t = np.arange(0, 8, 1 / 60)
     swing = np.where((t > 1.5) & (t < 6.0), 0.4 * np.sin(4 * (t - 1.5)) * np.sin(np.pi * (t - 1.5) / 4.5) ** 2, 0.0)

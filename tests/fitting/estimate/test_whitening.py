@@ -88,7 +88,7 @@ def test_delays_move_the_mean_of_an_angle_by_half_their_square_times_its_acceler
     assert shifts[0] - shifts[1] == pytest.approx(0.5 * delay**2, rel=0.02)
 
 
-def test_windows_in_a_row_tell_no_more_of_a_constant_than_the_run_they_were_cut_from():
+def test_windows_in_a_row_determine_a_constant_no_better_than_the_run_they_were_cut_from():
     """The exact information of a mean in AR(1) noise is `1' V^-1 1`; ten windows lose less than a hundredth of it."""
     count, phi = 10, 0.9
     shape = (count, SLOTS, 1)
@@ -126,7 +126,7 @@ def test_the_diagonal_of_a_block_tridiagonal_inverse_is_that_of_the_dense_one():
     np.testing.assert_allclose(found, blocks(np.linalg.inv(dense)), atol=1e-14)
 
 
-def test_the_error_of_a_solution_is_in_radians_whatever_the_noise(windows):
+def test_the_error_of_a_solution_is_in_radians_with_any_noise(windows):
     from fitting.estimate.residuals import Solution
 
     theta = 0.3 * np.random.default_rng(6).standard_normal(windows.theta.shape)

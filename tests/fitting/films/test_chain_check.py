@@ -44,15 +44,15 @@ def test_circles_at_the_right_distance_that_jump_are_none():
 
 
 @pytest.mark.parametrize(
-    ("spoil", "words"),
+    ("damage", "words"),
     [
         (lambda p, t: p * (1 + 0.15 * np.sin(0.1 * t))[:, None, None], "changes its length by"),
         (lambda p, t: p[:1] + np.random.default_rng(2).normal(0, 0.3, p.shape), "no node moves"),
     ],
 )
-def test_links_that_stretch_and_spots_that_rest_are_no_chain(spoil, words):
+def test_links_that_stretch_and_spots_that_rest_are_no_chain(damage, words):
     t = np.arange(200)
-    assert words in why(spoil(pendulum(0.2 * t), t))
+    assert words in why(damage(pendulum(0.2 * t), t))
 
 
 def test_a_standard_error_above_0_2_rad_is_never_ok():
@@ -69,8 +69,8 @@ def test_two_circles_that_move_on_their_own_are_lost_with_exit_3_and_no_trace(tm
     write_video(tmp_path / "two.avi", films.discs(np.stack([one, two], axis=1), size=(220, 160), noise=0.0), 60.0)
     out = tmp_path / "two.csv"
     call = ["track", str(tmp_path / "two.avi"), "--nodes", "2", "--out", str(out)]
-    said, errors = printed([*call, "--overlay", str(tmp_path / "o.png"), "--json", "--quiet"], 3)
-    found = json.loads(said)
+    output, errors = printed([*call, "--overlay", str(tmp_path / "o.png"), "--json", "--quiet"], 3)
+    found = json.loads(output)
     assert found["status"] == "lost"
     assert found["out"] is None
     assert not out.exists()
@@ -103,7 +103,7 @@ def test_a_film_without_markers_is_lost(tmp_path, capsys):
 
     write_video(tmp_path / "none.avi", frames(), 30.0)
     code = main(["track", str(tmp_path / "none.avi"), "--nodes", "2", "--out", str(tmp_path / "a.csv"), "--quiet"])
-    said, _ = capsys.readouterr()
+    output, _ = capsys.readouterr()
     assert code in (2, 3)
-    assert code == 2 or "lost: no angles are written" in said
+    assert code == 2 or "lost: no angles are written" in output
     assert not (tmp_path / "a.csv").exists()

@@ -1,4 +1,4 @@
-"""Motion out of the plane is told from what a slanting camera and a lens do, and the fit of such a film says so."""
+"""Motion out of the plane is distinguished from a slanting camera and a lens, and the fit of such a film reports it."""
 
 import numpy as np
 import pytest
@@ -33,7 +33,7 @@ def runs():
 
 @pytest.mark.parametrize("slant", [(0.0, 0.0), (0.1, -0.05)])
 @pytest.mark.parametrize("bending", [(0.0, 0.0), (-0.1, 0.02)])
-def test_a_kick_out_of_the_plane_is_told_from_slant_and_lens(runs, slant, bending):
+def test_a_kick_out_of_the_plane_is_distinguished_from_slant_and_lens(runs, slant, bending):
     view = View(slant=slant, bending=bending, centre=(0.1, -0.15))
     noise = 0.1 * np.random.default_rng(0).standard_normal(runs[0.0].positions[..., :2].shape)
     found = {}
@@ -46,15 +46,15 @@ def test_a_kick_out_of_the_plane_is_told_from_slant_and_lens(runs, slant, bendin
 
 @pytest.mark.check
 @pytest.mark.parametrize("kick", [0.0, 0.15])
-def test_the_film_of_a_kicked_chain_is_said_to_leave_its_plane_by_tracker_and_fit(runs, tmp_path, kick):
+def test_tracker_and_fit_report_that_a_kicked_chain_leaves_its_plane(runs, tmp_path, kick):
     run = runs[kick]
     view = View(size=(400, 300), focus=500.0, centre=(0.1, -0.15), distance=0.9)
     path = tmp_path / "chain.avi"
     write_video(path, film(Motion(run.t, run.positions), view, 60.0), 60.0)
     tracked = track(path, 4, distance=None)
     assert tracked.status == "ok"
-    told = [line for line in tracked.warnings if "out of the plane" in line]
-    assert bool(told) == bool(kick)
+    reported = [line for line in tracked.warnings if "out of the plane" in line]
+    assert bool(reported) == bool(kick)
     trace = read_trace(write_trace(tmp_path / "chain.csv", tracked.trace, ["marked nothing"]))
     assert trace.warnings == tracked.trace.warnings
     model, _ = dj.build(dj.load_scene(chain(0.0)))

@@ -53,13 +53,13 @@ def test_all_films_are_tracked_with_boards_and_without(tmp_path, name):
         check_angles(films.judged(film, path, given, truth), limit)
 
 
-def test_an_order_that_nothing_tells_is_exit_3_with_a_picture_and_start_settles_it(tmp_path, printed):
+def test_an_unknown_order_is_exit_3_with_a_picture_and_start_decides_it(tmp_path, printed):
     places = np.array([160.0, 120.0]) + films.stiff_zigzag(0.5 * np.sin(np.arange(50) / 10))
     write_video(tmp_path / "stiff.avi", films.discs(places), 60.0)
     out = tmp_path / "a.csv"
     call = ["track", str(tmp_path / "stiff.avi"), "--nodes", "4", "--out", str(out), "--json", "--quiet"]
-    said, errors = printed(call, 3)
-    found = json.loads(said)
+    output, errors = printed(call, 3)
+    found = json.loads(output)
     assert found["status"] == "ambiguous_order"
     assert not out.exists()
     assert len([line for line in errors.splitlines() if line.startswith("error")]) == 1
@@ -79,7 +79,7 @@ def test_a_film_without_circles_is_named(tmp_path, refused):
     assert "empty.avi: no circles" in refused(["track", str(tmp_path / "empty.avi"), "--nodes", "4", "--quiet"])
 
 
-def test_a_disc_that_leaps_for_three_frames_is_marked_with_its_time(tmp_path):
+def test_a_disc_that_jumps_for_three_frames_is_marked_with_its_time(tmp_path):
     # a double pendulum whose last disc is somewhere else in frames 40 to 42
     t = np.arange(90) / 60
     one, two = 0.8 * np.sin(5 * t), 0.9 * np.sin(7 * t + 1)

@@ -66,18 +66,18 @@ def test_the_exposure_is_found_from_the_lengths_and_taken_back():
     share = exposure_share(blurred)
     # the mean square of the trapezoid's offsets (0, +-1, +-2 eighths of a frame) is 1.5/64; half of it goes with D
     assert share == pytest.approx(0.5 * 1.5 / 64, rel=0.1)
-    mended = blurred - share * second_differences(blurred)
-    left, before = (np.sqrt(np.mean((each - fine[middle])[1:-1] ** 2)) for each in (mended, blurred))
+    corrected = blurred - share * second_differences(blurred)
+    left, before = (np.sqrt(np.mean((each - fine[middle])[1:-1] ** 2)) for each in (corrected, blurred))
     assert left < 0.5 * before
     assert exposure_share(fine[middle]) < 1e-4
 
 
-def test_the_scatter_of_lengths_tells_the_errors_of_angles():
+def test_the_scatter_of_lengths_gives_the_errors_of_angles():
     rng = np.random.default_rng(2)
     turn = np.linspace(0, 9, 400)
     truth = np.stack([np.zeros((400, 2)), 70 * np.stack([np.cos(turn), np.sin(turn)], axis=1)], axis=1)
     places = truth + 0.2 * rng.standard_normal(truth.shape)
     off = four_quadrant(places) - four_quadrant(truth)
-    # the edges of the circles would have told a quarter of it
+    # the edges of the circles would have shown a quarter of it
     found = estimate_angle_errors(places, np.full((400, 2), 0.05), np.ones((400, 1), bool))
     assert np.sqrt(np.mean(found**2)) == pytest.approx(np.sqrt(np.mean(off**2)), rel=0.15)

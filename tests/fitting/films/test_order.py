@@ -98,7 +98,7 @@ def test_markers_are_taken_again_in_the_frame_in_which_they_come_back(places, ki
     assert (taken == seen).mean() > 0.98
 
 
-def test_an_order_that_nothing_tells_is_refused_with_the_alternatives():
+def test_an_unknown_order_is_refused_with_the_alternatives():
     pixels = 240.0 + films.stiff_zigzag(0.8 * np.sin(np.arange(90) / 12))
     with pytest.raises(AmbiguousOrderError, match="not known") as refused:
         followed(pixels)
@@ -110,7 +110,7 @@ def test_an_order_that_nothing_tells_is_refused_with_the_alternatives():
     check_names(followed(pixels, start=pixels[0]), pixels)
 
 
-def test_a_stiff_row_of_markers_is_taken_along_its_line_and_that_is_told():
+def test_a_stiff_row_of_markers_is_taken_along_its_line_and_that_is_reported():
     t = np.arange(60) / 10
     row = np.stack([100.0 + 60 * np.arange(4), np.full(4, 200.0)], axis=1)
     pixels = row + np.stack([30 * np.sin(t), 10 * np.cos(t)], axis=1)[:, None]

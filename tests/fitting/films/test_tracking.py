@@ -77,7 +77,7 @@ def test_a_covered_marker_is_left_empty_and_found_again(tracked_lab):
     assert np.isfinite(trace.theta[60:70, :2]).all()
 
 
-def test_standard_errors_tell_the_scatter_of_the_angles(lab, tracked_lab):
+def test_standard_errors_are_the_scatter_of_the_angles(lab, tracked_lab):
     _, trace = tracked_lab
     off = trace.theta - lab[2]
     # what stays for long (the level, the rest of the lens) is no scatter: differences from one sample to the next
@@ -93,7 +93,7 @@ def test_the_files_name_the_convention_the_metres_and_what_was_not_seen(lab, tra
     assert lines[1].split(",") == ["t", *(f"theta_{j}" for j in range(1, 8)), *(f"se_{j}" for j in range(1, 8))]
     places = np.genfromtxt(folder / "places.csv", delimiter=",", comments="#", skip_header=2)
     assert not places[60:70, 3 * 3 + 3].any()
-    # the ends hang 0.28 m apart at one height, whatever the lens does
+    # the ends hang 0.28 m apart at one height, through any lens
     np.testing.assert_allclose(places[:, 22] - places[:, 1], 0.28, atol=1e-3)
     np.testing.assert_allclose(places[:, 23] - places[:, 2], 0.0, atol=1e-3)
     sheet = opencv().imread(str(folder / "sheet.png"))
@@ -105,7 +105,7 @@ def test_the_lens_is_recovered_from_boards(lab):
     lens = calibrate(lab[1])
     assert lens.error < 0.3
     np.testing.assert_allclose(lens.matrix[[0, 1], [0, 1]], LAB.focus, rtol=0.01)
-    # where a point at the edge of the picture is drawn to tells more than the coefficients, which trade with each other
+    # where a point at the edge of the picture is drawn to determines more than the coefficients, which trade with each other
     edge = np.array([[20.0, 20.0], [620.0, 240.0], [320.0, 460.0]])
     np.testing.assert_allclose(lens.straighten(edge), LAB.lens.straighten(edge), atol=1.5)
     np.testing.assert_allclose(lens.bend(lens.straighten(edge)), edge, atol=1e-3)
@@ -190,7 +190,7 @@ def bad(tmp_path_factory):
         ("three.avi", ["--nodes", "3", "--plane", "board-0.png"], "--square: missing"),
     ],
 )
-def test_what_a_user_can_mend_is_one_line_and_exit_code_2(bad, refused, monkeypatch, video, more, words):
+def test_what_a_user_can_correct_is_one_line_and_exit_code_2(bad, refused, monkeypatch, video, more, words):
     monkeypatch.chdir(bad)
     assert words in refused(["track", video, *more, "--quiet"])
 

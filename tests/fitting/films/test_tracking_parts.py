@@ -31,7 +31,7 @@ def test_the_angle_is_that_of_the_thesis_in_all_four_quadrants(direction):
     assert four_quadrant(nodes[None])[0, 0] == pytest.approx(expected)
 
 
-def test_a_link_that_turns_twice_has_an_angle_that_goes_on():
+def test_a_link_that_turns_twice_has_a_continuous_angle():
     turn = np.linspace(0.3, 0.3 + 4 * np.pi, 200)
     places = np.stack([np.zeros((200, 2)), np.stack([np.cos(turn), np.sin(turn)], axis=1)], axis=1)
     np.testing.assert_allclose(four_quadrant(places)[:, 0], turn, atol=1e-12)
@@ -51,7 +51,7 @@ CENTRES = np.array([[40.3, 40.7], [90.55, 80.2], [150.1, 60.9]])
 
 
 @pytest.mark.parametrize("radius", [4.0, 8.0, 16.0])
-def test_circles_are_found_to_a_twentieth_of_a_pixel_whatever_their_size(radius):
+def test_circles_of_any_size_are_found_to_a_twentieth_of_a_pixel(radius):
     for bright, image in ((True, disc_picture(CENTRES, radius)), (False, 255 - disc_picture(CENTRES, radius))):
         look = learn_appearance(image, 3)
         found = detect(image, look)

@@ -51,7 +51,7 @@ def test_a_unit_that_the_period_contradicts_is_noted(tmp_path):
     assert "angle in rad" in read_measured(file, FileOptions(unit="rad")).notes
 
 
-def test_a_repeated_a_swapped_and_a_restarted_row_are_said(tmp_path):
+def test_a_repeated_a_swapped_and_a_restarted_row_are_reported(tmp_path):
     rows = np.stack([T, PHI], axis=1)
     rows = np.insert(rows, 500, rows[500], axis=0)
     rows[[700, 702]] = rows[[702, 700]]
@@ -123,8 +123,8 @@ def test_frames_need_a_rate_and_a_comment_gives_it(tmp_path):
     with pytest.raises(SceneError, match=r"--rate 60"):
         read_measured(bare)
     assert 9.81 / read_measured(bare, FileOptions(rate=RATE)).swing.stiffness == pytest.approx(LENGTH, rel=0.01)
-    said = write(tmp_path / "b.csv", ["# fps: 100", "frame,angle_rad"], rows)
-    assert 9.81 / read_measured(said).swing.stiffness == pytest.approx(LENGTH, rel=0.01)
+    numbered = write(tmp_path / "b.csv", ["# fps: 100", "frame,angle_rad"], rows)
+    assert 9.81 / read_measured(numbered).swing.stiffness == pytest.approx(LENGTH, rel=0.01)
 
 
 def test_one_point_and_two_points_of_a_link_give_its_angle(tmp_path):

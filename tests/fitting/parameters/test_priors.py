@@ -1,4 +1,4 @@
-"""Priors of a rig: on single numbers, on the share common to several, and the scale of mass that no angle tells."""
+"""Priors of a rig: on single numbers, on the share common to several, and the scale of mass, which angles leave open."""
 
 import numpy as np
 import pytest
@@ -69,7 +69,7 @@ def test_angles_do_not_change_when_everything_heavy_grows_alike():
     ("unit", "power"),
     [("kg", 1), ("kg/s", 1), ("N m s/rad", 1), ("N m", 1), ("kg m^2", 1), ("m", 0), ("rad", 0), ("m/s^2", 0), ("-", 0)],
 )
-def test_units_with_a_mass_are_told(unit, power):
+def test_units_with_a_mass_are_recognised(unit, power):
     assert power_of_mass(unit) == power
 
 

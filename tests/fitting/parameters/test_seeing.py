@@ -20,7 +20,7 @@ def model(chain):
     return build_model(dj.load_scene(chain(LENGTH, 0.1, {"kind": "static"}, [0.6, 0, 0])))
 
 
-def test_markers_beside_their_nodes_are_seen_where_geometry_puts_them(model):
+def test_markers_off_their_nodes_are_seen_where_geometry_puts_them(model):
     names = ["camera.offset", "marker.offset.2", "marker.node.0.1", "marker.node.2", "marker.node.4.0"]
     parameters = resolve(model, names)
     values = np.array([0.02, -0.01, 0.004, 0.003, -0.005, 0.006])

@@ -44,7 +44,7 @@ def found(loop):
     return local(loop, check=True)
 
 
-def test_an_extreme_is_that_of_all_steps_whatever_is_saved(loop):
+def test_an_extreme_is_that_of_all_steps_also_of_unsaved_ones(loop):
     thinned = {**SCENE, "run": {**SCENE["run"], "save_every": 5}}
     assert study(thinned, "tension.1.max", ["b_l", "line.0.mass.1"]).scene == loop.scene  # the same run
     assert study(thinned, "tension.1.mean", ["b_l"]).scene.run.save_every == 5
@@ -127,8 +127,8 @@ def test_runs_of_a_study_take_the_steps_of_its_own_run(snapping):
 
 def test_slopes_of_a_snapping_rope_are_differences_with_an_error(snapping):
     problem, runs = snapping
-    told = []
-    found = local(problem, lambda share, text: told.append(text))
+    reported = []
+    found = local(problem, lambda share, text: reported.append(text))
     assert (found.method, found.reverse, found.horizon, found.value) == ("differences", None, 0.6, runs.value)
     gravity = problem.values[0]
     slopes = []
@@ -140,7 +140,7 @@ def test_slopes_of_a_snapping_rope_are_differences_with_an_error(snapping):
     assert found.error[0] >= np.hypot(slopes[0] - slopes[1], noise) * (1.0 - 1e-9)
     fresh = [runs.run(problem.values * [1.0 + sign * 0.005, 1.0]).value for sign in (-1, 1)]
     assert abs((fresh[1] - fresh[0]) / (0.01 * gravity) - found.forward[0]) <= 2.0 * found.error[0]
-    assert sum(text.startswith("differences") for text in told) == 9  # one of all parameters, four of each
+    assert sum(text.startswith("differences") for text in reported) == 9  # one of all parameters, four of each
     assert "error of dQ/dp" in local_text(found)
 
 
@@ -205,7 +205,7 @@ def test_exact_derivatives_are_checked_by_two_runs_along_them(loop, found):
         ("tangent", 3.5, 3.5, "nothing"),  # a phase that drifts, as the derivative predicts
     ],
 )
-def test_growth_of_small_and_of_large_changes_are_told_apart(found, method, growth, motion, grows):
+def test_growth_of_small_and_of_large_changes_are_distinguished(found, method, growth, motion, grows):
     assert replace(found, method=method, growth=growth, motion_growth=motion).grows == grows
 
 
@@ -222,7 +222,7 @@ def test_a_parameter_without_effect_has_slope_zero_with_error_zero():
     assert by_differences.forward[1] == pytest.approx(found.forward[1], abs=5.0 * by_differences.error[1])
 
 
-def test_a_single_step_maximum_and_samples_that_are_not_gaussian_are_said(snapping):
+def test_a_single_step_maximum_and_samples_that_are_not_gaussian_are_reported(snapping):
     problem, _ = snapping
     of = {"tension.max": "is the value of a single step", "tension.1.mpm": "are not Gaussian (excess kurtosis"}
     for name, words in of.items():
@@ -359,11 +359,11 @@ def test_command_prints_a_table_and_draws(tmp_path, printed, json_of, monkeypatc
         patch.setattr(sensitivity, "local", lambda problem, say, check: found)
         assert "p/Q dQ/dp" in printed([*argv, "--plot", str(picture)]).out
         assert picture.stat().st_size > 5000
-        told = json_of([*argv, "--json"])
-    assert told["forward"] == found.forward.tolist()
-    assert told["trusted"] is True
-    assert (told["method"], told["grows"]) == ("tangent", "nothing")
-    assert told["error"] == found.error.tolist()
+        reported = json_of([*argv, "--json"])
+    assert reported["forward"] == found.forward.tolist()
+    assert reported["trusted"] is True
+    assert (reported["method"], reported["grows"]) == ("tangent", "nothing")
+    assert reported["error"] == found.error.tolist()
     assert "to: 'line.0.mas' does not exist" in json_of([*argv[:-1], "line.0.mas", "--json"], 2)["error"]
 
 

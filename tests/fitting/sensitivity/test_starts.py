@@ -1,4 +1,4 @@
-"""Derivatives by numbers of the scene through static starts, against differences of scenes that start anew."""
+"""Derivatives by numbers of the scene through static starts, against differences of scenes that start again."""
 
 import jax
 import jax.numpy as jnp
@@ -35,7 +35,7 @@ NUMBERS = ["line.first.length", "point.float.volume", "line_type.rope.EA", "line
 NUMBERS += ["sea.current.speed"]
 
 
-def anew(path, share, start="static"):
+def solved_again(path, share, start="static"):
     """The scene with one number changed by a share, its model and its start, sought from nothing."""
     scene = load_scene({**TABLE, "start": {"kind": start}})
     scene = scene.with_values({path: scene.value(path) * (1 + share)})
@@ -51,7 +51,7 @@ def storm():
 def differences(of, path, value, start="static"):
     """Central differences of fourth order by the number."""
     h = 1e-3
-    at = {k: of(*anew(path, k * h, start)) for k in (-2, -1, 1, 2)}
+    at = {k: of(*solved_again(path, k * h, start)) for k in (-2, -1, 1, 2)}
     return (8 * (at[1] - at[-1]) - (at[2] - at[-2])) / (12 * h * value)
 
 
@@ -101,7 +101,7 @@ def test_a_natural_period_is_a_quantity_of_a_static_start(start, of, words):
         study({**TABLE, "start": {"kind": start}}, of, NUMBERS[:1])
 
 
-def test_a_slope_of_a_slack_weightless_rope_by_gravity_is_not_resolved_and_says_so():
+def test_a_slope_of_a_slack_weightless_rope_by_gravity_is_reported_as_not_resolved():
     rope = {"length": 4.0, "mass": 1.0, "diameter": 0.02, "links": 2, "axial": {"law": "rope", "EA": 1e4}}
     scene = {
         "run": {"dt": 0.01, "duration": 0.02},

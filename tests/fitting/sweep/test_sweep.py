@@ -246,7 +246,7 @@ def test_a_folder_of_other_inputs_is_refused_with_what_differs(whole, tmp_path, 
     assert "exists but is not a sweep" in refusal(sweep, SCENE, VARY, tmp_path / "folder")
 
 
-def test_failed_members_are_recorded_and_spoil_no_other(tmp_path):
+def test_failed_members_are_recorded_and_affect_no_other(tmp_path):
     """A link that turns many times within a step has no step to take."""
     path = tmp_path / "failed.zarr"
     scene = {**SCENE, "start": {**SCENE["start"], "polar_rate": [0.0, 0.0]}}

@@ -38,12 +38,12 @@ def test_waves_are_met_by_enough_frames_and_a_long_run_is_shown_in_part(longline
     assert "of 60 s, around the maximum tension" in part.notes[0]
 
 
-def test_frames_saved_too_far_apart_for_the_waves_are_told(longline):
+def test_frames_saved_too_far_apart_for_the_waves_are_reported(longline):
     solution = longline(samples=601)
     for name in ("t", "positions", "velocities", "tension", "t_tension", "kinetic", "potential", "work", "step_status"):
         setattr(solution, name, getattr(solution, name)[::40])
-    told = choose_samples(readable(solution), 3000).notes
-    assert "saved every 4 s in waves of 6" in told[0]
+    reported = choose_samples(readable(solution), 3000).notes
+    assert "saved every 4 s in waves of 6" in reported[0]
 
 
 @pytest.mark.check
@@ -82,7 +82,7 @@ def test_a_click_on_a_rope_shows_its_tension_and_a_trail(page, in_browser, optio
     assert seen["long"] == ["12.3 kN", "57.5 N", "0.00123", "3.50"]
 
 
-def test_a_rope_as_solid_is_as_bright_as_its_tension_says_through_the_water(page, in_browser):
+def test_a_solid_rope_is_as_bright_as_its_tension_through_the_water(page, in_browser):
     """Colours between 0.7 of the scale's and the scale's own: nothing washes them out."""
     probe = """(() => {
       byId("names").checked = false; byId("trail").checked = false; eye.zoom = 2; draw();

@@ -184,7 +184,7 @@ def test_workers_of_a_cluster_give_the_same_bits(site, folder, tmp_path):
 
 
 @pytest.mark.check
-def test_runs_killed_at_any_moment_go_on_with_the_same_bits(site, folder, tmp_path):
+def test_runs_killed_at_any_moment_continue_with_the_same_bits(site, folder, tmp_path):
     """`kill -9` of a call with two workers, which end by themselves; the same call again does the rest."""
     (tmp_path / "site.json").write_text(json.dumps(SITE))
     script = (
@@ -263,7 +263,7 @@ def test_a_part_without_a_curve_has_no_damage(folder):
     assert assess(bare, folder)["parts"][0]["fatigue"] == {"skipped": "no curve given"}
 
 
-def test_the_report_says_what_a_reader_must_know(found):
+def test_the_report_states_what_a_reader_must_know(found):
     flags = "\n".join(found["flags"])
     assert "not a final check: 3 of at least 10 seeds" in flags
     assert "exclusion: " in flags  # the buoy drifts when its leg is gone
@@ -360,7 +360,7 @@ def test_a_rougher_crop_raises_the_mean_load_of_its_case(by_standard):
     assert mean[rows["10 years", "high"]] > mean[rows["10 years", "low"]] + 1.0
 
 
-def test_a_broken_case_has_the_time_of_its_break_and_the_page_says_it(found):
+def test_a_broken_case_has_the_time_of_its_break_and_the_page_shows_it(found):
     times = {case["state"]: case["break_s"] for case in found["cases"]}
     assert times == {"intact": None, "west-leg": 8.0}
     rows = [row for row in page_text(found).splitlines() if row.startswith("| ") and "storm, 0 deg" in row]
@@ -388,8 +388,8 @@ def test_the_command_lists_its_cases_and_refuses_what_breaks_before_anything_run
     site, out = tmp_path / "SITE.toml", tmp_path / "out"
     call = ["cases", str(site), "--out", str(out)]
     site.write_text(storm_site(4.2))
-    told = json_of([*call, "--list", "--json"])
-    assert (told["cases"], told["runs"]) == (["storm, 0 deg", "storm, 90 deg"], 4)
+    reported = json_of([*call, "--list", "--json"])
+    assert (reported["cases"], reported["runs"]) == (["storm, 0 deg", "storm, 90 deg"], 4)
     site.write_text(storm_site(14.2))
     assert "sea_state.0.hs: 'storm' of 14.2 m breaks; allowed: at most" in json_of([*call, "--json"], 2)["error"]
     assert not out.exists()

@@ -24,14 +24,14 @@ def circle(angle, limit=1.0):
     return x, Values(-x.sum(), -np.ones(2), ("circle",), np.array([x @ x / 2]), x[None])
 
 
-def test_the_price_of_a_curved_constraint_is_the_slope_of_its_optimum():
+def test_the_shadow_price_of_a_curved_constraint_is_the_slope_of_its_optimum():
     x, values = circle(np.pi / 4)
     found = prices(values, x, LOW, HIGH, FREE, limit=1.0)
     # d(-2 sqrt(limit))/d limit = -1; a linear programme in a box would have one variable at the box's wall
     np.testing.assert_allclose([found.of[0], found.left], [1.0, 0.0], atol=1e-12)
 
 
-def test_a_design_that_is_no_optimum_says_so():
+def test_a_design_that_is_no_optimum_is_reported():
     x, values = circle(np.pi / 4 + 0.3)
     found = prices(values, x, LOW, HIGH, FREE, limit=1.0)
     np.testing.assert_allclose(found.left, np.sin(0.3), rtol=1e-9)  # what of the slope lies along the circle
@@ -82,16 +82,16 @@ def best(site, windows, x, margin=0.01):
 
 
 @pytest.mark.check
-def test_prices_of_limits_and_assumptions_are_those_of_designs_sought_anew():
+def test_prices_of_limits_and_assumptions_are_those_of_designs_optimised_again():
     site = read_site(SITE)
     start = read_problem(site)
     windows, _ = start.measure(start.start, silent)
     design, x, values = best(site, windows, start.start)
     found = prices(values, x, *bounds(design.variables), np.zeros(len(x), bool), 0.99)
     assert found.left < 0.1
-    foretold = {"limits": -0.01 * found.of.sum()}
+    predicted = {"limits": -0.01 * found.of.sum()}
     costs = values.slope[len(x) :] + found.of @ values.slopes[:, len(x) :]
-    foretold |= {name: 0.01 * cost for name, cost in zip(ASSUMPTIONS, costs, strict=True)}
+    predicted |= {name: 0.01 * cost for name, cost in zip(ASSUMPTIONS, costs, strict=True)}
     moved = {
         "limits": (site, 0.0),
         "wave height": (read_site({**SITE, "sea_state": [{**SITE["sea_state"][0], "hs": 3.03}]}), 0.01),
@@ -100,4 +100,4 @@ def test_prices_of_limits_and_assumptions_are_those_of_designs_sought_anew():
     for name, (other, margin) in moved.items():
         _, _, there = best(other, windows, x, margin)
         change = there.objective - values.objective
-        assert change == pytest.approx(foretold[name], rel=0.2), (name, change, foretold[name])
+        assert change == pytest.approx(predicted[name], rel=0.2), (name, change, predicted[name])

@@ -73,7 +73,7 @@ HEMP = {**LOOPS, "line": [{**row, "type": "library:rope-hemp-0.03"} for row in L
 
 
 @pytest.mark.parametrize(
-    ("sections", "told"),
+    ("sections", "message"),
     [
         (variable("legg", 1.0, 2.0), "legg.*did you mean.*leg"),
         (variable("leg", 60.0, 60.0), "variable.0.high.*leaves an empty interval"),
@@ -108,8 +108,8 @@ HEMP = {**LOOPS, "line": [{**row, "type": "library:rope-hemp-0.03"} for row in L
         ),
     ],
 )
-def test_a_bad_problem_is_refused_before_anything_runs(sections, told):
-    with pytest.raises(SceneError, match=told):
+def test_a_bad_problem_is_refused_before_anything_runs(sections, message):
+    with pytest.raises(SceneError, match=message):
         read_problem(changed(**sections))
 
 
@@ -150,14 +150,14 @@ def test_a_constraint_may_limit_a_quantity_by_name():
 
 
 @pytest.mark.parametrize(
-    ("scene", "told"),
+    ("scene", "message"),
     [
         ("dropper-release-a", "a single line cannot be designed; allowed: systems of lines that join at points"),
         ("paper-case-2-pitching", "friction, bodies or effects with a state cannot be designed"),
     ],
 )
-def test_windows_of_models_that_are_not_nodes_and_ropes_are_refused(scene, told):
-    with pytest.raises(SceneError, match=told):
+def test_windows_of_models_that_are_not_nodes_and_ropes_are_refused(scene, message):
+    with pytest.raises(SceneError, match=message):
         check_windows(build_model(load_scene(scene)))
 
 
@@ -177,16 +177,16 @@ def test_models_and_poses_follow_the_variables_as_differences_say(site):
 
 
 @pytest.mark.parametrize(
-    ("state", "told"),
+    ("state", "message"),
     [
         ({"site": "another", "along": GradientCheck.of(1.0, 1.0)._asdict()}, "belongs to another site"),
         ({"site": "another"}, "is not a state of a search"),
     ],
 )
-def test_a_state_of_another_search_is_refused(site, tmp_path, state, told):
+def test_a_state_of_another_search_is_refused(site, tmp_path, state, message):
     file = tmp_path / "state.json"
     file.write_text(json.dumps(jsonable({**state, **asdict(Search(np.zeros(3), 0.1))})))
-    with pytest.raises(SceneError, match=told):
+    with pytest.raises(SceneError, match=message):
         optimise(site, file)
 
 

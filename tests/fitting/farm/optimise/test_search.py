@@ -1,4 +1,4 @@
-"""The search's bookkeeping on problems whose numbers are written down: residuals, runs abreast."""
+"""The search's bookkeeping on problems whose numbers are written down: residuals, parallel runs."""
 
 import dataclasses
 import threading
@@ -30,7 +30,7 @@ def test_the_residual_is_that_of_windows_before_they_are_renewed():
     assert [search.residual, search.best_residual, search.history[-1]["residual"]] == pytest.approx([0.03] * 3)
 
 
-def test_large_residuals_and_designs_that_are_no_optimum_are_told():
+def test_large_residuals_and_designs_that_are_no_optimum_are_reported():
     assert design_warnings(RESIDUAL, 0.95, 0.01) == []
     assert design_warnings(float("nan"), 1.0, 0.2) == []
     assert "differed by 3.0% of a limit" in design_warnings(0.03, 1.0, 0.2)[0]
@@ -72,7 +72,7 @@ def test_two_runs_along_the_gradient_show_whether_it_predicts_the_highest_peak(m
     assert warned == (status == "not_trusted")
 
 
-def test_runs_abreast_keep_their_order_and_the_first_is_alone():
+def test_parallel_runs_keep_their_order_and_the_first_is_alone():
     alone, seen = [], []
 
     def one(i):
@@ -91,7 +91,7 @@ def test_runs_of_compiled_programs_start_together():
     run_parallel(lambda _: both.wait(), [0, 1], lambda _: None, workers=2, alone=0)
 
 
-def test_what_a_run_abreast_raises_is_raised():
+def test_what_a_parallel_run_raises_is_raised():
     def one(i):
         if i == 2:
             raise ValueError("two")
@@ -124,7 +124,7 @@ def circle(x):
 
 
 def test_no_design_is_tried_twice_where_bounds_cut_a_step_short():
-    """The objective rises whatever its slope says, and the bound is nearer than the reach."""
+    """The objective rises against its slope, and the bound is nearer than the reach."""
     tried = []
 
     def looked(x):

@@ -150,14 +150,14 @@ def test_floats_are_spread_in_proportion_to_what_points_need():
 
 
 @pytest.mark.parametrize(
-    ("sections", "told"),
+    ("sections", "message"),
     [
         ({"season": None}, "season: missing"),
         ({"growth": None}, "growth: missing"),
         ({"season": {"points": "f*", "volume": 0.1, "density": 1100.0}}, "season.density: 1100 kg/m^3 does not lift"),
     ],
 )
-def test_a_season_that_cannot_be_is_refused(sections, told):
+def test_a_season_that_cannot_be_is_refused(sections, message):
     given = {key: value for key, value in {**table(), **sections}.items() if value is not None}
-    with pytest.raises(SceneError, match=told.replace("^", r"\^")):
+    with pytest.raises(SceneError, match=message.replace("^", r"\^")):
         season(read_site(given))

@@ -98,7 +98,7 @@ def test_parts_take_capacity_and_factor_of_their_own_or_of_the_tables(site):
 
 
 @pytest.mark.parametrize(
-    ("sections", "told"),
+    ("sections", "message"),
     [
         ({"seastate": []}, "seastate: unknown key; did you mean 'sea_state'?"),
         ({"scene": "dropper-fram"}, "is not a packaged scene; did you mean 'dropper-farm'?"),
@@ -130,16 +130,16 @@ def test_parts_take_capacity_and_factor_of_their_own_or_of_the_tables(site):
         ({"season": {"points": "buoy-*", "volume": 0.1}}, "season.points: 'buoy-*' matches no free point"),
     ],
 )
-def test_input_to_mend_is_named_before_anything_runs(sections, told, refusal):
-    assert told in refusal(read_site, changed(**sections))
+def test_invalid_input_is_named_before_anything_runs(sections, message, refusal):
+    assert message in refusal(read_site, changed(**sections))
 
 
 def test_the_packaged_site_and_the_one_of_the_documentation_can_be_read():
     example = read_site("exposed-bay")
     assert (len(example.storms), len(example.cases)) == (8, 24)
     page = (Path(__file__).parents[4] / "docs" / "farms.md").read_text()
-    told = tomllib.loads(re.search(r"^```toml\n(.*?)^```", page, re.M | re.S)[1])
-    site = read_site({**told, "scene": "dropper-farm"})
+    example = tomllib.loads(re.search(r"^```toml\n(.*?)^```", page, re.M | re.S)[1])
+    site = read_site({**example, "scene": "dropper-farm"})
     # two directions, currents and levels; intact, a leg and six droppers that break
     assert len(site.storms) == 2 * 2 * 2 * (1 + 1 + 6)
     assert (site.scene.sea.density, site.parts[0].curve.m) == (1027.0, 5.2)
@@ -152,7 +152,7 @@ def test_a_site_that_was_made_portable_is_the_same_site(site):
     assert here == there
 
 
-def test_a_scene_is_found_beside_its_site(tmp_path):
+def test_a_scene_is_found_next_to_its_site(tmp_path):
     (tmp_path / "farm.toml").write_text(
         'name = "bay"\n[run]\ndt = 0.02\nduration = 1.0\n'
         '[[line_type]]\nname = "rope"\nmass = 1.0\ndiameter = 0.03\nEA = 1e5\n'
@@ -236,7 +236,7 @@ def test_what_occurs_together_with_the_other_of_a_pair_is_associated():
 
 
 @pytest.mark.parametrize(
-    ("cases", "said"),
+    ("cases", "message"),
     [
         ({"standard": "ns-9415", "currents": CURRENTS[:1]}, "cases.pairs: waves of 10, current of 50 years: missing"),
         ({"standard": "ns-9416", "currents": CURRENTS}, "'ns-9416' is unknown; did you mean 'ns-9415'"),
@@ -245,8 +245,8 @@ def test_what_occurs_together_with_the_other_of_a_pair_is_associated():
         ({"pairs": [[50, -1.0]]}, "cases.pairs.0: -1.0 is out of range; allowed: years"),
     ],
 )
-def test_return_periods_that_are_missing_or_wrong_are_named(cases, said):
-    with pytest.raises(SceneError, match=said):
+def test_return_periods_that_are_missing_or_wrong_are_named(cases, message):
+    with pytest.raises(SceneError, match=message):
         read_site(changed(sea_state=SEAS, cases=cases))
 
 

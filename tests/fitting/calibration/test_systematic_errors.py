@@ -1,4 +1,4 @@
-"""What spoils traces of another simulator (`conftest`), told by its name: noises, clocks, markers, outliers, frames."""
+"""Systematic errors of traces of another simulator, reported by name: noise, clocks, markers, outliers, frames."""
 
 import copy
 import re
@@ -79,7 +79,7 @@ def test_the_noise_of_a_trace_is_named_and_measured_by_its_own_residuals(
 
 @pytest.mark.check
 def test_a_misfit_that_is_no_noise_is_not_taken_for_noise_and_widens_the_errors(two, ready, fitted, motion):
-    """Without its quadratic part the law is wrong: misfits are smooth, the noise stays white, blocks tell the error."""
+    """Without its quadratic part the law is wrong: misfits are smooth, the noise stays white, blocks give the error."""
     result = fitted(ready(two.seen(motion, 0, two.NOISE / 5)), frozen=np.array([False, True]))
     solution = result.solution
     white = np.sqrt(1 / solution.information[0, 0])
@@ -94,8 +94,8 @@ def test_a_misfit_that_is_no_noise_is_not_taken_for_noise_and_widens_the_errors(
 
 
 @pytest.mark.check
-def test_a_clock_that_runs_late_is_found_beside_the_damping(two, rods, fitted, motion):
-    """Frames 0.5 % further apart than the trace tells; lengths and gravity are known."""
+def test_a_clock_that_runs_late_is_found_together_with_the_damping(two, rods, fitted, motion):
+    """Frames 0.5 % further apart than the trace states; lengths and gravity are known."""
     trace = two.seen(motion, 4)
     late = replace(trace, t=trace.t / 1.005)
     prepared = prepare(late, rods, [*two.FREE, "clock.rate"], settings=two.SETTINGS, priors={"clock.rate": (1.0, 0.02)})
@@ -114,7 +114,7 @@ def test_a_clock_that_runs_late_is_found_beside_the_damping(two, rods, fitted, m
 
 @pytest.mark.check
 @pytest.mark.parametrize(
-    ("spoil", "name"),
+    ("damage", "name"),
     [
         (lambda trace: trace, None),
         (lambda trace: replace(trace, t=trace.t / 1.005), "rate of the clock"),
@@ -122,8 +122,8 @@ def test_a_clock_that_runs_late_is_found_beside_the_damping(two, rods, fitted, m
         (lambda trace: replace(trace, theta=trace.theta + np.deg2rad(2.0)), "roll of the camera"),
     ],
 )
-def test_what_spoils_a_trace_is_named_first(two, ready, motion, everything, spoil, name):
-    prepared = ready(spoil(two.seen(motion, 6)))
+def test_a_systematic_error_of_a_trace_is_named_first(two, ready, motion, everything, damage, name):
+    prepared = ready(damage(two.seen(motion, 6)))
     found = score_candidates(prepared, estimate(prepared, "windows"), everything(prepared))
     assert all(candidate.identifiable for candidate in found)
     if name is None:
@@ -141,7 +141,7 @@ def test_what_spoils_a_trace_is_named_first(two, ready, motion, everything, spoi
 @pytest.mark.check
 @pytest.mark.parametrize("gone", [156, 177])
 def test_frames_that_are_missing_are_found_and_named(two, rods, motion, gone):
-    """Twelve frames left out, the times of the others closed up: 0.4 s that the clock does not tell.
+    """Twelve frames left out, the times of the others closed up: 0.4 s that the clock does not show.
 
     Early and late in the window from 4.8 to 6 s.
     """
@@ -167,14 +167,14 @@ def test_frames_that_are_missing_are_found_and_named(two, rods, motion, gone):
 
 
 @pytest.mark.check
-def test_what_spoils_a_trace_is_freed_until_nothing_gains(two, rods, motion):
+def test_systematic_errors_of_a_trace_are_freed_until_nothing_gains(two, rods, motion):
     trace = two.seen(motion, 6)
     late = replace(trace, t=trace.t / 1.005, theta=trace.theta + [0.0, np.deg2rad(1.0)])
     result = fit_and_free(late, rods, two.FREE, settings=two.SETTINGS, method="windows")
     assert {candidate.name.split(" or ")[0] for candidate in result.freed} == {"rate of the clock", "marker of link 1"}
     assert result["clock.rate"] == pytest.approx(1.005, abs=5e-4)
     assert np.all(np.abs(result.values[:2] - two.TRUTH) < 3 * result.uncertainty.std_error[:2])
-    # a hanging chain does not tell the clock from gravity or size: the clock's own rate may as well be right
+    # a hanging chain does not distinguish the clock from gravity or size: the clock's own rate may as well be right
     error = dict(zip((p.name for p in result.parameters), result.uncertainty.std_error, strict=True))
     assert any(" or " in candidate.name for candidate in result.freed)
     assert error["clock.rate"] >= abs(result["clock.rate"] - 1)
@@ -257,7 +257,7 @@ def test_two_errors_are_both_named_where_a_third_candidate_hides_them():
 
 
 def test_groups_try_lengths_before_the_end_that_they_can_replace():
-    """The end cannot replace lengths: with lengths tried first, wrong lengths and a wrong end are told apart."""
+    """The end cannot replace lengths: with lengths tried first, wrong lengths and a wrong end are distinguished."""
     model = build_model(dj.load_scene("dropper-release-a"))
     names = [group.name for group in groups(model, [], [])]
     assert names.index("lengths of links") < names.index("position of the second end")

@@ -9,7 +9,7 @@ RESULTS = Path(__file__).parents[2] / "benchmarks" / "results"
 FOUND = json.loads((RESULTS / "moordyn.json").read_text())
 #: Largest errors [-] of mean, deviation and mean of window maxima, as rms over the runs.
 LIMITS = {"mean": 0.005, "std": 0.02, "peaks": 0.035}
-#: Runs over which errors are taken. A line without snaps differs little from phase to phase: two are enough for its errors.
+#: Runs over which errors are taken. A line without snaps differs little from phase to phase, so that two are enough.
 RUNS = 8
 RUNS_WITHOUT_SNAPS = {"edulis-longline (both: wave grid)": 2}
 

@@ -127,7 +127,7 @@ def test_profile_and_bootstrap_agree_with_the_errors_of_either_method(two, prepa
 
 
 def test_a_bootstrap_of_few_windows_is_as_wide_as_the_noise_makes_it_and_warns(ten):
-    """Eight windows, of which the first few determine most: ten traces with white noise, whose errors follow from their noise."""
+    """Eight windows, of which the first few determine most, of ten traces with white noise of known size."""
     drawn = [bootstrap(result, draws=400) for result in ten]
     ratio = [d.draws.std(axis=0) / result.uncertainty.std_error for d, result in zip(drawn, ten, strict=True)]
     np.testing.assert_allclose(np.sqrt(np.mean(np.square(ratio), axis=0)), 1.0, atol=0.15)

@@ -105,7 +105,7 @@ def test_the_lens_is_recovered_from_boards(lab):
     lens = calibrate(lab[1])
     assert lens.error < 0.3
     np.testing.assert_allclose(lens.matrix[[0, 1], [0, 1]], LAB.focus, rtol=0.01)
-    # where a point at the edge of the picture is drawn to determines more than the coefficients, which trade with each other
+    # the image of a point at the edge says more than the coefficients, which compensate each other
     edge = np.array([[20.0, 20.0], [620.0, 240.0], [320.0, 460.0]])
     np.testing.assert_allclose(lens.straighten(edge), LAB.lens.straighten(edge), atol=1.5)
     np.testing.assert_allclose(lens.bend(lens.straighten(edge)), edge, atol=1e-3)

@@ -1,4 +1,4 @@
-"""Priors of a rig: on single numbers, on the share common to several, and the scale of mass, which angles leave open."""
+"""Priors of a rig: on single numbers, on the part common to several, and the scale of mass, which angles leave open."""
 
 import numpy as np
 import pytest

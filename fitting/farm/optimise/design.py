@@ -43,11 +43,13 @@ class WindowRuns:
         x: the design (p,).
         factors: ratio of the whole run's hard peaks to the soft ones, for each window (q,).
         windows: one of each case.
+        slopes: derivatives of `peaks` by variables and assumptions, for each case (q, p + a); empty if unknown.
     """
 
     x: np.ndarray
     factors: Sequence[np.ndarray]
     windows: Sequence[Peaks]
+    slopes: Sequence[np.ndarray] = ()
 
     @property
     def peaks(self) -> list[np.ndarray]:
@@ -216,7 +218,7 @@ class Design:
                 raise SceneError(f"design: a window of {name} has steps that do not converge")
             windows[i] = replace(windows[i], factor=full[i].hard / soft.soft, height=soft.hard)
         hard = [storm.hard for storm in full]
-        return tuple(windows), self._combine(x, hard, self._no_slopes(hard), True)
+        return tuple(windows), self._combine(x, hard, (), True)
 
     def _window_around_peak(self, case: Case, storm: Storms) -> Window:
         """The window around the peak of a whole run that is nearest to its limit; its scale factor comes later."""
@@ -257,23 +259,41 @@ class Design:
         """Runs of the windows of a design, one of each case."""
         return WindowRuns(x, [window.factor for window in windows], self._run_windows(x, windows, say))
 
+    def differentiate(self, runs: WindowRuns, say: Progress, assumptions: bool = False) -> WindowRuns:
+        """Runs with derivatives by the variables, and by the assumptions if wanted; without any if a shifted run
+        fails."""
+        slopes = []
+        for own, factor in zip(self.slopes(runs.windows, say, assumptions), runs.factors, strict=True):
+            slopes.append(own * factor[:, None])
+        if not all(np.isfinite(own).all() for own in slopes):
+            return runs
+        return replace(runs, slopes=slopes)
+
+    def update_slopes(self, before: WindowRuns, runs: WindowRuns) -> WindowRuns:
+        """Runs of another design with the derivatives of a design before, corrected by what the step changed.
+
+            J + (dg - J d) d'W/(d'W d),    W = 1/range^2
+
+        This is the smallest correction that predicts the step (Broyden 1965, good method).
+        """
+        step = runs.x - before.x
+        p = len(step)
+        weighted = step / np.array([v.span for v in self.variables]) ** 2
+        slopes = []
+        for own, old, new in zip(before.slopes, before.peaks, runs.peaks, strict=True):
+            updated = own.copy()
+            updated[:, :p] += np.outer(new - old - own[:, :p] @ step, weighted) / (weighted @ step)
+            slopes.append(updated)
+        return replace(runs, slopes=slopes)
+
     def values(self, runs: WindowRuns) -> Values:
-        """Objective and constraints of a design by its windows, without derivatives of storms."""
-        return self._combine(runs.x, runs.peaks, self._no_slopes(runs.peaks), runs.solved)
-
-    def derivatives(self, runs: WindowRuns, say: Progress, assumptions: bool = False) -> Values:
-        """The same with derivatives by the variables, and by the assumptions if wanted."""
-        found = self.slopes(runs.windows, say, assumptions)
-        slope = [own * factor[:, None] for own, factor in zip(found, runs.factors, strict=True)]
-        solved = runs.solved and all(np.isfinite(own).all() for own in slope)
-        return self._combine(runs.x, runs.peaks, slope, solved)
-
-    def _no_slopes(self, hard: Sequence[np.ndarray]) -> list[np.ndarray]:
-        """Zero derivatives of quantities (q,) of each case, (q, p + a)."""
-        return [np.zeros((len(peaks), len(self.variables) + len(ASSUMPTIONS))) for peaks in hard]
+        """Objective and constraints of a design by its windows; derivatives of storms are 0 where they are unknown."""
+        return self._combine(runs.x, runs.peaks, runs.slopes, runs.solved)
 
     def _combine(self, x: np.ndarray, hard: Sequence[np.ndarray], slope: Sequence[np.ndarray], solved: bool) -> Values:
-        """Objective and constraints from the quantities (q,) of every case and their slopes (q, p + a)."""
+        """Objective and constraints from the quantities (q,) of every case and their slopes (q, p + a), 0 if empty."""
+        if not slope:
+            slope = [np.zeros((len(peaks), len(self.variables) + len(ASSUMPTIONS))) for peaks in hard]
         rows: list[tuple[str, float, np.ndarray]] = []
         by_seed: dict[str, np.ndarray] = {}
         (material, *strength), of_scene = self.scene_constraints(x)

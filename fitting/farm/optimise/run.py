@@ -198,7 +198,7 @@ def _optimum(design: Design, search: Search, before: Start, along: GradientCheck
         search.x = search.best
     say(0.95, "final whole runs and prices")
     windows, found = design.measure(search.x, say)
-    here = design.derivatives(design.run_windows(search.x, windows, say), say, assumptions=True)
+    here = design.values(design.differentiate(design.run_windows(search.x, windows, say), say, assumptions=True))
     p = len(design.variables)
     limit = 1.0 - design.settings.margin
     low, high = bounds(design.variables)

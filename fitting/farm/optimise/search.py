@@ -4,9 +4,10 @@
 
 If the constraints are nonlinear within the reach, a step d that fails is corrected by a second one: the same programme
 with `g(x + d) - J d` for g (Fletcher 1982), so that steps along a limit stay long. A step that lowers the merit
-`objective/scale + P sum max(0, g - 1 + margin)` is taken (Fletcher and Sainz de la Maza 1989). Derivatives are those of
-steps that are taken. After some steps the windows are chosen again from whole runs. A design is accepted if its
-whole runs meet all constraints, and the search ends with the best of these.
+`objective/scale + P sum max(0, g - 1 + margin)` is taken (Fletcher and Sainz de la Maza 1989). J is found by
+differences at the start of a round, corrected by every step that is taken, and found by differences again where a step
+fails. After some steps the windows are chosen again from whole runs. A design is accepted if its whole runs meet all
+constraints, and the search ends with the best of these.
 """
 
 from __future__ import annotations
@@ -114,25 +115,25 @@ def run_round(
     """Steps of one round; the values at its end."""
     settings = design.settings
     say(0.0, f"round {search.round + 1}: derivatives")
-    here = design.derivatives(design.run_windows(search.x, windows, say), say)
-    one = _Round(search, design, windows, save, say, here)
+    one = _Round(search, design, windows, save, say, design.run_windows(search.x, windows, say))
+    one.differentiate()
     renew = settings.renew if (search.residual or 0.0) <= RESIDUAL else 1
     search.reach = max(search.reach, LEAST_REACH * settings.reach)
     taken = 0
-    while taken < renew and one.tried < 3 * settings.renew and search.reach > SMALLEST_REACH:
-        first = one.attempt(one.here)
-        if first is None:
-            break
-        last = first
-        if not first.good and first.values is not None and violation(first.values, one.limit) > 0.0:
-            seen = first.values.value - one.here.slopes[:, : len(first.step)] @ first.step
-            last = one.attempt(replace(one.here, value=seen)) or first
-        if last.good and last.values is not None:
-            search.x = last.x
-            one.here = last.values
+    while one.runs.slopes and taken < renew and one.tried < 3 * settings.renew and search.reach > SMALLEST_REACH:
+        last = one.attempt_corrected()
+        if last is None:
+            if not one.updated:
+                break
+            one.differentiate()
+            continue
+        if last.good:
+            one.take(last)
             taken += 1
+        elif one.updated:
+            one.differentiate()
         if last.won < 0.25 * last.gain:  # a step that did not use its full reach would be tried again
-            search.reach = 0.4 * min(search.reach, first.size)
+            search.reach = 0.4 * min(search.reach, last.size)
         elif last.won > 0.6 * last.gain:
             search.reach = min(search.reach * 1.6, 0.5)
         save()
@@ -146,6 +147,7 @@ class _Attempt:
     x: np.ndarray
     step: np.ndarray
     size: float
+    runs: WindowRuns | None
     values: Values | None
     gain: float
     won: float
@@ -158,15 +160,40 @@ class _Attempt:
 
 @dataclass
 class _Round:
-    """A round in progress: current values, steps tried."""
+    """A round in progress.
+
+    Attributes:
+        runs: of the current design; `here`: its values.
+        tried: number of steps tried.
+        updated: whether the derivatives have been corrected by steps since differences were taken.
+    """
 
     search: Search
     design: Design
     windows: tuple[Window, ...]
     save: Callable[[], None]
     say: Progress
-    here: Values
+    runs: WindowRuns
     tried: int = 0
+    updated: bool = False
+
+    def __post_init__(self) -> None:
+        self.here = self.design.values(self.runs)
+
+    def differentiate(self) -> None:
+        """Derivatives of the current design by differences."""
+        self.runs = self.design.differentiate(self.runs, self.say)
+        self.here = self.design.values(self.runs)
+        self.updated = False
+
+    def take(self, step: _Attempt) -> None:
+        """Make the design of a step the current one, and correct the derivatives by it."""
+        if step.runs is None:
+            raise ValueError("a step whose windows failed is not taken")
+        self.runs = self.design.update_slopes(self.runs, step.runs)
+        self.here = self.design.values(self.runs)
+        self.search.x = step.x
+        self.updated = True
 
     @property
     def limit(self) -> float:
@@ -176,6 +203,14 @@ class _Round:
     def merit(self, values: Values) -> float:
         """The objective in those at the start, with penalties for violations."""
         return values.objective / self.search.scale + PRICE * violation(values, self.limit)
+
+    def attempt_corrected(self) -> _Attempt | None:
+        """The step of the linear programme, corrected where constraints are curved; None if it predicts no gain."""
+        first = self.attempt(self.here)
+        if first is None or first.good or first.values is None or violation(first.values, self.limit) == 0.0:
+            return first
+        seen = first.values.value - self.here.slopes[:, : len(first.step)] @ first.step
+        return self.attempt(replace(self.here, value=seen)) or first
 
     def attempt(self, model: Values) -> _Attempt | None:
         """The step of a model's linear programme within the reach, run; None if it predicts no gain."""
@@ -196,23 +231,16 @@ class _Round:
         self.tried += 1
         x = np.clip(search.x + step.step, low, high)
         size = float(np.max(np.abs(step.step) / span))
-        attempt = _Attempt(x, step.step, size, None, gain, -np.inf)
+        attempt = _Attempt(x, step.step, size, None, None, gain, -np.inf)
         row = {"round": search.round + 1, "taken": False, "reach": search.reach, "values": x.tolist()}
         runs, failure = _try_design(self.design, x, self.windows, self.say)
-        if runs is not None:
-            found = self.design.values(runs)
-            tried = replace(attempt, values=found, won=merit - self.merit(found))
-            if tried.good:
-                found = self.design.derivatives(runs, self.say)
-                tried = replace(tried, values=found)
-            if found.solved:
-                attempt = tried
-                row |= {"taken": attempt.good, "objective": found.objective, "worst": found.worst}
-                failure = f"objective {found.objective:.5g}, worst {found.worst:.3f}"
-            else:
-                failure = FAILED
-        if attempt.values is None:
+        if runs is None:
             row["failure"] = failure
+        else:
+            found = self.design.values(runs)
+            attempt = replace(attempt, runs=runs, values=found, won=merit - self.merit(found))
+            row |= {"taken": attempt.good, "objective": found.objective, "worst": found.worst}
+            failure = f"objective {found.objective:.5g}, worst {found.worst:.3f}"
         search.history.append(row)
         self.say(min(self.tried / (3 * settings.renew), 1.0), failure)
         self.save()

@@ -78,7 +78,7 @@ def best(site, windows, x, margin=0.01):
     search = Search(np.array(x), 0.05, scale=1.0)
     run_round(search, design, own, lambda: None, silent)
     runs = design.run_windows(search.x, own, silent)
-    return design, search.x, design.derivatives(runs, silent, assumptions=True)
+    return design, search.x, design.values(design.differentiate(runs, silent, assumptions=True))
 
 
 @pytest.mark.check

@@ -212,7 +212,7 @@ def test_derivatives_of_a_constraint_are_the_mean_of_those_of_its_seeds(characte
     runs = WindowRuns(design.start, [np.ones(count) for _ in hard], [Peaks(peaks, peaks, None) for peaks in hard])
     slopes = [rng.standard_normal((count, start.rest.dr.shape[0])) for _ in hard]
     monkeypatch.setattr(design, "slopes", lambda *_: slopes)
-    found = design.derivatives(runs, silent)
+    found = design.values(design.differentiate(runs, silent))
     seeds = [found.by_seed[name] for name in found.names if name in found.by_seed]
     assert [rows.shape for rows in seeds] == [(4, found.slopes.shape[1])]
     np.testing.assert_allclose(seeds[0].mean(axis=0), found.slopes[0], rtol=1e-12)

@@ -104,12 +104,14 @@ def test_what_a_parallel_run_raises_is_raised():
 def design_of(of, variables, **settings):
     """A design whose values and derivatives are known."""
     settings = {"margin": 0.0, "renew": 2, "enough": 1e-3, "reach": 0.4, **settings}
+    with_slopes = lambda runs: SimpleNamespace(found=runs.found, slopes=["known"])  # noqa: E731
     return SimpleNamespace(
         settings=SimpleNamespace(**settings),
         variables=variables,
-        run_windows=lambda x, *_: SimpleNamespace(found=of(x), solved=True),
+        run_windows=lambda x, *_: SimpleNamespace(found=of(x), solved=True, slopes=[]),
         values=lambda runs: runs.found,
-        derivatives=lambda runs, say: runs.found,
+        differentiate=lambda runs, say: with_slopes(runs),
+        update_slopes=lambda before, runs: with_slopes(runs),
         measure=lambda x, say: ((), of(x)),
     )
 
@@ -137,13 +139,38 @@ def test_no_design_is_tried_twice_where_bounds_cut_a_step_short():
     assert len(set(tried)) == len(tried) > 2
 
 
-def test_a_design_whose_derivatives_cannot_be_run_is_not_taken():
+def test_a_round_ends_at_a_design_whose_derivatives_cannot_be_run():
     looked = lambda x: Values(float(x[0]), np.ones(1), ("a",), np.array([0.5]), np.zeros((1, 1)))  # noqa: E731
     design = design_of(looked, [SimpleNamespace(low=0.0, high=1.0, span=1.0)])
-    design.derivatives = lambda runs, say: dataclasses.replace(runs.found, solved=runs.found.objective == 1.0)
+    design.differentiate = lambda runs, say: runs
     search = Search(np.ones(1), 0.4, scale=1.0)
     assert search_round(search, design).objective == search.x[0] == 1.0
-    assert {row["failure"] for row in search.history} == {"steps of a window fail"}
+    assert search.history == []
+
+
+def test_slopes_follow_steps_between_differences():
+    """Slopes at the start of a round alone, of half the true size: the first step corrects them."""
+    differences = []
+
+    def looked(x):
+        return Values(float(x[0]), np.ones(1), ("a",), np.array([2.0 - x[0]]), np.array([[-0.5]]))
+
+    design = design_of(looked, [SimpleNamespace(low=0.0, high=3.0, span=1.0)], renew=4)
+
+    def differentiate(runs, say):
+        differences.append(runs.found.objective)
+        return SimpleNamespace(found=runs.found, slopes=[-0.5])
+
+    def update(before, runs):
+        found = dataclasses.replace(runs.found, slopes=np.array([[-1.0]]))
+        return SimpleNamespace(found=found, slopes=[-1.0])
+
+    design.differentiate = differentiate
+    design.update_slopes = update
+    found = search_round(Search(np.array([2.0]), 0.4, scale=1.0), design)
+    assert found.value[0] == pytest.approx(1.0)
+    assert differences[0] == 2.0
+    assert len(differences) <= 2
 
 
 def test_steps_along_a_curved_limit_stay_long():

@@ -231,8 +231,9 @@ class Problem(Residuals):
             early *= 2
         late = max(float(t[-1]) for run in self.data.runs for t in run.t) * rate - early
         spacing = self.scenes[0].run.step * self.scenes[0].run.save_every
-        # cubics through four rows need three saved states after the last sample
-        return max(int(np.ceil(late / spacing - 1e-9)) + 3, 5)
+        margin = max(sensor.channel.margin for sensor in self.data.sensors)
+        # cubics through four rows need three saved states after the last sample, and four without both margins
+        return max(int(np.ceil(late / spacing - 1e-9)) + 3, 5, 3 + 2 * margin)
 
     def evaluate(self, values: np.ndarray, starts: Sequence[State] | None = None) -> Evaluation:
         """Predictions of all runs at these values (p,), with derivatives."""

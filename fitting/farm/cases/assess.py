@@ -229,7 +229,7 @@ def _part(part: Part, rows: list[Table], site: Site, step: Table | None) -> Tabl
 
 
 def _fatigue(part: Part, rows: list[Table], site: Site) -> Table:
-    """Damage of a year over the intact cases: the hours of a sea state, distributed evenly over its cases."""
+    """Damage of a year over the intact cases: the hours of a sea state, distributed evenly over its intact cases."""
     if part.curve is None:
         return {"skipped": "no curve given"}
     if any(row["damage_per_hour"] is None for row in rows):
@@ -245,15 +245,18 @@ def _fatigue(part: Part, rows: list[Table], site: Site) -> Table:
     hours = {state.name: state.hours for state in site.sea_states if state.hours is not None}
     if not hours:
         return found | {"why": "no sea state has `hours`"}
-    yearly = 0.0
-    for name, yearly_hours in hours.items():
-        own = [row["damage_per_hour"] for row in intact if storms[row["case"]].sea_state.name == name]
-        if own:
-            yearly += yearly_hours * float(np.mean(own))
+    by_state: dict[str, list[float]] = {}
+    for row in intact:
+        name = storms[row["case"]].sea_state.name
+        if name in hours:
+            by_state.setdefault(name, []).append(row["damage_per_hour"])
+    if not by_state:
+        return found | {"why": "no intact case is in a sea state with `hours`"}
+    yearly = sum(hours[name] * float(np.mean(own)) for name, own in by_state.items())
     found["damage_per_year"] = yearly
     if yearly > 0.0:
         found["life_years"] = 1.0 / yearly
-    return found | {"share_of_year": sum(hours.values()) * 3600.0 / YEAR}
+    return found | {"share_of_year": sum(hours[name] for name in by_state) * 3600.0 / YEAR}
 
 
 def _exclusion(site: Site, cases: list[Table]) -> Table | None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
-from typing import Any
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -112,6 +112,13 @@ def _cycles(name: str, tension: np.ndarray) -> Found:
     return found
 
 
+class Rest(NamedTuple):
+    """The farm at rest: the state at the start of runs, and positions of all nodes in still water (nodes, 3) [m]."""
+
+    start: State
+    positions: np.ndarray
+
+
 class Runner:
     """Runs of one site; shared results of cases are computed once.
 
@@ -122,8 +129,8 @@ class Runner:
     def __init__(self, site: Site) -> None:
         self.site = site
         self.base = site.prepared()
-        self._scenes: dict[Any, Scene] = {}
-        self._starts: dict[Any, tuple[State, np.ndarray, np.ndarray]] = {}
+        self._scenes: dict[tuple[object, ...], Scene] = {}
+        self._rests: dict[tuple[object, ...], Rest] = {}
 
     def __call__(self, case: Case) -> Found:
         """Arrays of a run: those of `Tally`, `quantity:NAME` of the site's quantities, `status`, `failed_at` [s],
@@ -146,13 +153,15 @@ class Runner:
         scene = self.scene(case)
         model = build_model(scene)
         stepper = stepper_of(model, scene.run, track_work=False)
-        start, positions, rest = self._start(scene, model, case.storm)
+        start, positions = self._rest(scene, model, case.storm)
         skip = self.site.run_of(case.storm).skip
         tally = Tally(scene, skip, positions, self.site.curve_lines)
         signals: dict[Quantity, list[np.ndarray]] = {}
         for name in self.site.quantities:
             signals[quantity(name, model, "quantities")] = []
-        watch = None if scene.run.accuracy is None else quantity_signals(list(signals), start.r)
+        watch = None
+        if scene.run.accuracy is not None:
+            watch = quantity_signals(list(signals), start.r)
         run = compile_run(stepper, model, first_carry(stepper, model, start, scene.run), scene.run, watch=watch)
         carry = run.carry
         done = 0
@@ -187,16 +196,21 @@ class Runner:
         below = case.storm.level - np.asarray(model.nodes(start.r, model.ends(start.t)))[:, 2]
         depth = np.array([(below[line.nodes].min(), below[line.nodes].max()) for line in tally.lines])
         found = tally.collect() | info
-        found |= {"rest": rest, "depth": depth, "broken": np.array(broken), "retried": np.array(retried)}
+        found |= {
+            "rest": np.asarray(start.tension),
+            "depth": depth,
+            "broken": np.array(broken),
+            "retried": np.array(retried),
+        }
         for one, parts in signals.items():
             value = statistic(one.statistic, jnp.concatenate(parts), scene.run.interval, over_steps=watch is not None)
             found[f"quantity:{one.name}"] = np.asarray(value)
         return found
 
-    def _start(self, scene: Scene, model: Model, storm: Storm) -> tuple[State, np.ndarray, np.ndarray]:
-        """The state at the start, positions of all nodes in still water, and tensions at rest (n,) [N]."""
+    def _rest(self, scene: Scene, model: Model, storm: Storm) -> Rest:
+        """The farm at rest in the water of a load case."""
         key = storm.still
-        if key not in self._starts:
+        if key not in self._rests:
             start = initial_state(model, scene.start)
             positions = model.nodes(start.r, model.ends(start.t))
             if self.site.exclusion is not None and model.sea.current is not None:
@@ -204,8 +218,8 @@ class Runner:
                 if still.status != "ok":
                     raise SceneError(f"exclusion: no equilibrium in still water: {still.message}")
                 positions = still.positions
-            self._starts[key] = start, np.asarray(positions), np.asarray(start.tension)
-        return self._starts[key]
+            self._rests[key] = Rest(start, np.asarray(positions))
+        return self._rests[key]
 
 
 @jax.jit

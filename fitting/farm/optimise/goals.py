@@ -101,7 +101,7 @@ class DepthRange:
         nodes = self.nodes(model)
         depth = level - r[nodes, 2]
         found = []
-        unit = self.deepest or self.shallowest or 1.0
+        unit = abs(self.deepest or self.shallowest or 1.0)
         for key, bound, sign in (("shallowest", self.shallowest, 1.0), ("deepest", self.deepest, -1.0)):
             if bound is None:
                 continue

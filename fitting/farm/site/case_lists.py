@@ -72,7 +72,10 @@ def _case_standard(table: Table, path: str) -> Table | None:
     if name is not None:
         found |= known[read_text(name, f"{path}.standard", known)]
     if given is not None:
-        given = read_list(given, f"{path}.pairs", None, "pairs of return periods of waves and current [years]")
+        allowed = "pairs of return periods of waves and current [years]"
+        given = read_list(given, f"{path}.pairs", None, allowed)
+        if not given:
+            raise refuse(f"{path}.pairs", [], "is empty", f"{allowed}; or leave the key out")
         found["pairs"] = []
         for i, row in enumerate(given):
             where = f"{path}.pairs.{i}"

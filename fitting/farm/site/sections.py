@@ -255,3 +255,8 @@ class SeasonValues(Section):
     start: int | None = whole_number("floats before the first month", low=0, default=None)
     currents: np.ndarray | None = parameter("of the static poses", unit="m/s", shape="table", default=None)
     levels: np.ndarray | None = parameter("of the static poses", unit="m", shape="table", default=None)
+
+    def check(self, path: str) -> None:
+        for key, values in (("currents", self.currents), ("levels", self.levels)):
+            if values is not None and len(values) == 0:
+                raise refuse(f"{path}.{key}", [], "is empty", "at least one; or leave the key out")

@@ -369,3 +369,9 @@ def test_cluster_does_the_chunks_of_a_worker_that_died_elsewhere(whole, tmp_path
     one, other = raw(path), raw(whole)
     np.testing.assert_array_equal(one["status"], other["status"])
     np.testing.assert_allclose(one["tension_max"], other["tension_max"], rtol=1e-9)
+
+
+@pytest.mark.parametrize("values", [[], 0.3, [[0.1, 0.2]], [0.1, np.nan], [np.inf]])
+def test_a_path_without_a_list_of_finite_numbers_is_refused_in_one_line(values):
+    with pytest.raises(SceneError, match="vary: b_l: no finite numbers"):
+        make_plan(SCENE, {"b_l": values})

@@ -241,6 +241,7 @@ def test_what_occurs_together_with_the_other_of_a_pair_is_associated():
         ({"standard": "ns-9415", "currents": CURRENTS[:1]}, "cases.pairs: waves of 10, current of 50 years: missing"),
         ({"standard": "ns-9416", "currents": CURRENTS}, "'ns-9416' is unknown; did you mean 'ns-9415'"),
         ({"standard": "scottish-technical-standard"}, "are not known here. Use `pairs`"),
+        ({"pairs": []}, r"cases.pairs: \[\] is empty; allowed: pairs of return periods"),
         ({"pairs": [[50]]}, "cases.pairs.0: .* has 1 entries"),
         ({"pairs": [[50, -1.0]]}, "cases.pairs.0: -1.0 is out of range; allowed: years"),
     ],

@@ -63,8 +63,8 @@ def assess(site: Site, folder: str | Path, step: Table | None = None) -> Table:
         "factors": asdict(site.factors),
         "standard": site.lists.standard,
         "cases": cases,
-        "parts": [_part(part, rows[part.name], site, (step or {}).get(part.name)) for part in site.parts],
-        "anchors": [_anchor(name, anchors.get(name), by_point[name]) for name in fixed],
+        "parts": [_assess_part(part, rows[part.name], site, (step or {}).get(part.name)) for part in site.parts],
+        "anchors": [_assess_point(name, anchors.get(name), by_point[name]) for name in fixed],
         "exclusion": _exclusion(site, cases),
         "backbone": _backbone(site, cases),
         "failed": failed,
@@ -193,7 +193,7 @@ def _uplift(load: np.ndarray) -> float:
     return float(np.degrees(np.arctan2(loaded[:, 1], loaded[:, 0]).max()))
 
 
-def _anchor(name: str, anchor: Anchor | None, rows: list[Table]) -> Table:
+def _assess_point(name: str, anchor: Anchor | None, rows: list[Table]) -> Table:
     """A fixed point over all cases: its rows, the worst of them, and the uplift with its limit [deg]."""
 
     def load(row: Table) -> float:
@@ -215,7 +215,7 @@ def _anchor(name: str, anchor: Anchor | None, rows: list[Table]) -> Table:
     return found
 
 
-def _part(part: Part, rows: list[Table], site: Site, step: Table | None) -> Table:
+def _assess_part(part: Part, rows: list[Table], site: Site, step: Table | None) -> Table:
     """A part over all cases: its factors, its rows, the worst of them, step error and fatigue."""
     return {
         "part": part.name,

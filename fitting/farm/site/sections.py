@@ -44,7 +44,7 @@ def read_years(value: Plain, path: str) -> str:
 
 
 class Section(DeclaredSection):
-    """A section with declared fields, whose lists of texts may be a single text."""
+    """A section with declared fields, whose lists of texts may be a single text, and empty if that is their default."""
 
     @classmethod
     def read(cls, table: Plain, path: str) -> Self:
@@ -62,8 +62,12 @@ class Section(DeclaredSection):
         """The fields that its table gives, by name."""
         own = dict(table)
         for key, declared in declared_fields(cls).items():
-            if declared.metadata.get("type") is list and isinstance(own.get(key), str):
+            if declared.metadata.get("type") is not list or key not in own:
+                continue
+            if isinstance(own[key], str):
                 own[key] = [own[key]]
+            if own[key] == [] and declared.default != ():
+                raise refuse(f"{path}.{key}", [], "is empty", "at least one name or pattern")
         return read_fields(cls, own, path, {})
 
 

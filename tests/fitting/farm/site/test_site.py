@@ -104,6 +104,13 @@ def test_parts_take_capacity_and_factor_of_their_own_or_of_the_tables(site):
         ({"scene": "dropper-fram"}, "is not a packaged scene; did you mean 'dropper-farm'?"),
         ({"parameters": {"dropers": 2}}, "parameters.dropers: unknown parameter; did you mean 'droppers'?"),
         ({"sea_state": []}, "sea_state: missing"),
+        (
+            {"part": [{"name": "none", "lines": [], "capacity": 1e4}]},
+            "part.0.lines: [] is empty; allowed: at least",
+        ),
+        ({"anchor": [{"points": [], "capacity": 1e4}]}, "anchor.0.points: [] is empty"),
+        ({"exclusion": {"excursion": 3.0, "lines": []}}, "exclusion.lines: [] is empty"),
+        ({"backbone": {"lines": []}}, "backbone.lines: [] is empty"),
         ({"sea_state": [{"name": "a", "hs": 2.0, "tp": 7.0}] * 2}, "sea_state: 'a' is used twice"),
         ({"sea_state": [{"name": "a", "hs": 16.0, "tp": 19.0}]}, "'a' of 16 m breaks; allowed: at most 14.4 m"),
         ({"sea_state": [{"name": "a", "hs": 4.2, "tp": 5.0}]}, "'a' of 4.2 m breaks; allowed: at most 2"),

@@ -198,7 +198,8 @@ class Plan:
             for axis, x in zip(self.axes, values[case], strict=True):
                 changed[axis.path] = axis.values.dtype.type(x).item()
             name = ", ".join(f"{path} = {value:g}" for path, value in changed.items())
-            found[name] = self.scene.with_values(changed)
+            with suppress(SceneError):  # such a case has the status invalid_input
+                found[name] = self.scene.with_values(changed)
         return found
 
     def identity(self) -> Table:

@@ -261,7 +261,7 @@ def test_a_year_without_intact_cases_has_no_damage_of_its_own(folder):
     own = found["parts"][0]["fatigue"]
     assert (own["damage_per_year"], own["life_years"]) == (None, None)
     assert own["largest_damage_per_hour"] > 0.0
-    assert "no intact case is in a sea state with `hours`" in page_text(found)
+    assert "no intact case is in a sea state with" in page_text(found)
 
 
 def test_a_part_without_a_curve_has_no_damage(folder):

@@ -28,9 +28,10 @@ from dropper_jax.run.chunks import run_chunks
 from dropper_jax.run.quantities import Quantity, quantity
 from fitting.sensitivity import Local, local, study
 from fitting.sensitivity.derivatives import changed_study
-from fitting.sensitivity.differences import DIFFERENCES, Run, StudyRuns, measure_run
+from fitting.sensitivity.differences import DIFFERENCES
 from fitting.sensitivity.problem import Study
 from fitting.sensitivity.result import KNOWN, NOT_RESOLVED, OTHER_BRANCH
+from fitting.sensitivity.study_runs import Run, StudyRuns, measure_run
 
 #: Number of random scenes.
 RANDOM = 16

@@ -21,7 +21,8 @@ from dropper_jax.base.json_values import jsonable
 from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.run.quantities import quantity
 from fitting.sensitivity import study
-from fitting.sensitivity.differences import StudyRuns, changed_values, slopes_of_runs
+from fitting.sensitivity.differences import changed_values, slopes_of_runs
+from fitting.sensitivity.study_runs import StudyRuns
 
 SCENE = "edulis-longline"
 DURATION = 20.0

@@ -31,8 +31,9 @@ from dropper_jax.study.gradient_check import RELATIVE_CHANGE, GradientCheck
 from fitting.parameters.parameter import with_parameter_values
 from fitting.parameters.varied import Varied, floats_of
 from fitting.sensitivity import study
-from fitting.sensitivity.differences import StudyRuns, changed_values, slopes_of_runs
+from fitting.sensitivity.differences import changed_values, slopes_of_runs
 from fitting.sensitivity.problem import Study, measure_rows
+from fitting.sensitivity.study_runs import StudyRuns
 from fitting.sensitivity.tangents import vary_start
 
 Table = dict[str, Any]

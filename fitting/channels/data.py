@@ -127,7 +127,8 @@ class Data:
         return np.array([s.noise or self._difference_noise(c) for c, s in enumerate(self.sensors)])
 
     def _difference_noise(self, channel: int) -> float:
-        """Standard deviation of white noise on a smooth motion, by differences of high order."""
+        """Standard deviation of white noise on a smooth motion, by differences of high order; of a relative sensor as a
+        fraction of its RMS value."""
         values = [run.values[channel] for run in self.runs]
         sizes = np.concatenate([noise_by_differences(y) for y in values])
         level = max(float(np.nanmax(np.abs(y))) for y in values)
@@ -135,7 +136,10 @@ class Data:
         size = 0.1 * spread  # too few samples for differences
         if np.isfinite(sizes).any():
             size = float(np.nanmedian(sizes))
-        return max(size, 1e-6 * level, 1e-12)
+        size = max(size, 1e-6 * level, 1e-12)
+        if self.sensors[channel].relative and level > 0.0:
+            size /= float(np.sqrt(np.nanmean(np.concatenate(values) ** 2)))
+        return size
 
 
 def _scale(sensor: Sensor, values: np.ndarray) -> np.ndarray:

@@ -49,8 +49,8 @@ def require_value(table: Values, path: str, key: str, needed: str) -> Plain:
 
 def optional_number(table: Values, path: str, key: str, default: Default, **limits: float) -> float | Default:
     """The number at a key within limits (`low`, `above`, `high`); the default if it is missing."""
-    unit = {"at": "m", "delay": "s", "from": "s", "until": "s"}.get(key, "-")
     if key in table:
+        unit = {"delay": "s", "from": "s", "until": "s"}.get(key, "-")
         return read_number(table[key], f"{path}.{key}", {"unit": unit, **limits})
     return default
 

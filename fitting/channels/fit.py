@@ -210,12 +210,13 @@ def fit_channels(
 
 
 def over_runs(result: ChannelFit) -> tuple[Between, ...]:
-    """Mean and spread of every parameter that runs have separately, named `STEM@RUN`."""
-    stems = [p.name.rpartition("@")[0] for p in result.parameters]
+    """Mean and spread of every parameter that runs have separately."""
+    problem = result.solution.problem
     found = []
-    for stem in dict.fromkeys(filter(None, stems)):
-        index = [i for i, other in enumerate(stems) if other == stem]
-        found.append(combine_runs(stem, result.values[index], result.errors.covariance[np.ix_(index, index)]))
+    for p, numbers in zip(problem.plain, np.transpose(problem.of_run), strict=True):
+        if numbers[0] != numbers[-1]:  # the runs do not share it
+            covariance = result.errors.covariance[np.ix_(numbers, numbers)]
+            found.append(combine_runs(p.name, result.values[numbers], covariance))
     return tuple(found)
 
 

@@ -15,7 +15,7 @@ Derivatives are central differences of fourth order of the saved motion, with er
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import jax.numpy as jnp
 from jax import Array
@@ -25,7 +25,7 @@ from dropper_jax.base.numerics import safe_norm
 from dropper_jax.base.read import Table
 from fitting.channels.channel import Channel, Given, OnLink, SavedMotion
 from fitting.channels.entries import optional_number, read_axes
-from fitting.channels.position import find_link, find_node
+from fitting.channels.position import find_link, share_of_link
 
 #: Axes of an accelerometer, by name.
 AXES = ("along", "across", "side")
@@ -63,8 +63,8 @@ class Accelerometer(Inertial):
     mounting: ClassVar[dict[str, str]] = {"position": "m", "turn": "rad"}
 
     axes: tuple[int, ...] = (0, 1)
-    position: Any = 0.0
-    turn: Any = 0.0
+    position: float | Array = 0.0
+    turn: float | Array = 0.0
 
     @classmethod
     def sensor_fields(cls, given: Given) -> Table:
@@ -78,7 +78,7 @@ class Accelerometer(Inertial):
         elif "position" in table:
             raise SceneError(f"{path}.position: given twice, by `at` too; allowed: one of them")
         else:
-            position = find_node(given.scene, table, path).share * length
+            position = share_of_link(line, link, table["at"]) * length
         turn = optional_number(table, path, "turn", 0.0)
         return {"axes": axes, "position": position, "turn": turn, **super().sensor_fields(given)}
 

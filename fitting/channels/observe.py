@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -33,7 +32,7 @@ class Plan:
     every: int
 
 
-def begin(plan: Plan, setup: Setup, near: State) -> State:
+def start_state(plan: Plan, setup: Setup, near: State) -> State:
     """The start, which follows the model: a static pose is solved from a nearby one, angles keep their values.
 
     `initial_state` also gives the first tensions, whose derivatives compile three times as long.
@@ -66,7 +65,7 @@ def observe_channels(
 ) -> tuple[tuple[Array, ...], State, Array]:
     """Channel values at the stamps `times`, (k, m) each [SI]; the start; the first failed step (-1: none)."""
     model = setup.model
-    s = begin(plan, setup, near)
+    s = start_state(plan, setup, near)
     # tangents in all that a step changes, so that JAX differentiates the loop over the steps once
     zero = 0.0 * jnp.sum(s.r)
     s = replace(s, v=s.v + zero, tension=s.tension + zero)
@@ -104,9 +103,9 @@ def differentiate_channels(
 ) -> tuple[tuple[Array, ...], tuple[Array, ...], State, Array]:
     """Channel values, their derivatives (k, m, directions), the start, and the first failed step."""
 
-    def of(e: Array) -> Any:
+    def observe(e: Array) -> tuple[tuple[Array, ...], tuple[tuple[Array, ...], State, Array]]:
         shown, s, bad = observe_channels(plan, shift_setup(setup, tangents, e), near, dt, times)
         return shown, (shown, s, bad)
 
-    slopes, (shown, s, bad) = jax.jacfwd(of, has_aux=True)(jnp.zeros(len(jax.tree.leaves(tangents)[0]), dt.dtype))
+    slopes, (shown, s, bad) = jax.jacfwd(observe, has_aux=True)(jnp.zeros(len(jax.tree.leaves(tangents)[0]), dt.dtype))
     return shown, slopes, s, bad

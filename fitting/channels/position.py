@@ -53,10 +53,8 @@ def find_node(scene: SceneData, table: Values, path: str) -> Node:
     links = line.spec.links
     if key == "at":
         at = _length_along(table, line, path)
-        total = np.concatenate([[0.0], np.cumsum(line.spec.length)])
-        link = int(np.clip(np.searchsorted(total, at, side="right") - 1, 0, links - 1))
-        share = (at - total[link]) / line.spec.length[link]
-        return Node(int(line.nodes[link]), int(line.nodes[link + 1]), float(share))
+        link = min(int(np.searchsorted(np.cumsum(line.spec.length), at, side="right")), links - 1)
+        return Node(int(line.nodes[link]), int(line.nodes[link + 1]), share_of_link(line, link, at))
     if key == "node":
         number = read_integer(table["node"], f"{path}.node")
     else:
@@ -68,8 +66,14 @@ def find_node(scene: SceneData, table: Values, path: str) -> Node:
     return Node(int(line.nodes[number]), int(line.nodes[number]), 0.0)
 
 
+def share_of_link(line: WholeLine, link: int, at: float) -> float:
+    """The fraction [-] of a link, from its first node, at a length [m] along its line."""
+    ends = np.concatenate([[0.0], np.cumsum(line.spec.length)])
+    return float((at - ends[link]) / line.spec.length[link])
+
+
 def find_link(scene: SceneData, table: Values, path: str) -> tuple[WholeLine, int]:
-    """The line and the number in it, from 0, of the link that carries a sensor.
+    """The line and the number in it, from 0, of the link that carries a sensor; at a node the link before it.
 
     Raises:
         SceneError: no position or more than one; a link or length that the line does not have.
@@ -78,7 +82,8 @@ def find_link(scene: SceneData, table: Values, path: str) -> tuple[WholeLine, in
     line = find_line(scene, table, path)
     if key == "at":
         at = _length_along(table, line, path)
-        number = int(np.searchsorted(np.cumsum(line.spec.length), at - 1e-12)) + 1
+        ends = np.cumsum(line.spec.length)
+        number = int(np.searchsorted(ends, at - ROUNDING * ends[-1])) + 1
     elif key == "link":
         number = read_integer(table["link"], f"{path}.link")
     else:
@@ -116,12 +121,12 @@ def _end(table: Values, first: int, last: int, path: str) -> int:
 
 
 def _length_along(table: Values, line: WholeLine, path: str) -> float:
-    """The length [m] along a line from its first point, at the key `at`."""
+    """The length [m] along a line from its first point, at the key `at`; at most that of the line."""
     at = read_number(table["at"], f"{path}.at", {"unit": "m"})
-    length = float(np.sum(line.spec.length))
+    length = float(np.cumsum(line.spec.length)[-1])
     if not 0 <= at <= length * (1.0 + ROUNDING):
         raise SceneError(f"{path}.at: {at:g} m is outside line {line.name!r}; allowed: 0 to {length:g} m")
-    return at
+    return min(at, length)
 
 
 def _one_of(table: Values, keys: tuple[str, ...], path: str) -> str:

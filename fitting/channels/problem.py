@@ -31,6 +31,8 @@ MOST_HALVED = 2
 PAST_LAST = 1e-6
 #: Derivatives beyond this have squares that overflow in a sum.
 LARGEST_SLOPE = 1e100
+#: Why a run with such derivatives cannot be used.
+CHAOTIC = "derivatives grow without bound, the motion is chaotic"
 
 
 def is_axial_stiffness(p: Parameter) -> bool:
@@ -231,8 +233,9 @@ class Problem(Residuals):
             early *= 2
         late = max(float(t[-1]) for run in self.data.runs for t in run.t) * rate - early
         spacing = self.scenes[0].run.step * self.scenes[0].run.save_every
-        # cubics through four rows need three saved states after the last sample
-        return max(int(np.ceil(late / spacing - 1e-9)) + 3, 5)
+        margin = max(sensor.channel.margin for sensor in self.data.sensors)
+        # cubics through four rows need three saved states after the last sample, and four without both margins
+        return max(int(np.ceil(late / spacing - 1e-9)) + 3, 5, 3 + 2 * margin)
 
     def evaluate(self, values: np.ndarray, starts: Sequence[State] | None = None) -> Evaluation:
         """Predictions of all runs at these values (p,), with derivatives."""
@@ -252,15 +255,8 @@ class Problem(Residuals):
             stamps = self._pad_stamps(run, dt.dtype)
             plan = self.plan(number)
             motion, slope, start, bad = differentiate_channels(plan, at.setup, at.tangents, near[number], dt, stamps)
-            step = int(bad) + 1
-            reason = ""
-            if step > 0:
-                reason = f"step {step} at {step * self.dt:g} s did not solve"
-            elif not all(np.isfinite(y).all() for y in motion):
-                reason = "the start did not solve"
-            elif not all(np.abs(s).max(initial=0.0) < LARGEST_SLOPE for s in slope):
-                unstable = True
-                reason = "derivatives grow without bound, the motion is chaotic"
+            reason = self._why_failed(int(bad), motion, slope)
+            unstable = unstable or reason == CHAOTIC
             if reason and not failed:
                 failed = f"{run.name}: {reason}"
             counts = list(map(len, run.t))
@@ -268,6 +264,17 @@ class Problem(Residuals):
             slopes.append([self._spread(s, count, mine) for s, count in zip(slope, counts, strict=True)])
             started.append(start)
         return self.whiten_residuals(Evaluation(shown, slopes, tuple(started), failed, unstable))
+
+    def _why_failed(self, bad: int, motion: Sequence[Array], slopes: Sequence[Array]) -> str:
+        """Why a run cannot be used, of which step number `bad` is the first that failed, -1 without any; empty if it
+        can."""
+        if bad >= 0:
+            return f"step {bad + 1} at {(bad + 1) * self.dt:g} s did not solve"
+        if not all(np.isfinite(y).all() for y in motion):
+            return "the start did not solve"
+        if not all(np.abs(s).max(initial=0.0) < LARGEST_SLOPE for s in slopes):
+            return CHAOTIC
+        return ""
 
     def _pad_stamps(self, run: Run, dtype: jnp.dtype) -> tuple[Array, ...]:
         """Stamps of a run's channels, the last one repeated up to the longest run's count: runs share a program."""

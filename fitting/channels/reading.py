@@ -211,7 +211,12 @@ def read_run(
 def _files(given: Plain, path: str, folder: Path) -> tuple[list[Columns], str]:
     """The files of a run and its default name."""
     if isinstance(given, Mapping):
-        columns = {name: np.asarray(v, float) for name, v in given.items()}
+        columns = {}
+        for name, values in given.items():
+            try:
+                columns[name] = np.asarray(values, float)
+            except (TypeError, ValueError):
+                raise SceneError(f"{path}.file: {name} is not a list of numbers; allowed: numbers, or nan") from None
         t = columns.pop("t", np.zeros(0))
         if t.ndim != 1 or len(t) < 2:
             raise SceneError(f"{path}.file: has no times t; allowed: at least 2")

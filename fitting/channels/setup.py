@@ -93,9 +93,8 @@ def find_free(scene: Scene, data: Data, names: Sequence[str], option: str = "fre
     found: list[Parameter] = []
     model = build_model(scene)
     for name in names:
-        section = ScenePath(name).section.strip()
-        if section in ("start", "channel", "camera"):
-            found += _of_setup(scene, data, name.strip(), option)
+        if ScenePath(name).section in ("start", "channel", "camera"):
+            found += _of_setup(scene, data, name, option)
         else:
             found += find_parameters(scene, model, full_names(scene, [name], option), option)
     for p in found:
@@ -181,14 +180,16 @@ def _of_time(name: str, where: SetupTarget, delay: float) -> Parameter:
     return Parameter(name, where, delay, delay - DELAY_RANGE, delay + DELAY_RANGE, unit="s")
 
 
-class Placed(NamedTuple):
+class SetupDirections(NamedTuple):
     """A run's numbers at given values of its parameters, and the direction of each parameter."""
 
     setup: Setup
     tangents: Setup
 
 
-def setup_with_directions(scene: Scene, data: Data, parameters: Sequence[Parameter], values: np.ndarray) -> Placed:
+def setup_with_directions(
+    scene: Scene, data: Data, parameters: Sequence[Parameter], values: np.ndarray
+) -> SetupDirections:
     """The setup of a run at these values (k,), and its directions (k, ...) there.
 
     Numbers that do not affect the model linearly (EA with a damping ratio, lengths) are set in the scene, which is
@@ -197,7 +198,8 @@ def setup_with_directions(scene: Scene, data: Data, parameters: Sequence[Paramet
     written = {p.name: float(v) for p, v in zip(parameters, values, strict=True) if p.moves_model}
     if written:
         scene = scene.with_values(written)
-    first = setup = first_setup(scene, data)
+    first = first_setup(scene, data)
+    setup = first
     directions: list[Setup] = []
     for p, v in zip(parameters, values, strict=True):
         if p.moves_model:
@@ -209,7 +211,7 @@ def setup_with_directions(scene: Scene, data: Data, parameters: Sequence[Paramet
         else:
             directions.append(jax.jvp(lambda v, p=p: set_parameter(first, p, v), (1.0,), (1.0,))[1])
             setup = set_parameter(setup, p, v)
-    return Placed(setup, jax.tree.map(lambda *parts: jnp.stack(parts), *directions))
+    return SetupDirections(setup, jax.tree.map(lambda *parts: jnp.stack(parts), *directions))
 
 
 def first_setup(scene: Scene, data: Data) -> Setup:

@@ -11,6 +11,7 @@ differences of runs.
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -28,11 +29,12 @@ from dropper_jax.stepping.progress import Trajectory
 from dropper_jax.study.lyapunov import lyapunov
 from fitting.parameters.parameter import with_parameter_values
 from fitting.parameters.varied import Varied, floats_of
-from fitting.sensitivity.differences import central_differences, error_by_coarser, error_of_value, farthest
+from fitting.sensitivity.differences import central_differences, error_of_value
 from fitting.sensitivity.linear_range import with_linear_range
 from fitting.sensitivity.own_steps import part_of_steps, saved_times
 from fitting.sensitivity.problem import Study, StudyProgram
 from fitting.sensitivity.result import TANGENT, Local, empty_result, with_status
+from fitting.sensitivity.study_runs import error_by_coarser, farthest
 from fitting.sensitivity.tangents import vary_start, vary_study
 
 
@@ -87,7 +89,8 @@ def _by_tangents(problem: Study, say: Progress, check: bool) -> Local:
         duration = problem.scene.run.rows * problem.scene.run.interval
     found = replace(empty_result(problem, duration), value=value, forward=forward)
     if run is not None:
-        found = replace(found, growth=_tangent_growth(problem, start, run))
+        moved = Displacements.of(problem, start, run)
+        found = replace(found, growth=moved.growth)
     if np.isfinite(value):
         problem.check_derivatives(forward)
     if found.finite:
@@ -102,25 +105,27 @@ def _by_tangents(problem: Study, say: Progress, check: bool) -> Local:
 
         found = with_linear_range(problem, found, evaluate)
         found.warnings.extend(error_of_value(problem, found))
-        if run is not None:  # the first of these runs has all parameters changed by 1 %
-            found = replace(found, motion_growth=_motion_growth(problem, start, run, changed_runs[0]))
+        if run is not None and changed_runs[0] is not None:  # the first run has all parameters changed by 1 %
+            found = replace(found, motion_growth=moved.growth_of_change(farthest(changed_runs[0].tree.r, run.tree.r)))
     if check:
         found = _with_check(problem, found, say)
     if run is not None and found.finite and found.linear_range < 0.01:
-        found = _with_windows(problem, found, at, start, run, say)
+        found = _with_windows(problem, found, at, moved, run.tree, say)
     if found.finite and found.error is not None and found.linear_range == 0.0:
         found = with_status(problem, found, found.error, np.zeros(len(forward), bool))
     return found
 
 
-def _with_windows(problem: Study, found: Local, at: Array, start: Varied, run: Varied, say: Progress) -> Local:
+def _with_windows(
+    problem: Study, found: Local, at: Array, moved: Displacements, run: Trajectory, say: Progress
+) -> Local:
     """The result with the time up to which its derivatives are valid and, if that is before the end of the run, their
     means over windows."""
-    limit, rate = _growth(problem, start, run)
+    limit, rate = moved.horizon(saved_times(problem.steps))
     if limit >= found.duration:
         return found
     say(0.7, "windows")
-    mean, spread, length = windows(problem, at, min(limit, found.duration / 2), run.tree)
+    mean, spread, length = windows(problem, at, min(limit, found.duration / 2), run)
     if found.exponent is not None:  # that of small errors, which was asked for
         rate = found.exponent
     return replace(found, horizon=limit, exponent=rate, window=length, window_mean=mean, window_error=spread)
@@ -154,38 +159,53 @@ def _error_of_steps(problem: Study, at: Array, start: Varied, value: float) -> f
     return error_by_coarser(problem.of, value, float(quantity.tree))
 
 
-def _displacements(problem: Study, start: Varied, run: Varied) -> tuple[np.ndarray, np.ndarray, float]:
-    """Maximum displacement [m] of a node by 100 % of each parameter at the start (p,) and at saved times (saves, p),
-    and the extent [m] of the motion."""
-    scale = np.array([p.scale for p in problem.parameters])
-    first, moved = (np.linalg.norm(x.slopes[0], axis=-1).max(-1).T * scale for x in (start, run))
-    return first, moved, farthest(run.tree.r, run.tree.r[0])
+class Displacements(NamedTuple):
+    """Displacements of the farthest node by 100 % of each parameter, as the derivatives predict them.
 
-
-def _tangent_growth(problem: Study, start: Varied, run: Varied) -> float:
-    """Logarithm of the largest displacement by the derivatives over that at the start, or the extent of the motion if
-    that is larger; infinite if they overflow."""
-    first, moved, extent = _displacements(problem, start, run)
-    if not np.isfinite(moved).all():
-        return np.inf
-    before = np.maximum(np.maximum(extent, first), np.finfo(float).tiny)
-    return float(np.log(np.max(moved / before, initial=1.0)))
-
-
-def _growth(problem: Study, start: Varied, run: Varied) -> tuple[float, float]:
-    """Time [s] up to which the derivatives are valid (see `local`), at most the run's duration, and their mean growth
-    rate [1/s] over the second half of the run, NaN if they are valid to its end.
-
-    A sea that is calm, or still rises, moves a line less than a change of its length does at the start.
+    Attributes:
+        at_start: (p,) [m].
+        at_saves: at saved times (saves, p) [m].
+        extent: of the motion [m].
     """
-    first, moved, extent = _displacements(problem, start, run)
-    size = (moved / (10.0 * np.maximum(extent, first))).max(axis=-1)
-    times = np.asarray(saved_times(problem.steps))
-    over = np.flatnonzero(~(size[:-1] <= 1.0))
-    if not over.size:
-        return float(times[-1]), np.nan
-    middle = len(size) // 2 - 1
-    return float(times[over[0]]), float(np.log(size[-1] / size[middle]) / (times[-1] - times[middle]))
+
+    at_start: np.ndarray
+    at_saves: np.ndarray
+    extent: float
+
+    @classmethod
+    def of(cls, problem: Study, start: Varied, run: Varied) -> Displacements:
+        """Those of a run from a start."""
+        scale = np.array([p.scale for p in problem.parameters])
+        at_start, at_saves = (np.linalg.norm(x.slopes[0], axis=-1).max(-1).T * scale for x in (start, run))
+        return cls(at_start, at_saves, farthest(run.tree.r, run.tree.r[0]))
+
+    @property
+    def growth(self) -> float:
+        """Logarithm of the largest displacement over that at the start, or the extent of the motion if that is larger;
+        infinite if they overflow."""
+        if not np.isfinite(self.at_saves).all():
+            return np.inf
+        before = np.maximum(np.maximum(self.extent, self.at_start), np.finfo(float).tiny)
+        return float(np.log(np.max(self.at_saves / before, initial=1.0)))
+
+    def horizon(self, times: np.ndarray) -> tuple[float, float]:
+        """Time [s] up to which the derivatives are valid (see `local`), at most the last of the saved times, and their
+        mean growth rate [1/s] over the second half of the run, NaN if they are valid to its end.
+
+        A sea that is calm, or still rises, moves a line less than a change of its length does at the start.
+        """
+        size = (self.at_saves / (10.0 * np.maximum(self.extent, self.at_start))).max(axis=-1)
+        over = np.flatnonzero(~(size[:-1] <= 1.0))
+        if not over.size:
+            return float(times[-1]), np.nan
+        middle = len(size) // 2 - 1
+        return float(times[over[0]]), float(np.log(size[-1] / size[middle]) / (times[-1] - times[middle]))
+
+    def growth_of_change(self, moved: float) -> float:
+        """Logarithm of the displacement [m] by a change of all parameters by 1 %, over that at the start or 1 % of the
+        motion."""
+        before = 0.01 * max(self.extent, float(np.sum(self.at_start)), np.finfo(float).tiny)
+        return float(np.log(max(moved / before, 1.0)))
 
 
 def changed_study(problem: Study, values: np.ndarray) -> tuple[float, Varied | None]:
@@ -203,16 +223,6 @@ def changed_study(problem: Study, values: np.ndarray) -> tuple[float, Varied | N
 def _fixed(s: State, count: int) -> Varied:
     """A start that the parameters do not change."""
     return Varied(s, [jnp.asarray(np.zeros((count, *x.shape)), x.dtype) for x in floats_of(s)])
-
-
-def _motion_growth(problem: Study, start: Varied, run: Varied, changed: Varied | None) -> float | None:
-    """Logarithm of the displacement by a change of all parameters by 1 %, over that at the start or 1 % of the motion;
-    None without such a run."""
-    if changed is None:
-        return None
-    first, _, extent = _displacements(problem, start, run)
-    before = 0.01 * max(extent, float(np.sum(first)), np.finfo(float).tiny)
-    return float(np.log(max(farthest(changed.tree.r, run.tree.r) / before, 1.0)))
 
 
 def windows(

@@ -73,6 +73,8 @@ def global_indices(
     """
     if method not in METHODS:
         raise SceneError(f"method: {method!r}; allowed: {', '.join(METHODS)}")
+    if samples < 1:
+        raise SceneError(f"samples: {samples}; allowed: a whole number >= 1")
     problem = {"num_vars": len(names), "names": list(names), "bounds": [list(pair) for pair in box]}
     sobol = method == "sobol"
     settings = {}
@@ -115,7 +117,7 @@ def global_text(found: Global, of: str) -> str:
         rows.append(row)
     text = f"{of}: {found.runs} runs, mean {found.mean:.5g}, standard deviation {found.std:.3g}\n\n{table(rows)}"
     if sobol and np.max(found.total_error) > 0.2:  # of the variance: ranks are then chance
-        more = 4 * found.runs // (len(found.names) + 2)
+        more = 4 * found.runs // (len(found.names) + 2)  # errors go with the root of the number of samples
         text += f"\n\nintervals of +-{np.max(found.total_error):.2g} are wide; --samples {more} halves them"
     return text
 

@@ -56,7 +56,7 @@ class Local:
         window: length [s] of the windows of the means; None if derivatives are valid for the whole run.
         window_mean, window_error: mean derivative of the windows' values and its standard error (p,).
         linear_range, warnings: relative change of all parameters that the derivatives predict, at most 0.01, and a
-            warning if it is less (see `problem.linear_range`).
+            warning if it is less (see `linear_range`).
     """
 
     names: list[str]

@@ -21,7 +21,8 @@ from dropper_jax.integrators.rattle_4 import Rattle4
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.build import SceneLike, build
 from dropper_jax.run.storage import extra
-from fitting.sweep.plan import STATUS, Plan, changes_size
+from fitting.sweep.axes import changes_size, read_values
+from fitting.sweep.plan import STATUS, Plan
 from fitting.sweep.run import SweepResult, run_at, sweep
 from fitting.traces.conventions import check_scale, settle_convention
 from fitting.traces.planar import check_planar, wrap
@@ -228,7 +229,15 @@ def sweep_against_trace(
     scene = at_samples(scene, trace)
     t = (1 + np.arange(scene.run.saves)) * scene.run.step * scene.run.save_every
     against = Against(trace, t, sample_trace(trace, t), trace.at(t), part_ends(t, parts))
+    _check_parts(against)
     return _score_cases(against, sweep(scene, vary, out, traces=True, **settings), warnings)
+
+
+def _check_parts(against: Against) -> None:
+    """Reject a part of the trace in which every sample is missing: no case has a score there."""
+    for i, part in enumerate(PARTS):
+        if not np.isfinite(against.measured[against.part(i)]).any():
+            raise SceneError(f"{against.trace.name}: every sample of the {part} is missing. Use other `parts`")
 
 
 def _check_varied(scene: Scene, vary: Mapping[str, Sequence[float]]) -> None:
@@ -236,7 +245,7 @@ def _check_varied(scene: Scene, vary: Mapping[str, Sequence[float]]) -> None:
     for path, values in vary.items():
         if path.startswith("point."):
             raise SceneError(f"vary: {path!r} moves an end. With a trace, use paths outside [[point]]")
-        if "." in path and changes_size(scene, path, np.asarray(values)):
+        if "." in path and changes_size(scene, path, read_values(path, values)):
             raise SceneError(f"vary: {path!r} changes the number of links, which is that of the trace. Use other paths")
 
 

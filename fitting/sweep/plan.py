@@ -24,7 +24,6 @@ from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.memory import available_memory, in_words
 from dropper_jax.base.read import ScenePath, Table, declared_fields
 from dropper_jax.integrators import OPTIONS
-from dropper_jax.load.paths import describe
 from dropper_jax.model import Model, State
 from dropper_jax.residual import Stepper
 from dropper_jax.run.arrays import bare_model
@@ -33,9 +32,7 @@ from dropper_jax.run.quantities import Quantity, quantity
 from dropper_jax.run.statistics import PERIOD
 from dropper_jax.scene import RunSpec
 from dropper_jax.stepping.stepper import check_settings, stepper_settings
-from fitting.parameters.names import DAMPING_PATHS, full_names
-from fitting.parameters.parameter import Parameter, with_parameter_values
-from fitting.parameters.paths import resolve
+from fitting.sweep.axes import Axis, first_seed, full_paths, make_axis, read_values
 
 #: Quantities that can be recorded for each case, with unit and meaning; `links` and `trace` add dimensions.
 QUANTITIES = {
@@ -55,30 +52,6 @@ DIMENSIONS = {"angle_max": ("link",), "positions": ("time", "node", "axis"), "te
 SEED = "sea.waves.seed"
 STATUS = ("ok", "not_converged", "non_finite", "invalid_input")
 FORMAT = 1
-#: A JSON value.
-Plain = str | float | bool | None | list["Plain"] | dict[str, "Plain"]
-
-
-@dataclass(frozen=True)
-class Axis:
-    """One varied path: its values, and the model's numbers that it sets (none: it goes through the scene).
-
-    Attributes:
-        resizes: whether its values change the number of links or nodes.
-    """
-
-    path: str
-    values: np.ndarray
-    parameters: tuple[Parameter, ...] = ()
-    moves_start: bool = True
-    resizes: bool = False
-
-    @property
-    def unit(self) -> str:
-        """Unit of the values; empty if they have none."""
-        if self.parameters:
-            return self.parameters[0].unit
-        return describe(self.path).get("unit", "")
 
 
 @dataclass(frozen=True)
@@ -194,10 +167,11 @@ class Plan:
 
     def inputs(self, cases: np.ndarray) -> np.ndarray:
         """Values (cases, axes) of case numbers."""
-        index = np.unravel_index(cases, self.shape)
-        if self.listed:  # all axes have the same row
-            index *= len(self.axes)
-        columns = [axis.values[i] for axis, i in zip(self.axes, index, strict=True)]
+        if self.listed:
+            columns = [axis.values[cases] for axis in self.axes]
+        else:
+            index = np.unravel_index(cases, self.shape)
+            columns = [axis.values[i] for axis, i in zip(self.axes, index, strict=True)]
         return np.stack(columns, axis=-1).astype(float)
 
     def cases_of(self, chunk: int) -> np.ndarray:
@@ -224,7 +198,8 @@ class Plan:
             for axis, x in zip(self.axes, values[case], strict=True):
                 changed[axis.path] = axis.values.dtype.type(x).item()
             name = ", ".join(f"{path} = {value:g}" for path, value in changed.items())
-            found[name] = self.scene.with_values(changed)
+            with suppress(SceneError):  # such a case has the status invalid_input
+                found[name] = self.scene.with_values(changed)
         return found
 
     def identity(self) -> Table:
@@ -285,12 +260,12 @@ def make_plan(
     scene = load_scene(scene)
     if changed:
         scene = scene.with_values(changed)
-    lists = {path: np.asarray(values) for path, values in vary.items()}
+    lists = {path: read_values(path, values) for path, values in vary.items()}
     counts = {path: values.size for path, values in lists.items()}
     if listed:
         _check_listed(counts, seeds)
     if seeds:
-        lists[SEED] = np.arange(seeds) + _first_seed(scene)
+        lists[SEED] = np.arange(seeds) + first_seed(scene)
         counts[SEED] = seeds
     if not lists:
         raise SceneError("vary: nothing is varied; needed: --vary name=lo:hi:n or --seeds K")
@@ -304,10 +279,10 @@ def make_plan(
             known = f"{nearest(name, QUANTITIES)}; also SIGNAL.WHERE.STATISTIC, such as tension.chain.fairlead.max"
             raise SceneError(f"quantities: {name!r} is unknown; {known}")
     cases = _count_cases(counts, len(names), listed)
-    full = dict(zip(_paths(scene, list(lists)), lists.values(), strict=True))
+    full = dict(zip(full_paths(scene, list(lists)), lists.values(), strict=True))
     # the first value of every axis is in the base scene, so that an effect that the scene lacks exists
     base = scene.with_values({path: values[0].item() for path, values in full.items()})
-    axes = tuple(_axis(base, path, values) for path, values in full.items())
+    axes = tuple(make_axis(base, path, values) for path, values in full.items())
     if chunk is None:
         chunk = default_chunk(not build_model(base).geometry.is_path, cases)
     plan = Plan(base, axes, names, traces, chunk, settings, listed)
@@ -330,13 +305,6 @@ def _check_listed(counts: Mapping[str, int], seeds: int) -> None:
     else:
         return
     raise SceneError(f"listed: {what}. Use equally many values of every path, without seeds")
-
-
-def changes_size(scene: Scene, path: str, values: np.ndarray) -> bool:
-    """Whether the first and the last of these values give different numbers of links or nodes."""
-    first = bare_model(scene.with_values({path: values[0].item()}))
-    last = bare_model(scene.with_values({path: values[-1].item()}))
-    return first.line.links != last.line.links or first.free_nodes != last.free_nodes
 
 
 #: On a GPU each operation costs the same for one case as for thousands. An H200 runs 131 072 lab droppers only 1.14
@@ -368,54 +336,3 @@ def _count_cases(counts: Mapping[str, int], quantities: int, listed: bool) -> in
             f"vary: {what}, whose table needs {in_words(need)} of memory; only {in_words(left)} are free. Use fewer"
         )
     return cases
-
-
-def _first_seed(scene: Scene) -> int:
-    """The seed of the scene's wave spectrum, from which those of further realisations count up."""
-    waves = (scene.to_dict().get("sea") or {}).get("waves") or {}
-    if waves.get("kind") != "spectrum":
-        raise SceneError("seeds: nothing in this scene is random. Use a scene whose sea has a wave spectrum")
-    return int(waves.get("seed", 0))
-
-
-def _paths(scene: Scene, names: list[str]) -> list[str]:
-    """Full paths; short names are those of `dropper fit`."""
-    found = []
-    for name in names:
-        if ScenePath(name).section == "run":
-            raise SceneError(f"vary: {name!r} belongs to the compiled program. Use one sweep for each value")
-        if name.count(".") < 2:
-            (name,) = full_names(scene, [name], "vary")
-        found.append(name)
-    for path in found:
-        if found.count(path) > 1:
-            raise SceneError(f"vary: {path!r} is given twice; allowed: every path once")
-    return found
-
-
-def _axis(scene: Scene, path: str, values: np.ndarray) -> Axis:
-    """How a path's values enter the model.
-
-    They replace numbers of the model if the last value, set there, gives the model of the scene with that value.
-    """
-    if values.ndim != 1 or values.size == 0 or not np.isfinite(values).all():
-        raise SceneError(f"vary: {path}: no finite numbers; allowed: at least one")
-    if changes_size(scene, path, values):
-        return Axis(path, values, resizes=True)
-    model = build_model(scene)
-    try:
-        parameters = resolve(model, [path], option="vary")
-    except SceneError:
-        return Axis(path, values)
-    inside = with_parameter_values(model, parameters, np.full(len(parameters), float(values[-1])))
-    if same(inside, build_model(scene.with_values({path: values[-1].item()}))):
-        moves_start = ScenePath(path).stem not in DAMPING_PATHS
-        return Axis(path, values, parameters, moves_start)
-    return Axis(path, values)
-
-
-def same(one: Model, other: Model) -> bool:
-    """Whether two models have the same numbers."""
-    a = jax.tree.leaves(one)
-    b = jax.tree.leaves(other)
-    return jax.tree.structure(one) == jax.tree.structure(other) and all(map(np.array_equal, a, b))

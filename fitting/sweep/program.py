@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import replace
 from functools import partial
@@ -167,17 +168,13 @@ class Program:
         valid = next(filter(None, built.values()), (next(iter(self._plans)), plan.base))
         cases = [built[key] or valid for key in keys]
         found = []
-        first: dict[Shape, tuple[Model, State]] = {}
+        stand_ins: dict[Shape, tuple[Model, State]] = {}
         for shape, base in cases:
-            first.setdefault(shape, base)
-        for shape, instead in first.items():
+            stand_ins.setdefault(shape, base)
+        for shape, stand_in in stand_ins.items():
             own = np.array([shape == other for other, _ in cases])
-            models = []
-            starts = []
-            for mine, (_, base) in zip(own, cases, strict=True):
-                model, start = base if mine else instead
-                models.append(model)
-                starts.append(start)
+            bases = [base if mine else stand_in for mine, (_, base) in zip(own, cases, strict=True)]
+            models, starts = zip(*bases, strict=True)
             model = stack(models) if self.by_scene else plan.base[0]
             found.append(Members(shape, own, self._arguments(model, stack(starts), values)))
         return found, refused
@@ -237,7 +234,7 @@ def _shape_of(model: Model) -> Shape:
     return jax.tree.structure(model), tuple(map(jnp.shape, jax.tree.leaves(model)))
 
 
-def stack(trees: list[Tree]) -> Tree:
+def stack(trees: Sequence[Tree]) -> Tree:
     """Pytrees of one structure stacked along a new first axis."""
     return jax.tree.map(lambda *leaves: jnp.stack(leaves), *trees)
 

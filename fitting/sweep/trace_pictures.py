@@ -213,11 +213,11 @@ def _draw_error_map(axes: Axes, scores: TraceScores, fit: FittedScore | None, pa
 
 
 def _label(scores: TraceScores, axis: int) -> str:
-    """A varied input's path, with the unit of the number of the model that it sets."""
-    label = short_path(scores.paths[axis])
-    parameters = scores.sweep.plan.axes[axis].parameters
-    if parameters:
-        label = f"{label} [{parameters[0].unit}]"
+    """A varied input's path, with its unit if it has one."""
+    varied = scores.sweep.plan.axes[axis]
+    label = short_path(varied.path)
+    if varied.unit:
+        label = f"{label} [{varied.unit}]"
     return label
 
 

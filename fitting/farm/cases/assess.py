@@ -63,8 +63,8 @@ def assess(site: Site, folder: str | Path, step: Table | None = None) -> Table:
         "factors": asdict(site.factors),
         "standard": site.lists.standard,
         "cases": cases,
-        "parts": [_part(part, rows[part.name], site, (step or {}).get(part.name)) for part in site.parts],
-        "anchors": [_anchor(name, anchors.get(name), by_point[name]) for name in fixed],
+        "parts": [_assess_part(part, rows[part.name], site, (step or {}).get(part.name)) for part in site.parts],
+        "anchors": [_assess_point(name, anchors.get(name), by_point[name]) for name in fixed],
         "exclusion": _exclusion(site, cases),
         "backbone": _backbone(site, cases),
         "failed": failed,
@@ -193,7 +193,7 @@ def _uplift(load: np.ndarray) -> float:
     return float(np.degrees(np.arctan2(loaded[:, 1], loaded[:, 0]).max()))
 
 
-def _anchor(name: str, anchor: Anchor | None, rows: list[Table]) -> Table:
+def _assess_point(name: str, anchor: Anchor | None, rows: list[Table]) -> Table:
     """A fixed point over all cases: its rows, the worst of them, and the uplift with its limit [deg]."""
 
     def load(row: Table) -> float:
@@ -215,7 +215,7 @@ def _anchor(name: str, anchor: Anchor | None, rows: list[Table]) -> Table:
     return found
 
 
-def _part(part: Part, rows: list[Table], site: Site, step: Table | None) -> Table:
+def _assess_part(part: Part, rows: list[Table], site: Site, step: Table | None) -> Table:
     """A part over all cases: its factors, its rows, the worst of them, step error and fatigue."""
     return {
         "part": part.name,
@@ -229,7 +229,7 @@ def _part(part: Part, rows: list[Table], site: Site, step: Table | None) -> Tabl
 
 
 def _fatigue(part: Part, rows: list[Table], site: Site) -> Table:
-    """Damage of a year over the intact cases: the hours of a sea state, distributed evenly over its cases."""
+    """Damage of a year over the intact cases: the hours of a sea state, distributed evenly over its intact cases."""
     if part.curve is None:
         return {"skipped": "no curve given"}
     if any(row["damage_per_hour"] is None for row in rows):
@@ -245,15 +245,18 @@ def _fatigue(part: Part, rows: list[Table], site: Site) -> Table:
     hours = {state.name: state.hours for state in site.sea_states if state.hours is not None}
     if not hours:
         return found | {"why": "no sea state has `hours`"}
-    yearly = 0.0
-    for name, yearly_hours in hours.items():
-        own = [row["damage_per_hour"] for row in intact if storms[row["case"]].sea_state.name == name]
-        if own:
-            yearly += yearly_hours * float(np.mean(own))
+    by_state: dict[str, list[float]] = {}
+    for row in intact:
+        name = storms[row["case"]].sea_state.name
+        if name in hours:
+            by_state.setdefault(name, []).append(row["damage_per_hour"])
+    if not by_state:
+        return found | {"why": "no intact case is in a sea state with `hours`"}
+    yearly = sum(hours[name] * float(np.mean(own)) for name, own in by_state.items())
     found["damage_per_year"] = yearly
     if yearly > 0.0:
         found["life_years"] = 1.0 / yearly
-    return found | {"share_of_year": sum(hours.values()) * 3600.0 / YEAR}
+    return found | {"share_of_year": sum(hours[name] for name in by_state) * 3600.0 / YEAR}
 
 
 def _exclusion(site: Site, cases: list[Table]) -> Table | None:

@@ -80,7 +80,7 @@ def flags_of(found: Table, site: Site) -> list[str]:
     if found["standard"] and found["standard"]["broken"] and "broken" not in site.kinds:
         notes.append(f"{found['standard']['name']}: the check includes one broken line; `states` has none")
     for part in found["parts"]:
-        notes += _part(part)
+        notes += _part_notes(part)
     for case in found["cases"]:
         if case["state"] != "intact" and case["runs"] and case["broken"] < case["runs"]:
             notes.append(f"case {case['case']}: {case['state']} did not break in all runs")
@@ -89,7 +89,7 @@ def flags_of(found: Table, site: Site) -> list[str]:
         if anchor["anchor"] is None:
             notes.append(f"point {point}: fixed, but without an [[anchor]] that gives its capacity")
         elif anchor["worst"] is not None:
-            notes += _limit(f"anchor {point}", anchor["worst"])
+            notes += _limit_notes(f"anchor {point}", anchor["worst"])
         if exceeds_uplift(anchor):
             allowed = anchor["allowed_uplift_deg"]
             notes.append(f"anchor {point}: uplift {anchor['uplift_deg']:.3g} deg; allowed: {allowed:g} deg")
@@ -110,13 +110,13 @@ def exceeds_uplift(anchor: Table) -> bool:
     return allowed is not None and anchor["uplift_deg"] is not None and anchor["uplift_deg"] > allowed
 
 
-def _part(part: Table) -> list[str]:
+def _part_notes(part: Table) -> list[str]:
     """Lines about a part: its limit and its step error."""
     name = f"part {part['part']}"
     step = part["step"]
     if part["worst"] is None:
         return [f"{name}: no run to assess it by"]
-    notes = _limit(name, part["worst"])
+    notes = _limit_notes(name, part["worst"])
     if step is None:
         notes.append(f"{name}: step error unknown")
     elif "skipped" in step:
@@ -126,7 +126,7 @@ def _part(part: Table) -> list[str]:
     return notes
 
 
-def _limit(name: str, row: Table) -> list[str]:
+def _limit_notes(name: str, row: Table) -> list[str]:
     """A line if a utilisation is above 1, or may be within its error."""
     used = row["utilisation"]
     error = row["utilisation_error"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
-from typing import Any
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -23,8 +23,9 @@ from dropper_jax.run.end_links import EndLinks, line_ends
 from dropper_jax.run.growth import overgrown
 from dropper_jax.run.quantities import Quantity, quantity, quantity_signals
 from dropper_jax.run.statistics import statistic
-from dropper_jax.scene import whole_lines
+from dropper_jax.scene import RunSpec, whole_lines
 from dropper_jax.statics.static_pose import equilibrium
+from dropper_jax.stepping.progress import Trajectory
 from fitting.farm.site import Case, Site, Storm
 
 #: Stored arrays of a run by name.
@@ -112,6 +113,54 @@ def _cycles(name: str, tension: np.ndarray) -> Found:
     return found
 
 
+class QuantityValues:
+    """Values of a site's quantities at the saved times of a run, chunk by chunk.
+
+    Attributes:
+        watch: what the run records over its steps; None for equal steps.
+    """
+
+    def __init__(self, names: Sequence[str], model: Model, start: State, run: RunSpec) -> None:
+        self.model = model
+        self.start = start
+        self.run = run
+        self.values: dict[Quantity, list[np.ndarray]] = {}
+        for name in names:
+            self.values[quantity(name, model, "quantities")] = []
+        self.watch = None
+        if run.accuracy is not None:
+            self.watch = quantity_signals(list(self.values), start.r)
+
+    def add(self, t: np.ndarray, rows: Trajectory, counts: np.ndarray) -> None:
+        """Rows of the run at times t (k,) [s], of which some count (k,)."""
+        extremes = {}
+        if self.watch is not None and rows.extremes is not None:
+            extremes = self.watch.over_steps(rows.extremes)
+        times = jnp.asarray(t, self.model.dtype)
+        for one, parts in self.values.items():
+            if one in extremes:
+                values = extremes[one]
+            else:
+                values = one.in_time(self.model, self.start.r, rows.r, rows.v, rows.tension, times, rows.parted)
+            parts.append(np.asarray(values)[counts])
+
+    def collect(self) -> Found:
+        """The statistic of each quantity, as `quantity:NAME`."""
+        found = {}
+        over_steps = self.watch is not None
+        for one, parts in self.values.items():
+            value = statistic(one.statistic, jnp.concatenate(parts), self.run.interval, over_steps=over_steps)
+            found[f"quantity:{one.name}"] = np.asarray(value)
+        return found
+
+
+class Rest(NamedTuple):
+    """The farm at rest: the state at the start of runs, and positions of all nodes in still water (nodes, 3) [m]."""
+
+    start: State
+    positions: np.ndarray
+
+
 class Runner:
     """Runs of one site; shared results of cases are computed once.
 
@@ -122,8 +171,8 @@ class Runner:
     def __init__(self, site: Site) -> None:
         self.site = site
         self.base = site.prepared()
-        self._scenes: dict[Any, Scene] = {}
-        self._starts: dict[Any, tuple[State, np.ndarray, np.ndarray]] = {}
+        self._scenes: dict[tuple[object, ...], Scene] = {}
+        self._rests: dict[tuple[object, ...], Rest] = {}
 
     def __call__(self, case: Case) -> Found:
         """Arrays of a run: those of `Tally`, `quantity:NAME` of the site's quantities, `status`, `failed_at` [s],
@@ -146,14 +195,12 @@ class Runner:
         scene = self.scene(case)
         model = build_model(scene)
         stepper = stepper_of(model, scene.run, track_work=False)
-        start, positions, rest = self._start(scene, model, case.storm)
+        start, positions = self._rest(scene, model, case.storm)
         skip = self.site.run_of(case.storm).skip
         tally = Tally(scene, skip, positions, self.site.curve_lines)
-        signals: dict[Quantity, list[np.ndarray]] = {}
-        for name in self.site.quantities:
-            signals[quantity(name, model, "quantities")] = []
-        watch = None if scene.run.accuracy is None else quantity_signals(list(signals), start.r)
-        run = compile_run(stepper, model, first_carry(stepper, model, start, scene.run), scene.run, watch=watch)
+        quantities = QuantityValues(self.site.quantities, model, start, scene.run)
+        carry = first_carry(stepper, model, start, scene.run)
+        run = compile_run(stepper, model, carry, scene.run, watch=quantities.watch)
         carry = run.carry
         done = 0
         info = {"status": np.array(0)}
@@ -161,22 +208,14 @@ class Runner:
         while done < scene.run.rows:
             carry, rows = run.go_on(carry, scene.run.rows - done)
             t = (done + 1 + np.arange(len(rows.r))) * scene.run.interval
-            failed = np.append(rows.first_bad >= 0, True)
-            good = int(np.argmax(failed))
+            solved = np.asarray(rows.first_bad) < 0
+            good = int(np.sum(solved))
             largest = rows.tension
-            extremes = {}
-            if watch is not None and rows.extremes is not None:
+            if quantities.watch is not None and rows.extremes is not None:
                 largest = rows.extremes.largest[:, : rows.tension.shape[1]]
-                extremes = watch.over_steps(rows.extremes)
             samples = (t, _nodes(model, rows.r, t), rows.tension, largest)
             tally.add(*(np.asarray(values)[:good] for values in samples))
-            for one, parts in signals.items():
-                if one in extremes:
-                    values = extremes[one]
-                else:
-                    now = (rows.r, rows.v, rows.tension, jnp.asarray(t, model.dtype), rows.parted)
-                    values = one.in_time(model, start.r, *now)
-                parts.append(np.asarray(values)[:good][t[:good] > skip])
+            quantities.add(t, rows, solved & (t > skip))
             done += len(t)
             retried += int(np.sum(rows.retried[:good]))
             if good < len(t):
@@ -187,16 +226,18 @@ class Runner:
         below = case.storm.level - np.asarray(model.nodes(start.r, model.ends(start.t)))[:, 2]
         depth = np.array([(below[line.nodes].min(), below[line.nodes].max()) for line in tally.lines])
         found = tally.collect() | info
-        found |= {"rest": rest, "depth": depth, "broken": np.array(broken), "retried": np.array(retried)}
-        for one, parts in signals.items():
-            value = statistic(one.statistic, jnp.concatenate(parts), scene.run.interval, over_steps=watch is not None)
-            found[f"quantity:{one.name}"] = np.asarray(value)
-        return found
+        found |= {
+            "rest": np.asarray(start.tension),
+            "depth": depth,
+            "broken": np.array(broken),
+            "retried": np.array(retried),
+        }
+        return found | quantities.collect()
 
-    def _start(self, scene: Scene, model: Model, storm: Storm) -> tuple[State, np.ndarray, np.ndarray]:
-        """The state at the start, positions of all nodes in still water, and tensions at rest (n,) [N]."""
+    def _rest(self, scene: Scene, model: Model, storm: Storm) -> Rest:
+        """The farm at rest in the water of a load case."""
         key = storm.still
-        if key not in self._starts:
+        if key not in self._rests:
             start = initial_state(model, scene.start)
             positions = model.nodes(start.r, model.ends(start.t))
             if self.site.exclusion is not None and model.sea.current is not None:
@@ -204,8 +245,8 @@ class Runner:
                 if still.status != "ok":
                     raise SceneError(f"exclusion: no equilibrium in still water: {still.message}")
                 positions = still.positions
-            self._starts[key] = start, np.asarray(positions), np.asarray(start.tension)
-        return self._starts[key]
+            self._rests[key] = Rest(start, np.asarray(positions))
+        return self._rests[key]
 
 
 @jax.jit

@@ -25,7 +25,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.read import Values, check_keys, read_list, read_number, read_table, read_text
+from dropper_jax.base.read import Plain, Values, check_keys, read_list, read_number, read_table, read_text, refuse
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model
 from dropper_jax.run.arrays import bare_model
@@ -101,7 +101,7 @@ class DepthRange:
         nodes = self.nodes(model)
         depth = level - r[nodes, 2]
         found = []
-        unit = self.deepest or self.shallowest or 1.0
+        unit = abs(self.deepest or self.shallowest or 1.0)
         for key, bound, sign in (("shallowest", self.shallowest, 1.0), ("deepest", self.deepest, -1.0)):
             if bound is None:
                 continue
@@ -174,7 +174,7 @@ class Goals:
 
 def _nodes(model: Model, lines: Sequence[str]) -> tuple[int, ...]:
     """Numbers of the free nodes of lines, each once."""
-    return tuple(dict.fromkeys(np.concatenate([*line_nodes(model, lines).values()]).tolist()))
+    return tuple(dict.fromkeys(np.concatenate(list(line_nodes(model, lines).values())).tolist()))
 
 
 def _pairs(model: Model, lines: Sequence[str]) -> tuple[tuple[int, int], ...]:
@@ -229,10 +229,18 @@ def _storm_limit(table: Values, path: str, kind: str, site: Site) -> StormLimit:
         of = read_text(table.get("of"), path)
         named_quantity(of, bare_model(overgrown(site.scene)), path, limit)
         return StormLimit(kind, path, of, limit)
-    lines = match_names(read_patterns(table.get("lines"), f"{path}.lines"), site.lines, f"{path}.lines")
+    lines = _match_lines(table.get("lines"), f"{path}.lines", site)
     if kind == "clearance" and len(lines) < 2:
         raise SceneError(f"{path}.lines: matches only {lines[0]!r}. Use patterns of two lines or more")
     return StormLimit(kind, path, lines, limit)
+
+
+def _match_lines(given: Plain, path: str, site: Site) -> tuple[str, ...]:
+    """The lines of a site that match patterns; at least one."""
+    patterns = read_patterns(given, path)
+    if not patterns:
+        raise refuse(path, [], "is empty", "at least one pattern")
+    return match_names(patterns, site.lines, path)
 
 
 def _objective(table: Values, site: Site) -> Objective:
@@ -246,7 +254,7 @@ def _objective(table: Values, site: Site) -> Objective:
     part = ""
     if of == "load":
         part = read_text(table.get("part"), "objective.part", [p.name for p in site.parts])
-    lines = match_names(read_patterns(table.get("lines", "*"), "objective.lines"), site.lines, "objective.lines")
+    lines = _match_lines(table.get("lines", "*"), "objective.lines", site)
     per_float = read_number(table.get("float_price", 1.0), "objective.float_price", {"low": 0.0})
     return Objective(of, prices, per_float, part, lines)
 

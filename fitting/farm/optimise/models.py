@@ -76,8 +76,9 @@ def still(site: Site, variables: Sequence[Variable], values: np.ndarray, storm: 
         low = named_leaves(still_model(site, variables, lower, storm))
         for end in (high, low):
             if {name: jnp.shape(leaf) for name, leaf in end.items()} != shapes:
-                name = variables[k].name
-                raise SceneError(f"variable.{k}.name: {name!r} changes the number of parts. Use another one")
+                raise SceneError(
+                    f"variable.{k}.name: {variables[k].name!r} changes the number of parts. Use another one"
+                )
         for name in shapes:
             slope = (np.asarray(high[name], float) - np.asarray(low[name], float)) / distance
             if np.any(slope):

@@ -12,7 +12,7 @@ import numpy as np
 from dropper_jax.base.errors import Progress, SceneError, part_of, silent
 from dropper_jax.base.read import Table
 from dropper_jax.load.library import FAMILIES, PREFIX
-from fitting.farm.season.poses import Floating, Water, floating, needs, waters
+from fitting.farm.season.equilibria import RestOnFloats, Water, find_float_loads, find_rest_on_floats, list_waters
 from fitting.farm.site import Site
 from fitting.farm.site.case import match_names, short
 from fitting.farm.site.sections import SeasonValues
@@ -45,7 +45,7 @@ class FarmOnFloats:
 
     floats: int
     by_point: dict[str, int]
-    poses: list[Floating]
+    poses: list[RestOnFloats]
     deepest_m: float
     shallowest_m: float
     sinking_m: float | None
@@ -116,7 +116,7 @@ def season(site: Site, progress: Progress | None = None) -> Table:
     if not site.growth:
         raise SceneError("growth: missing; needed: [[growth]] tables, one or more for each month")
     points = list(match_names(season.points, [p.name for p in site.scene.points if p.is_free], "season.points"))
-    farm = _Farm(site, season, points, _lift(site, season), waters(site, season))
+    farm = _Farm(site, season, points, _lift(site, season), list_waters(site, season))
     say = progress or silent
     step = 0.5 / len(site.growth)
     rows = [farm.month(month, part_of(say, i * step, (i + 1) * step)) for i, month in enumerate(site.growth)]
@@ -166,7 +166,7 @@ class _Farm:
     points: list[str]
     lift: float
     waters: tuple[Water, ...]
-    equilibria: dict[tuple[str, int], list[Floating]] = field(default_factory=dict)
+    equilibria: dict[tuple[str, int], list[RestOnFloats]] = field(default_factory=dict)
 
     def month(self, month: str, say: Progress) -> Month:
         """Weights of a month, forces on the points and bounds on the number of floats."""
@@ -176,7 +176,7 @@ class _Farm:
         still_waters = list(dict.fromkeys(water._replace(level=0.0) for water in self.waters))
         for i, water in enumerate(still_waters):
             say(i / len(still_waters), f"{month}: lift required of the floats")
-            force, weights = needs(self.site, month, water, self.points)
+            force, weights = find_float_loads(self.site, month, water, self.points)
             forces.append(force)
         total = np.sum(forces, axis=1)
         most = UNLIMITED
@@ -198,7 +198,7 @@ class _Farm:
         floats = dict(zip(self.points, spread(count, row.need_by_point_n), strict=True))
         key = (row.month, count)
         if key not in self.equilibria:
-            poses = [floating(self.site, self.season, row.month, water, floats) for water in self.waters]
+            poses = [find_rest_on_floats(self.site, self.season, row.month, water, floats) for water in self.waters]
             self.equilibria[key] = poses
         poses = self.equilibria[key]
         deepest = max(pose.deepest_m for pose in poses)

@@ -38,10 +38,9 @@ class CaseLists(Section):
             allowed = "'waves', or a number in deg"
             heading = read_number(heading, f"{path}.current_direction", {"unit": "deg"}, allowed)
         found = super().values_of(own, path)
-        for key in ("directions", "levels", "states"):
+        for key in ("directions", "levels"):
             if len(found[key]) == 0:
                 raise refuse(f"{path}.{key}", [], "is empty", "at least one; or leave the key out")
-        for key in ("directions", "levels"):
             found[key] = [float(x) for x in found[key]]
             if len(set(found[key])) < len(found[key]):
                 raise refuse(f"{path}.{key}", found[key], "has a duplicate value", "every value once")
@@ -72,7 +71,10 @@ def _case_standard(table: Table, path: str) -> Table | None:
     if name is not None:
         found |= known[read_text(name, f"{path}.standard", known)]
     if given is not None:
-        given = read_list(given, f"{path}.pairs", None, "pairs of return periods of waves and current [years]")
+        allowed = "pairs of return periods of waves and current [years]"
+        given = read_list(given, f"{path}.pairs", None, allowed)
+        if not given:
+            raise refuse(f"{path}.pairs", [], "is empty", f"{allowed}; or leave the key out")
         found["pairs"] = []
         for i, row in enumerate(given):
             where = f"{path}.pairs.{i}"

@@ -23,7 +23,6 @@ from dropper_jax.base.read import (
     read_text,
     refuse,
 )
-from dropper_jax.load.checks_water import SHALLOW_HEIGHT, mean_period, steepest_sea
 from dropper_jax.load.packaged import find_scene, is_packaged, parse_toml
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.arrays import bare_model
@@ -31,8 +30,6 @@ from dropper_jax.run.growth import overgrown
 from dropper_jax.run.quantities import quantity
 from dropper_jax.run.statistics import PERIOD
 from dropper_jax.scene import whole_lines
-from dropper_jax.sea.make import make_sea
-from dropper_jax.sea.spec import SeaSpec
 from fitting.farm.site.case import (
     BROKEN,
     Anchor,
@@ -45,6 +42,7 @@ from fitting.farm.site.case import (
     short,
 )
 from fitting.farm.site.case_lists import CaseLists
+from fitting.farm.site.checks import check_breaking, check_currents, check_times
 from fitting.farm.site.sections import (
     AnchorTable,
     Backbone,
@@ -98,7 +96,7 @@ def read_site(source: str | Path | Values) -> Site:
     _unique("sea_state", [state.name for state in states])
     broken = breaks(scene, lists.states, "cases.states")
     kinds = kinds_of(broken)
-    _check_times(run, lists, BROKEN in kinds)
+    check_times(run, lists, BROKEN in kinds)
     factors = Factors.read(table.get("factors", {}), "factors")
     growth = _growth(table, lines)
     crop = _crop(table)
@@ -126,7 +124,7 @@ def read_site(source: str | Path | Values) -> Site:
         file=file,
         **_optional_sections(table, scene, lines),
     )
-    _check_currents(site)
+    check_currents(site)
     check_breaking(site)
     site.prepared()
     return site
@@ -224,15 +222,6 @@ def _unique(path: str, names: Sequence[str]) -> None:
             raise refuse(path, name, "is used twice", "a unique name")
 
 
-def _check_times(run: RunValues, lists: CaseLists, broken: bool) -> None:
-    """Reject a run without counted time, or a break outside the counted time."""
-    if run.skip >= run.duration:
-        raise refuse("run.skip", run.skip, "covers the whole run", f"0 to less than {run.duration:g} s")
-    if broken and lists.break_time is not None and not run.skip <= lists.break_time < run.duration:
-        why = "is outside the counted part of the run"
-        raise refuse("cases.break_time", lists.break_time, why, f"{run.skip:g} to less than {run.duration:g} s")
-
-
 def _growth(table: Values, lines: tuple[str, ...]) -> dict[str, dict[str, Table]]:
     """Tables of `[line.growth]` by month and line."""
     found: dict[str, dict[str, Table]] = {}
@@ -320,46 +309,3 @@ def _anchors(table: Values, scene: Scene, factors: Factors, kinds: Sequence[str]
     find_owners(groups, "point")
     _unique("anchor.name", [anchor.name for anchor in found])
     return tuple(found)
-
-
-def _check_currents(site: Site) -> None:
-    """Check that currents are of one kind, because cases share a compiled program."""
-    kinds = {storm.current.get("kind", "uniform") for storm in site.storms if storm.current is not None}
-    if len(kinds) > 1:
-        raise refuse("cases.currents", sorted(kinds), "are of different kinds", "currents of one kind")
-    if "table" in kinds and any("velocities" not in (s.current or {}) for s in site.storms):
-        why = "the scene's current is a table of heights, which a speed cannot scale"
-        raise SceneError(f"cases.currents: {why}. Use tables as [sea.current] with heights and velocities")
-
-
-def check_breaking(site: Site) -> None:
-    """Reject a sea state beyond breaking at any level of the tide, by depth or by steepness.
-
-    `Hs <= 0.6 (depth + level)`, and Hs at most that of the steepest seas of the mean period Tz (DNV-RP-C205, as in
-    `dropper sea`).
-
-    Raises:
-        SceneError: with the sea state, its height, and the limit.
-    """
-    spec = site.sea
-    levels = site.lists.levels
-    for level in levels:
-        if spec.depth + level <= 0.0:
-            raise SceneError(f"cases.levels: {level:g} m is below the seabed; allowed: above {-spec.depth:g} m")
-    lowest = min(levels)
-    for i, state in enumerate(site.sea_states):
-        hs = state.sea.hs
-        if not hs:
-            continue
-        sea = make_sea(SeaSpec(depth=spec.depth, density=spec.density, gravity=spec.gravity, waves=state.sea))
-        tz = mean_period(sea)
-        limit = SHALLOW_HEIGHT * (spec.depth + lowest)
-        why = f"0.6 of the depth of {spec.depth + lowest:g} m at the level of {lowest:+g} m"
-        steepest = steepest_sea(tz, spec.gravity)
-        if steepest < limit:
-            limit = steepest
-            why = f"the steepest seas of mean period {tz:.3g} s (DNV-RP-C205)"
-        if hs > limit:
-            raise SceneError(
-                f"sea_state.{i}.hs: {state.name!r} of {hs:g} m breaks; allowed: at most {limit:.3g} m, {why}"
-            )

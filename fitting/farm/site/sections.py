@@ -44,7 +44,7 @@ def read_years(value: Plain, path: str) -> str:
 
 
 class Section(DeclaredSection):
-    """A section with declared fields, whose lists of texts may be a single text."""
+    """A section with declared fields, whose lists of texts may be a single text, and empty if that is their default."""
 
     @classmethod
     def read(cls, table: Plain, path: str) -> Self:
@@ -62,8 +62,12 @@ class Section(DeclaredSection):
         """The fields that its table gives, by name."""
         own = dict(table)
         for key, declared in declared_fields(cls).items():
-            if declared.metadata.get("type") is list and isinstance(own.get(key), str):
+            if declared.metadata.get("type") is not list or key not in own:
+                continue
+            if isinstance(own[key], str):
                 own[key] = [own[key]]
+            if own[key] == [] and declared.default != ():
+                raise refuse(f"{path}.{key}", [], "is empty", "at least one name or pattern")
         return read_fields(cls, own, path, {})
 
 
@@ -255,3 +259,8 @@ class SeasonValues(Section):
     start: int | None = whole_number("floats before the first month", low=0, default=None)
     currents: np.ndarray | None = parameter("of the static poses", unit="m/s", shape="table", default=None)
     levels: np.ndarray | None = parameter("of the static poses", unit="m", shape="table", default=None)
+
+    def check(self, path: str) -> None:
+        for key, values in (("currents", self.currents), ("levels", self.levels)):
+            if values is not None and len(values) == 0:
+                raise refuse(f"{path}.{key}", [], "is empty", "at least one; or leave the key out")

@@ -1,8 +1,13 @@
 """Parameters over runs, against what is known of means of normal samples."""
 
+from types import SimpleNamespace
+
 import numpy as np
+import pytest
 from scipy.stats import t as student
 
+from dropper_jax import load_scene
+from fitting.channels.fit import over_runs, pose
 from fitting.channels.result import combine_runs
 
 
@@ -35,3 +40,18 @@ def test_intervals_cover_the_mean_of_unequal_runs():
         cover += found.low <= 3 <= found.high
     # 90 % of 200 draws, three standard deviations each way
     assert 167 <= cover <= 193
+
+
+def test_runs_whose_names_contain_an_at_sign_are_combined_by_parameter():
+    scene = load_scene("dropper-release-a")
+    t = np.arange(0.0, 1.0, 0.1)
+    runs = [{"name": name, "file": {"t": t, "a": 0.0 * t}} for name in ("a@1", "b@2")]
+    channel = {"name": "angle", "kind": "angle", "column": "a", "unit": "rad", "link": 1}
+    problem = pose({"run": runs, "channel": [channel]}, scene, ["b_q"], ["b_l"], {}, {}, {})
+    values = np.arange(1.0, 1.0 + len(problem.parameters))
+    errors = SimpleNamespace(covariance=1e-12 * np.eye(len(values)))
+    solution = SimpleNamespace(problem=problem)
+    fit = SimpleNamespace(solution=solution, parameters=problem.parameters, values=values, errors=errors)
+    (found,) = over_runs(fit)
+    assert found.name == "effects.linear_damping.b_l"
+    assert found.mean == pytest.approx(values[-2:].mean())

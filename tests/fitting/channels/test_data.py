@@ -49,6 +49,32 @@ def test_values_are_in_si_and_places_on_the_whole_line(scene):
     assert data.sensors[2].channel.node.first == 4
 
 
+def test_an_accelerometer_at_a_node_is_at_the_end_of_the_link_before_it(scene):
+    axes = {"kind": "accelerometer", "columns": ["u", "v"], "unit": "m/s^2", "line": "leg"}
+    channels = [axes | {"name": f"a{i}", "at": at} for i, at in enumerate((0.0, 1.0, 2.5, 5.0, 10.0))]
+    found = [sensor.channel for sensor in read_data({**GOOD, "channel": channels}, scene).sensors]
+    assert [(c.first, c.second) for c in found] == [(0, 1), (0, 1), (0, 1), (1, 2), (3, 4)]
+    assert [c.position for c in found] == pytest.approx([0.0, 1.0, 2.5, 2.5, 2.5])
+
+
+@pytest.mark.parametrize("links", [43, 300])
+def test_the_end_of_a_line_is_on_its_last_link_with_any_rounding(links):
+    line = {**SCENE["line"][0], "length": 1000.0, "links": links}
+    long = dj.load_scene({**SCENE, "line": [line, SCENE["line"][1]]})
+    cell = {key: value for key, value in TENSION.items() if key != "end"}
+    data = read_data({"run": [{"file": FILE}], "channel": [{**cell, "at": 1000.0}]}, long)
+    assert data.sensors[0].channel.link == links - 1
+
+
+def test_noise_without_a_size_in_per_cent_is_a_fraction_of_the_values(scene):
+    rng = np.random.default_rng(0)
+    t = np.linspace(0.0, 1.0, 101)
+    force = 1000.0 + 50.0 * np.sin(6.0 * t) + 10.0 * rng.standard_normal(len(t))
+    cell = {**TENSION, "unit": "N", "noise_unit": "%"}
+    data = read_data({"run": [{"file": {"t": t, "F": force}}], "channel": [cell]}, scene)
+    assert data.first_noise()[0] == pytest.approx(0.01, rel=0.5)
+
+
 def test_an_anchor_is_pulled_by_its_one_line_and_a_knot_by_two(scene):
     tension = {key: value for key, value in TENSION.items() if key not in ("line", "end")}
     channels = [{**tension, "point": "anchor"}, {**tension, "point": "knot", "name": "k"}]
@@ -104,6 +130,7 @@ def changed(section, index, **values):
         (changed("camera", 0, focal=None), "camera.0.focal: missing"),
         (changed("run", 0, file={**FILE, "t": T[::-1]}), "t: decreases from row to row. Reverse the rows"),
         (changed("run", 0, file={**FILE, "t": T - 0.5}), "run.0: t: -0.5 s is before the scene starts"),
+        (changed("run", 0, file={**FILE, "F": ["a"] * 11}), "run.0.file: F is not a list of numbers"),
         ({**GOOD, "channel": []}, "channel: missing"),
         ({**GOOD, "chanel": []}, "chanel: unknown key"),
         ({**GOOD, "motion": [{"point": "float", "columns": ["u", "v", "x"], "unit": "m"}]}, "is not a fixed point"),

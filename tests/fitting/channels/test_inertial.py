@@ -6,10 +6,11 @@ import pytest
 from hard_scenes import rods
 from scipy.integrate import solve_ivp
 
-from dropper_jax import SceneError
+from dropper_jax import SceneError, load_scene
 from dropper_jax.base.constants import GRAVITY
 from fitting import fit_channels
 from fitting.channels.channel import SavedMotion
+from fitting.channels.fit import pose
 from fitting.channels.inertial import Accelerometer, Gyro
 from fitting.channels.observe import at_times
 
@@ -133,3 +134,11 @@ def test_states_saved_too_rarely_are_refused():
     sparse = scene() | {"run": {"dt": 0.01, "duration": 4.0, "save_every": 5}}
     with pytest.raises(SceneError, match="save_every up to 2"):
         fit_channels({"run": [{"file": columns()}], "channel": CHANNELS[:1]}, sparse, ["b_l"])
+
+
+def test_a_brief_run_has_the_states_that_cubics_of_an_accelerometer_need():
+    """Three samples a little over an interval apart; cubics need four rows besides two lost at either end."""
+    t = [0.0, 0.012, 0.024]
+    data = {"run": [{"file": {"t": t, "along": [0.0] * 3, "across": [0.0] * 3}}], "channel": CHANNELS[:1]}
+    problem = pose(data, load_scene(scene()), ["b_l"], [], {}, {}, {})
+    assert problem.plan(0).saves + 1 - 2 * 2 >= 4

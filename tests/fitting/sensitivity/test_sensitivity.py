@@ -16,17 +16,11 @@ from dropper_jax.run.statistics import STATISTICS, excess_kurtosis, statistic
 from fitting import sensitivity
 from fitting.parameters.parameter import with_parameter_values
 from fitting.sensitivity import global_indices, local, ranges, study, windows
-from fitting.sensitivity.differences import (
-    Run,
-    StudyRuns,
-    central_differences,
-    difference_sizes,
-    slopes_of_runs,
-    statistic_notes,
-)
+from fitting.sensitivity.differences import central_differences, difference_sizes, slopes_of_runs, statistic_notes
 from fitting.sensitivity.global_indices import global_text
 from fitting.sensitivity.own_steps import saved_times
 from fitting.sensitivity.result import local_text
+from fitting.sensitivity.study_runs import Run, StudyRuns
 from fitting.sensitivity.tornado import path_label
 
 START = {"kind": "static", "release_nodes": [1], "release_force": [[3.0, 1.0, 4.0]]}
@@ -408,3 +402,10 @@ def test_extremes_at_the_ends_of_a_signal_and_of_flat_ones_are_the_samples():
         value, slope = jax.value_and_grad(lambda x: STATISTICS["max"](x[:, None]))(jnp.array(x))
         assert value == max(x)
         np.testing.assert_allclose(jnp.sum(slope), 1.0)
+
+
+@pytest.mark.parametrize("method", ["sobol", "morris"])
+@pytest.mark.parametrize("samples", [0, -4])
+def test_a_global_study_without_samples_is_refused_in_one_line(method, samples):
+    with pytest.raises(SceneError, match=f"samples: {samples}; allowed: a whole number >= 1"):
+        global_indices(lambda x: x.sum(axis=1), ["a", "b"], [(0.0, 1.0)] * 2, method, samples)

@@ -1,5 +1,7 @@
 """Sweeps scored against a trace: the truth is SciPy's (`benchmarks/closed_chain.py`), scores those of sines."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from closed_chain import Chain
@@ -84,6 +86,16 @@ def test_scores_are_those_of_sines():
             assert spectrum[i] == pytest.approx(0.2 * np.sqrt(0.75), rel=1e-2)
     assert np.isnan(against.score(np.where(t[:, None] > 9.0, np.nan, sine))).all()
     assert part_ends(t, None) == pytest.approx((2.4, 5.0, 10.0))
+
+
+@pytest.mark.parametrize(("part", "first", "last"), [("head", 0.0, 0.73), ("middle", 0.72, 1.51), ("tail", 1.5, 3.1)])
+def test_a_part_without_a_sample_is_refused_before_any_run(scene, truth, tmp_path, part, first, last):
+    whole = truth(0)
+    missing = (whole.t >= first) & (whole.t < last)
+    trace = replace(whole, theta=np.where(missing[:, None], np.nan, whole.theta))
+    with pytest.raises(SceneError, match=f"every sample of the {part} is missing"):
+        sweep_against_trace(scene, PAIRS, trace, tmp_path / "pairs.zarr", listed=True)
+    assert not (tmp_path / "pairs.zarr").exists()
 
 
 @pytest.mark.check

@@ -369,3 +369,17 @@ def test_cluster_does_the_chunks_of_a_worker_that_died_elsewhere(whole, tmp_path
     one, other = raw(path), raw(whole)
     np.testing.assert_array_equal(one["status"], other["status"])
     np.testing.assert_allclose(one["tension_max"], other["tension_max"], rtol=1e-9)
+
+
+@pytest.mark.parametrize("values", [[], 0.3, [[0.1, 0.2]], [0.1, np.nan], [np.inf]])
+def test_a_path_without_a_list_of_finite_numbers_is_refused_in_one_line(values):
+    with pytest.raises(SceneError, match="vary: b_l: no finite numbers"):
+        make_plan(SCENE, {"b_l": values})
+
+
+def test_a_corner_of_the_grid_that_the_scene_rejects_is_no_extreme_case():
+    """Links of 0.73 m in all reach 0.66 m, and no longer when one of 0.104 m has 0.02 m."""
+    plan = make_plan("dropper-release-a", {"point.right.position.0": [0.28, 0.66], "line.0.length.0": [0.104, 0.02]})
+    names = [name.split(", ") for name in plan.extreme_cases()]
+    assert ["point.right.position.0 = 0.66", "line.0.length.0 = 0.02"] not in names
+    assert len(names) == 3

@@ -254,6 +254,16 @@ def test_fatigue_goes_by_the_parts_own_curve_and_years_by_the_hours_of_sea_state
     assert own["curve"]["source"] == "example"
 
 
+def test_a_year_without_intact_cases_has_no_damage_of_its_own(folder):
+    """The damage of a year is that of the intact farm: cases with a broken line alone do not give it."""
+    broken = small_site(cases={**SITE["cases"], "states": ["west-leg"]})
+    found = assess(broken, folder)
+    own = found["parts"][0]["fatigue"]
+    assert (own["damage_per_year"], own["life_years"]) == (None, None)
+    assert own["largest_damage_per_hour"] > 0.0
+    assert "no intact case is in a sea state with" in page_text(found)
+
+
 def test_a_part_without_a_curve_has_no_damage(folder):
     bare = small_site(part=[{"name": "legs", "lines": "*-leg", "capacity": 8e3}])
     store = Store(folder, bare)

@@ -94,6 +94,9 @@ HEMP = {**LOOPS, "line": [{**row, "type": "library:rope-hemp-0.03"} for row in L
             "depth 0 shallowest of 8.5 m contradicts backbone deepest of 8",
         ),
         (constraint("price"), "constraint.0.kind.*'price' is unknown"),
+        (constraint("clearance", lines=[], minimum=1.0), r"constraint.0.lines: \[\] is empty; allowed: at least one"),
+        (constraint("motion", lines=[], maximum=1.0), r"constraint.0.lines: \[\] is empty"),
+        ({"objective": {"of": "motion", "lines": []}}, r"objective.lines: \[\] is empty"),
         (constraint("quantity", of="tension.leg.max", most=1.0), "constraint.0.most: unknown key"),
         (constraint("depth", points="q*", deepest=4.0), "'q.' matches no free point"),
         ({"scene": HEMP}, "line.0.type: library: 'rope-hemp-0.03' is unknown"),
@@ -111,6 +114,17 @@ HEMP = {**LOOPS, "line": [{**row, "type": "library:rope-hemp-0.03"} for row in L
 def test_a_bad_problem_is_refused_before_anything_runs(sections, message):
     with pytest.raises(SceneError, match=message):
         read_problem(changed(**sections))
+
+
+@pytest.mark.parametrize(("height", "met"), [(-0.2, True), (0.4, True), (0.7, False)])
+def test_a_point_may_be_allowed_above_the_water(height, met):
+    """A bound of -0.5 m allows half a metre above the water's level."""
+    own = changed(**constraint("depth", points="p1", shallowest=-0.5))
+    variables = read_variables(own.raw["variable"], own.scene)
+    model = still_model(own, variables, np.array([v.value for v in variables]), own.cases[0].storm)
+    r = np.full((model.free_nodes, 3), height)
+    (bound,) = read_goals(own).depths[-1].utilisations(model, r, np.zeros((3, *r.shape)), 0.0)
+    assert (bound.value <= 1.0) == met
 
 
 @pytest.mark.check

@@ -161,3 +161,9 @@ def test_a_season_that_cannot_be_is_refused(sections, message):
     given = {key: value for key, value in {**table(), **sections}.items() if value is not None}
     with pytest.raises(SceneError, match=message.replace("^", r"\^")):
         season(read_site(given))
+
+
+@pytest.mark.parametrize("key", ["levels", "currents"])
+def test_a_season_without_water_is_refused_in_one_line(key):
+    with pytest.raises(SceneError, match=rf"season\.{key}: \[\] is empty; allowed: at least one"):
+        read_site(table(**{key: []}))

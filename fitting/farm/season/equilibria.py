@@ -32,7 +32,7 @@ class Water(NamedTuple):
     speed: float | None
 
 
-def waters(site: Site, season: SeasonValues) -> tuple[Water, ...]:
+def list_waters(site: Site, season: SeasonValues) -> tuple[Water, ...]:
     """Every combination of level and current of `[season]`, otherwise of `[cases]`."""
     levels = site.lists.levels if season.levels is None else season.levels
     speeds = season.currents
@@ -41,7 +41,7 @@ def waters(site: Site, season: SeasonValues) -> tuple[Water, ...]:
     return tuple(Water(float(level), speed) for level in levels for speed in speeds)
 
 
-def scene_of(site: Site, month: str, water: Water, points: dict[str, Table]) -> Scene:
+def scene_at_rest(site: Site, month: str, water: Water, points: dict[str, Table]) -> Scene:
     """The farm of a month at rest in the water: with mussels on its lines, and some points replaced."""
     table = site.scene.as_written()
     for line in table["line"]:
@@ -69,7 +69,7 @@ def bare_points(site: Site, names: Sequence[str]) -> dict[str, Table]:
     return found
 
 
-def needs(site: Site, month: str, water: Water, names: Sequence[str]) -> tuple[np.ndarray, dict[str, float]]:
+def find_float_loads(site: Site, month: str, water: Water, names: Sequence[str]) -> tuple[np.ndarray, dict[str, float]]:
     """Downward force of the lines on each float point (points,) [N] at its position in the scene, and the weight in
     water [N] of each line.
 
@@ -77,7 +77,7 @@ def needs(site: Site, month: str, water: Water, names: Sequence[str]) -> tuple[n
         SceneError: no equilibrium found.
     """
     fixed = {name: {**point, "kind": "fixed"} for name, point in bare_points(site, names).items()}
-    scene = scene_of(site, month, water, fixed)
+    scene = scene_at_rest(site, month, water, fixed)
     pose = equilibrium(build_model(scene))
     if pose.status != "ok":
         raise SceneError(f"season: {month}, level {water.level:+g} m: no equilibrium: {pose.message}")
@@ -88,7 +88,7 @@ def needs(site: Site, month: str, water: Water, names: Sequence[str]) -> tuple[n
 
 
 @dataclass(frozen=True)
-class Floating:
+class RestOnFloats:
     """An equilibrium on floats: its status, and depths of the lines of `[backbone]`, otherwise of the points."""
 
     level_m: float
@@ -98,12 +98,14 @@ class Floating:
     deepest_m: float
 
 
-def floating(site: Site, season: SeasonValues, month: str, water: Water, floats: dict[str, int]) -> Floating:
+def find_rest_on_floats(
+    site: Site, season: SeasonValues, month: str, water: Water, floats: dict[str, int]
+) -> RestOnFloats:
     """The equilibrium on its floats; depths are below the level."""
     points = bare_points(site, list(floats))
     for name, point in points.items():
         point |= _body(season, floats[name])
-    scene = scene_of(site, month, water, points)
+    scene = scene_at_rest(site, month, water, points)
     pose = equilibrium(build_model(scene))
     z = pose.positions[:, 2]
     lines = whole_lines(scene)
@@ -117,7 +119,7 @@ def floating(site: Site, season: SeasonValues, month: str, water: Water, floats:
         for line in lines:
             nodes += [line.nodes[stop] for stop, point in line.stops.items() if point in floats]
     below = water.level - z[nodes]
-    return Floating(water.level, water.speed, pose.status, float(below.min()), float(below.max()))
+    return RestOnFloats(water.level, water.speed, pose.status, float(below.min()), float(below.max()))
 
 
 def _body(season: SeasonValues, count: int) -> Table:

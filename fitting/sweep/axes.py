@@ -1,0 +1,110 @@
+"""Varied inputs of a sweep: their paths and values, and how each value enters the model."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import jax
+import numpy as np
+
+from dropper_jax import Scene
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.read import ScenePath
+from dropper_jax.load.paths import describe
+from dropper_jax.model import Model
+from dropper_jax.run.arrays import bare_model
+from dropper_jax.run.build import build_model
+from fitting.parameters.names import DAMPING_PATHS, full_names
+from fitting.parameters.parameter import Parameter, with_parameter_values
+from fitting.parameters.paths import resolve
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One varied path: its values, and the model's numbers that it sets (none: it goes through the scene).
+
+    Attributes:
+        resizes: whether its values change the number of links or nodes.
+    """
+
+    path: str
+    values: np.ndarray
+    parameters: tuple[Parameter, ...] = ()
+    moves_start: bool = True
+    resizes: bool = False
+
+    @property
+    def unit(self) -> str:
+        """Unit of the values; empty if they have none."""
+        if self.parameters:
+            return self.parameters[0].unit
+        return describe(self.path).get("unit", "")
+
+
+def read_values(path: str, values: Sequence[float]) -> np.ndarray:
+    """The values of a varied path (k,).
+
+    Raises:
+        SceneError: no list of finite numbers.
+    """
+    found = np.asarray(values)
+    if found.ndim != 1 or found.size == 0 or (found.dtype.kind in "fc" and not np.isfinite(found).all()):
+        raise SceneError(f"vary: {path}: no finite numbers; allowed: at least one")
+    return found
+
+
+def full_paths(scene: Scene, names: list[str]) -> list[str]:
+    """Full paths; short names are those of `dropper fit`."""
+    found = []
+    for name in names:
+        if ScenePath(name).section == "run":
+            raise SceneError(f"vary: {name!r} belongs to the compiled program. Use one sweep for each value")
+        if name.count(".") < 2:
+            (name,) = full_names(scene, [name], "vary")
+        found.append(name)
+    for path in found:
+        if found.count(path) > 1:
+            raise SceneError(f"vary: {path!r} is given twice; allowed: every path once")
+    return found
+
+
+def first_seed(scene: Scene) -> int:
+    """The seed of the scene's wave spectrum, from which those of further realisations count up."""
+    waves = (scene.to_dict().get("sea") or {}).get("waves") or {}
+    if waves.get("kind") != "spectrum":
+        raise SceneError("seeds: nothing in this scene is random. Use a scene whose sea has a wave spectrum")
+    return int(waves.get("seed", 0))
+
+
+def make_axis(scene: Scene, path: str, values: np.ndarray) -> Axis:
+    """How a path's values enter the model.
+
+    They replace numbers of the model if the last value, set there, gives the model of the scene with that value.
+    """
+    if changes_size(scene, path, values):
+        return Axis(path, values, resizes=True)
+    model = build_model(scene)
+    try:
+        parameters = resolve(model, [path], option="vary")
+    except SceneError:
+        return Axis(path, values)
+    inside = with_parameter_values(model, parameters, np.full(len(parameters), float(values[-1])))
+    if same_numbers(inside, build_model(scene.with_values({path: values[-1].item()}))):
+        moves_start = ScenePath(path).stem not in DAMPING_PATHS
+        return Axis(path, values, parameters, moves_start)
+    return Axis(path, values)
+
+
+def changes_size(scene: Scene, path: str, values: np.ndarray) -> bool:
+    """Whether the first and the last of these values give different numbers of links or nodes."""
+    first = bare_model(scene.with_values({path: values[0].item()}))
+    last = bare_model(scene.with_values({path: values[-1].item()}))
+    return first.line.links != last.line.links or first.free_nodes != last.free_nodes
+
+
+def same_numbers(one: Model, other: Model) -> bool:
+    """Whether two models have the same numbers."""
+    a = jax.tree.leaves(one)
+    b = jax.tree.leaves(other)
+    return jax.tree.structure(one) == jax.tree.structure(other) and all(map(np.array_equal, a, b))

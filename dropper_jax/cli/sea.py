@@ -48,7 +48,7 @@ def run(args: Namespace) -> int:
     flow = args.flow
     if args.plot and scene.sea.waves is not None:
         regimes = regimes or picture(args.plot, "regimes")
-    if args.plot and has_wakes(scene) and args.plot.suffix == "":
+    if args.plot and has_wakes(scene) and args.plot.suffix.lower() != ".png":  # a folder
         flow = flow or picture(args.plot, "flow")
     if follows(scene):
         found["coefficients"] = flow_table(overgrown(scene))

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from dropper_jax.base.files import unfinished_folder
 from dropper_jax.base.read import Table, Values
-from dropper_jax.cli.given import AUTO, output_file, output_folder
+from dropper_jax.cli.given import AUTO, number, output_file, output_folder
 from dropper_jax.cli.options import (
     RUN_VALUES,
     add_quiet,
@@ -101,7 +101,7 @@ def _add_errors(parser: ArgumentParser) -> None:
         help="state the errors from a finer run, for two to three times the time",
     )
     parser.add_argument(
-        "--skip", metavar="S", type=float, default=0.0, help="time at the start [s] that is left out of these loads"
+        "--skip", metavar="S", type=number, default=0.0, help="time at the start [s] that is left out of these loads"
     )
 
 

@@ -63,7 +63,7 @@ def _line(record: Record, where: WholeLine, settings: Settings) -> Table:
         "mean_n": tension.mean(axis=0),
         "std_n": np.sqrt(tension.var(axis=0) + within),
         "max_n": largest,
-        "percentiles_n": {str(p): np.percentile(tension, p, axis=0) for p in percentiles},
+        "percentiles_n": dict(zip(map(str, percentiles), np.percentile(tension, percentiles, axis=0), strict=True)),
         "largest": _peak(s, high, extremes.largest, extremes.largest_at),
         "least": _peak(s, low, extremes.least, extremes.least_at),
         "mean_first_link_n": float(tension[:, 0].mean()),

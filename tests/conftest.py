@@ -71,7 +71,7 @@ from jax.flatten_util import ravel_pytree  # noqa: E402
 
 import dropper_jax as dj  # noqa: E402
 from dropper_jax import Solution  # noqa: E402
-from dropper_jax.backend.programs import STORE, memory_maps, return_memory  # noqa: E402
+from dropper_jax.backend.programs import PROGRAMS, memory_maps, return_memory  # noqa: E402
 from dropper_jax.cli import main  # noqa: E402
 from dropper_jax.solvers import SOLVERS  # noqa: E402
 from dropper_jax.stepping.halving import advance_over  # noqa: E402
@@ -101,7 +101,7 @@ def _memory_given_back():
     """
     yield
     if not 0 < memory_maps() < MANY_MAPS:
-        STORE.clear()
+        PROGRAMS.clear()
         return_memory()
 
 

@@ -58,9 +58,8 @@ def link_angles(positions: np.ndarray, zero: str = "horizontal") -> tuple[np.nda
         ValueError: unknown `zero`, or positions of another shape.
     """
     read_text(zero, "zero", ZEROS)
-    links = _links(positions, "positions")
-    branch = _follow(links.reshape(-1, *links.shape[-2:]))
-    shape = links.shape[:-1]
+    branch = _follow(_links(positions, "positions"))
+    shape = _shape_of_links(positions)
     return _polar_from(branch.polar, zero).reshape(shape), branch.azimuth.reshape(shape)
 
 
@@ -86,19 +85,18 @@ def angle_rates(
     read_text(zero, "zero", ZEROS)
     links = _links(positions, "positions")
     rates = _links(velocities, "velocities")
-    if links.shape != rates.shape:
+    if np.shape(positions) != np.shape(velocities):
         raise ValueError(f"velocities: shape {np.shape(velocities)}, must be that of positions, {np.shape(positions)}")
-    branch = _follow(links.reshape(-1, *links.shape[-2:]))
-    shape = links.shape[:-1]
     with np.errstate(invalid="ignore", over="ignore"):
-        polar_rate, azimuth_rate = _rates(links, rates, _Branch(*(part.reshape(shape) for part in branch)))
+        polar_rate, azimuth_rate = _rates(links, rates, _follow(links))
     if zero == "down":
         polar_rate = -polar_rate
-    return polar_rate, azimuth_rate
+    shape = _shape_of_links(positions)
+    return polar_rate.reshape(shape), azimuth_rate.reshape(shape)
 
 
 def _rates(links: np.ndarray, rates: np.ndarray, branch: _Branch) -> tuple[np.ndarray, np.ndarray]:
-    """Horizontal-zero angle rates (..., n) of links (..., n, 3) and their rates; NaN where the links are not finite."""
+    """Horizontal-zero angle rates (k, n) of links (k, n, 3) and their rates; NaN where the links are not finite."""
     polar, azimuth, pole, bad = branch
     size = np.where(bad, 1.0, np.linalg.norm(links, axis=-1))
     along = np.cos(azimuth) * rates[..., 0] + np.sin(azimuth) * rates[..., 1]
@@ -218,10 +216,17 @@ def _shortest(angle: np.ndarray) -> np.ndarray:
     return angle - 2 * np.pi * np.rint(angle / (2 * np.pi))
 
 
+def _shape_of_links(positions: np.ndarray) -> tuple[int, ...]:
+    """(k, n) or, for one instant, (n,)."""
+    *instants, nodes, _ = np.shape(positions)
+    return (*instants, nodes - 1)
+
+
 def _links(nodes: np.ndarray, name: str) -> np.ndarray:
+    """Vectors (k, n, 3) from node to node of positions or velocities (k, n + 1, 3), or (n + 1, 3) with k = 1."""
     nodes = np.asarray(nodes, float)
     if nodes.ndim not in (2, 3) or nodes.shape[-1] != 3 or nodes.shape[-2] < 2 or len(nodes) == 0:
         raise ValueError(f"{name}: shape {nodes.shape}, must be (k, n + 1, 3) or (n + 1, 3) with n >= 1")
     # A run that diverged contains infinities: their differences are NaN, and `_follow` skips them.
     with np.errstate(invalid="ignore", over="ignore"):
-        return np.diff(nodes, axis=-2)
+        return np.diff(nodes.reshape(-1, *nodes.shape[-2:]), axis=1)

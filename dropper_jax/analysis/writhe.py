@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from dropper_jax.base.numerics import unit_vectors
+
 
 def writhe(nodes: np.ndarray, direction: np.ndarray) -> np.ndarray:
     """Turns (k,) by which a line with non-rotating ends would untwist as it coils [-].
@@ -14,12 +16,10 @@ def writhe(nodes: np.ndarray, direction: np.ndarray) -> np.ndarray:
 
     Args:
         nodes: positions along the line (k, nodes, 3) [m].
-        direction: d (3,), the direction of the straight line.
+        direction: d (3,), the direction of the straight line; without one (zero) nothing is swept as seen from it: 0.
     """
-    links = np.diff(nodes, axis=1)
-    size = np.linalg.norm(links, axis=-1, keepdims=True)
-    t = links / np.where(size > 0.0, size, 1.0)
-    d = np.asarray(direction, float) / np.linalg.norm(direction)
+    t = unit_vectors(np.diff(nodes, axis=1))
+    d = unit_vectors(np.asarray(direction, float))
     a = t[:, :-1]
     b = t[:, 1:]
     volume = np.cross(a, b) @ d

@@ -129,6 +129,7 @@ def forbids_callbacks() -> bool:
 
 @functools.cache
 def _has_cpu() -> bool:
+    """Whether JAX may use the CPU."""
     try:
         return bool(jax.local_devices(backend="cpu"))
     except RuntimeError:
@@ -148,6 +149,7 @@ def separate_call(f: Callable[P, R]) -> Callable[P, R]:
 
 @functools.cache
 def _tagged_call() -> Callable[..., Any] | None:
+    """JAX's call of a function with a tag (function, tag); None if this JAX has none."""
     for module, name in TAGGED_CALLS:
         try:
             call = getattr(importlib.import_module(module), name)
@@ -165,6 +167,7 @@ def _call_with_keywords(call: Callable[..., Any], f: Callable[P, R], tag: dict[s
 
 
 def _apply(f: Callable[..., R], tree: jax.tree_util.PyTreeDef, leaves: Sequence[Array]) -> R:
+    """`f` of the leaves of its arguments and keywords."""
     args, kwargs = jax.tree.unflatten(tree, leaves)
     return f(*args, **kwargs)
 
@@ -221,6 +224,7 @@ def is_inline(jaxpr: core.Jaxpr) -> bool:
 
 
 def _is_inline_operation(eqn: core.JaxprEqn) -> bool:
+    """Whether XLA compiles an operation inline, apart from the functions that it calls."""
     name = eqn.primitive.name
     if name.startswith("reduce_") and name != "reduce_precision" and _calls_reductions():
         return eqn.invars[0].aval.size <= LARGEST_REDUCTION
@@ -236,13 +240,19 @@ def _calls_reductions() -> bool:
 
 
 def _inner_jaxprs(eqn: core.JaxprEqn) -> list[core.Jaxpr]:
-    kinds = core.ClosedJaxpr, core.Jaxpr
-    parts = jax.tree.leaves(list(eqn.params.values()), is_leaf=lambda x: isinstance(x, kinds))
-    closed = [part.jaxpr for part in parts if isinstance(part, core.ClosedJaxpr)]
-    return closed + [part for part in parts if isinstance(part, core.Jaxpr)]
+    """The traced functions among the parameters of an operation: bodies of loops, branches, calls."""
+    kinds = (core.ClosedJaxpr, core.Jaxpr)
+    found = []
+    for part in jax.tree.leaves(list(eqn.params.values()), is_leaf=lambda x: isinstance(x, kinds)):
+        if isinstance(part, core.ClosedJaxpr):
+            found.append(part.jaxpr)
+        elif isinstance(part, core.Jaxpr):
+            found.append(part)
+    return found
 
 
 def _call_plain(*values: Array, program: core.ClosedJaxpr) -> list[Array]:
+    """The results of a traced function, without a tag."""
     return core.jaxpr_as_fun(program)(*values)
 
 
@@ -262,12 +272,14 @@ def _call_tagged(*values: Array, program: core.ClosedJaxpr) -> list[Array]:
 
 
 def _to_float64(x: Array) -> Array:
+    """The numbers or, of the other types, the bits of an array as float64 (n,)."""
     if str(x.dtype) in WIDENED:
         return x.astype(jnp.float64).ravel()
     return jax.lax.bitcast_convert_type(x, jnp.float64).ravel()
 
 
 def _from_float64(packed: Array, like: Array) -> Array:
+    """The array with the type and shape of `like` that `_to_float64` packed."""
     if str(like.dtype) in WIDENED:
         return packed.astype(like.dtype).reshape(like.shape)
     return jax.lax.bitcast_convert_type(packed, like.dtype).reshape(like.shape)
@@ -285,6 +297,7 @@ def _lower(
 
 
 def _may_be_sharded(devices: mlir.AxisContext) -> bool:
+    """Whether the arguments of a program may be spread over several devices."""
     match devices:
         case mlir.SPMDAxisContext(mesh=mesh, manual_axes=manual):
             return set(manual) != set(mesh.axis_names)
@@ -311,6 +324,7 @@ def _derivative(
 def _batch(
     values: Sequence[Array], axes: Sequence[int | None], *, program: core.ClosedJaxpr
 ) -> tuple[list[Array], list[int]]:
+    """The batch of the plain call, members first."""
     found = jax.vmap(functools.partial(_call_plain, program=program), in_axes=tuple(axes))(*values)
     return found, [0] * len(found)
 

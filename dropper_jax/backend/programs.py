@@ -1,4 +1,4 @@
-"""Compiled programs: held in a store of bounded size, and stored in a folder for the next process if it is enabled.
+"""Compiled programs: kept in a cache of bounded size, and stored in a folder for the next process if it is enabled.
 
 Each kind of scene (its tree, shapes and static settings) has its own compiled programs, which take 300 to 700 memory
 maps and some 50 MB. JAX keeps thousands of them. The Linux kernel allows 65 530 maps per process; beyond that, the
@@ -74,14 +74,18 @@ def return_memory() -> None:
 MOST_MAPS = 16_000
 
 
-class Store:
-    """Compiled programs by the key that they were compiled for."""
+class ProgramCache:
+    """Compiled programs of this process by the key that they were compiled for.
 
-    # Two or three programs for each kind of scene, some 200 maps each. After `cleared_after` new programs JAX's own
-    # caches are cleared too: traces (20 MB per kind of scene) and the programs of single operations, one for each
-    # shape. Programs kept here are not recompiled.
-    def __init__(self, most: int = 64, cleared_after: int = 48):
-        self.most, self.cleared_after = most, cleared_after
+    Args:
+        most: number of programs; each kind of scene has two or three, some 200 maps each.
+        cleared_after: number of new programs after which JAX's own caches are cleared too: traces (20 MB per kind of
+            scene) and the programs of single operations, one for each shape. Programs kept here are not recompiled.
+    """
+
+    def __init__(self, most: int = 64, cleared_after: int = 48) -> None:
+        self.most = most
+        self.cleared_after = cleared_after
         self._programs: OrderedDict[Hashable, jax.stages.Compiled] = OrderedDict()
         self._new = 0
         self._lock = threading.RLock()
@@ -102,7 +106,8 @@ class Store:
                 self._programs.popitem(last=False)
             self._new += 1
             clear = self._new >= self.cleared_after
-            self._new = 0 if clear else self._new
+            if clear:
+                self._new = 0
         if clear:
             return_memory()
         return program
@@ -118,7 +123,7 @@ class Store:
             self._new = 0
 
 
-STORE = Store()
+PROGRAMS = ProgramCache()
 #: Programs stored for the next process, or None; see `store_programs`.
 _stored: StoredPrograms | None = None
 
@@ -172,14 +177,13 @@ def compile_program(
     """
     stored = _stored
     if stored is None:
-        key = None
-    else:
-        key = stored.key(function, {**settings, "kernel": kernel}, values)
-    program = None if key is None else stored.load(key)
-    if program is not None:
-        return program
-    program = _compile(one, values, kernel)
-    if key is not None:
+        return _compile(one, values, kernel)
+    key = stored.key(function, {**settings, "kernel": kernel}, values)
+    if key is None:
+        return _compile(one, values, kernel)
+    program = stored.load(key)
+    if program is None:
+        program = _compile(one, values, kernel)
         stored.save(key, program)
     return program
 
@@ -187,16 +191,12 @@ def compile_program(
 def _compile(one: Callable[..., object], values: Sequence[object], kernel: bool) -> jax.stages.Compiled:
     if kernel:
         lowered, is_kernel = lower_kernel(one, values, LARGEST_KERNEL)
-    else:
-        lowered = None
-        is_kernel = False
-    if is_kernel:
+        if not is_kernel:
+            return compile_lowered(lowered, OPTIONS)
         # not if it has an operation that this version's compiler does not compile inline
         with suppress(jax.errors.JaxRuntimeError):
             return compile_lowered(lowered, KERNEL_OPTIONS)
-    if lowered is None or is_kernel:
-        lowered = jax.jit(one).lower(*values)
-    return compile_lowered(lowered, OPTIONS)
+    return compile_lowered(jax.jit(one).lower(*values), OPTIONS)
 
 
 def compile_lowered(lowered: jax.stages.Lowered, options: Mapping[str, str | bool | int]) -> jax.stages.Compiled:
@@ -216,12 +216,14 @@ def compile_lowered(lowered: jax.stages.Lowered, options: Mapping[str, str | boo
 
 
 class CachedJit(Generic[P, R]):
-    """A function compiled as by `jax.jit`, with its programs in a store; inside another trace it is `jax.jit`
+    """A function compiled as by `jax.jit`, with its programs in a cache; inside another trace it is `jax.jit`
     itself."""
 
-    def __init__(self, function: Callable[P, R], static: Iterable[str], store: Store, kernel: bool):
+    def __init__(self, function: Callable[P, R], static: Iterable[str], cache: ProgramCache, kernel: bool) -> None:
         functools.update_wrapper(self, function)
-        self._function, self._store, self._kernel = function, store, kernel
+        self._function = function
+        self._cache = cache
+        self._kernel = kernel
         self._signature = inspect.signature(function)
         self._static = frozenset(static)
         self._jitted = jax.jit(function, static_argnames=tuple(self._static))
@@ -248,7 +250,7 @@ class CachedJit(Generic[P, R]):
         kinds = tuple((jax.typeof(leaf), getattr(leaf, "sharding", None)) for leaf in leaves)
         jax_settings = tuple(getattr(jax.config, name, None) for name in SETTINGS)
         key = self._function, frozenset(settings.items()), tree, kinds, jax_settings, self._kernel
-        return self._store.get(key, lambda: self._compile(settings, values))
+        return self._cache.get(key, lambda: self._compile(settings, values))
 
     def _compile(self, settings: dict[str, Hashable], values: list[object]) -> jax.stages.Compiled:
         names = [name for name in self._signature.parameters if name not in self._static]
@@ -263,12 +265,13 @@ class CachedJit(Generic[P, R]):
 
 
 def cached_jit(
-    static: Iterable[str] = (), store: Store = STORE, kernel: bool = False
+    static: Iterable[str] = (), cache: ProgramCache = PROGRAMS, kernel: bool = False
 ) -> Callable[[Callable[P, R]], CachedJit[P, R]]:
     """`jax.jit` for a function of whole scenes.
 
     Args:
         static: names of the arguments that determine the kind of scene.
+        cache: where its programs are kept.
         kernel: whether it becomes one kernel where possible (see `one_kernel`) and worthwhile: for runs of many steps.
     """
-    return lambda function: CachedJit(function, static, store, kernel)
+    return lambda function: CachedJit(function, static, cache, kernel)

@@ -19,7 +19,7 @@ import platform
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from functools import cache
 from importlib import metadata
@@ -67,7 +67,8 @@ class Folder:
     """
 
     def __init__(self, path: Path, largest: int = LARGEST) -> None:
-        self.path, self.largest = path, largest
+        self.path = path
+        self.largest = largest
         self._unseen = largest  # bytes written since the sizes of all files were added up
 
     def read(self, key: str) -> bytes | None:
@@ -249,11 +250,13 @@ def stable_text(value: object) -> str:
     raise NoStableText(type(value).__name__)
 
 
-def _joined(kind: str, parts: object) -> str:
+def _joined(kind: str, parts: Iterable[str]) -> str:
+    """The texts of the parts of a value of this kind as one text."""
     return f"{kind}({','.join(parts)})"
 
 
 def _type_text(kind: type) -> str:
+    """The name of a type: of Python's containers, or of this project."""
     if kind in (tuple, list, dict, type(None)):
         return kind.__name__
     return _name(kind)

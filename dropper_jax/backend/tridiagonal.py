@@ -33,11 +33,16 @@ MOST_ROWS = 128
 @jax.custom_jvp
 def cyclic_reduction(lower: Array, diagonal: Array, upper: Array, rhs: Array) -> Array:
     """The solution (n,) of one right side (n,)."""
-    return _halve_rows(lower, diagonal, upper, rhs, 1 if diagonal.shape[0] <= MOST_ROWS else diagonal.shape[0] // 4 + 1)
+    rows = diagonal.shape[0]
+    target = 1
+    if rows > MOST_ROWS:
+        target = rows // 4 + 1
+    return _halve_rows(lower, diagonal, upper, rhs, target)
 
 
 @cyclic_reduction.defjvp
 def _cyclic_reduction_jvp(primals: tuple[Array, ...], tangents: tuple[Array, ...]) -> tuple[Array, Array]:
+    """`T dx = db - dT x`: another system with the same matrix."""
     lower, diagonal, upper, rhs = primals
     dl, dd, du, db = tangents
     x = cyclic_reduction(lower, diagonal, upper, rhs)
@@ -48,7 +53,7 @@ def _cyclic_reduction_jvp(primals: tuple[Array, ...], tangents: tuple[Array, ...
 
 
 def _halve_rows(lower: Array, diagonal: Array, upper: Array, rhs: Array, target: int) -> Array:
-    """The same with every second row eliminated into its neighbours, repeated until at most `target` are left."""
+    """The solution of a system: every second row is eliminated into its neighbours until at most `target` are left."""
     n = diagonal.shape[0]
     if n == 1:
         return rhs / diagonal
@@ -77,22 +82,23 @@ def _shift_rows(a: Array, before: int, length: int) -> Array:
 
 
 def _row_by_row(lower: Array, diagonal: Array, upper: Array, rhs: Array) -> Array:
-    """The same by forward elimination and back substitution."""
-    # number of rows per loop iteration of the row-by-row elimination
+    """The solution of a system by forward elimination and back substitution."""
+    # number of rows per loop iteration
     together = 4
     Row = tuple[Array, ...]
 
-    def down(before: Row, row: Row) -> tuple[Row, Row]:
+    def eliminate(before: Row, row: Row) -> tuple[Row, Row]:
         ahead, y = before
         left, own, right, b = row
         pivot = 1.0 / (own - left * ahead)
         after = right * pivot, (b - left * y) * pivot
         return after, after
 
-    def back(x: Array, row: Row) -> tuple[Array, Array]:
-        x = row[1] - row[0] * x
+    def substitute(x: Array, row: Row) -> tuple[Array, Array]:
+        ahead, y = row
+        x = y - ahead * x
         return x, x
 
     none = jnp.zeros_like(rhs[0])
-    rows = jax.lax.scan(down, (none, none), (lower, diagonal, upper, rhs), unroll=together)[1]
-    return jax.lax.scan(back, none, rows, reverse=True, unroll=together)[1]
+    rows = jax.lax.scan(eliminate, (none, none), (lower, diagonal, upper, rhs), unroll=together)[1]
+    return jax.lax.scan(substitute, none, rows, reverse=True, unroll=together)[1]

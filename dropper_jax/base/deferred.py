@@ -26,16 +26,16 @@ class DeferredErrorFile(io.RawIOBase):
     def __init__(self, file: BinaryIO, release: Callable[[], None] = lambda: None) -> None:
         file.flush()
         self._file = file.fileno()
-        self._at = 0
+        self._position = 0
         self._size = 0
         self._release = release
-        self._since = 0
+        self._unreleased = 0  # bytes written since the last call of `release`
         self._pending: list[tuple[int, bytes]] = []
         self.refused: OSError | None = None
 
     def write(self, data: bytes) -> int:
         left = memoryview(data).cast("B")
-        at = self._at
+        at = self._position
         size = len(left)
         try:
             while left and self.refused is None:
@@ -46,33 +46,33 @@ class DeferredErrorFile(io.RawIOBase):
             self.refused = error
         if left and len(left) <= SMALL_WRITE:
             self._pending.append((at, bytes(left)))
-        self._at += size
-        self._size = max(self._size, self._at)
-        self._since += size
-        if self._since > RELEASE_BYTES:
+        self._position += size
+        self._size = max(self._size, self._position)
+        self._unreleased += size
+        if self._unreleased > RELEASE_BYTES:
             self._release()
-            self._since = 0
+            self._unreleased = 0
         return size
 
     def readinto(self, buffer: bytearray) -> int:
         view = memoryview(buffer).cast("B")
-        count = max(min(len(view), self._size - self._at), 0)
-        view[:count] = os.pread(self._file, count, self._at).ljust(count, b"\0")
+        count = max(min(len(view), self._size - self._position), 0)
+        view[:count] = os.pread(self._file, count, self._position).ljust(count, b"\0")
         for at, data in self._pending:
-            first = max(at, self._at)
-            last = min(at + len(data), self._at + count)
+            first = max(at, self._position)
+            last = min(at + len(data), self._position + count)
             if first < last:
-                view[first - self._at : last - self._at] = data[first - at : last - at]
-        self._at += count
+                view[first - self._position : last - self._position] = data[first - at : last - at]
+        self._position += count
         return count
 
     def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
-        self._at = offset + {os.SEEK_SET: 0, os.SEEK_CUR: self._at, os.SEEK_END: self._size}[whence]
-        return self._at
+        self._position = offset + {os.SEEK_SET: 0, os.SEEK_CUR: self._position, os.SEEK_END: self._size}[whence]
+        return self._position
 
     def truncate(self, size: int | None = None) -> int:
         if size is None:
-            size = self._at
+            size = self._position
         self._size = size
         if self.refused is None:
             try:

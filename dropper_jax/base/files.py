@@ -41,7 +41,7 @@ def read_lines(path: Path) -> list[str]:
     refuse_pipe(path, "file")
     try:
         return path.read_text(encoding="utf-8-sig").splitlines()
-    except (OSError, UnicodeDecodeError, ValueError) as error:
+    except (OSError, ValueError) as error:  # a text that is not UTF-8 is a ValueError
         raise SceneError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
 
 
@@ -62,7 +62,7 @@ def atomic_write(path: str | Path, content: bytes | str | Callable[[BinaryIO], o
 
     Args:
         path: the file; an existing one is replaced only when the new one is complete.
-        content: what to write: text as UTF-8, or a function that writes to the open binary file.
+        content: what to write: bytes, text as UTF-8, or a function that writes to the open binary file.
         sync: wait for the disk, so that the file also survives a power cut.
 
     Returns:
@@ -108,12 +108,10 @@ def part_prefix(path: Path) -> str:
     return f".{path.name}.{_machine()}-{os.getpid()}-"
 
 
-def remove_leftovers(path: Path) -> list[Path]:
-    """Remove the unfinished files and folders that ended processes left for `path`; returns what was removed."""
-    found = leftovers(path)
-    for item in found:
+def remove_leftovers(path: Path) -> None:
+    """Remove the unfinished files and folders that ended processes left for `path`."""
+    for item in leftovers(path):
         remove(item)
-    return found
 
 
 def leftovers(path: Path) -> list[Path]:

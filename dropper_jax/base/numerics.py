@@ -1,4 +1,4 @@
-"""Small linear algebra, written out so that it fuses."""
+"""Small linear algebra, written out so that it fuses, and small functions of arrays."""
 
 from __future__ import annotations
 
@@ -52,6 +52,7 @@ def dot_components(a: Components, b: Components) -> Array:
 
 
 def _cross(a: Components, b: Components) -> Components:
+    """Vector products."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
@@ -105,9 +106,9 @@ def upright(z: Array) -> Array:
 
 
 @trace_once
-def safe_norm(x: Array, floor: float = 1e-30) -> Array:
-    """|x| of 3-vectors (..., 3), with finite derivatives at zero (the floor is 1e-15 in |x|)."""
-    return jnp.sqrt(dot(x, x) + jnp.asarray(floor, x.dtype))
+def safe_norm(x: Array) -> Array:
+    """|x| of 3-vectors (..., 3), with finite derivatives at zero: `sqrt(x . x + 1e-30)`."""
+    return jnp.sqrt(dot(x, x) + jnp.asarray(1e-30, x.dtype))
 
 
 def spread(values: np.ndarray, names: tuple[str, ...] = ("min", "mean", "std", "max")) -> dict[str, float]:

@@ -62,7 +62,7 @@ class Command(Protocol):
         """Declare the arguments, without heavy imports."""
 
     def run(self, args: Namespace) -> int:
-        """Run the command; returns an exit code of `dropper_jax.cli.options`."""
+        """Run the command; returns an exit code of `dropper_jax.cli.printing`."""
 
 
 class _Parser(ArgumentParser):

@@ -6,10 +6,9 @@ from argparse import ArgumentParser, Namespace
 from typing import TYPE_CHECKING
 
 from dropper_jax.base.read import Table
-from dropper_jax.cli.options import add_run_values, add_scene, read_scene
+from dropper_jax.cli.options import RUN_VALUES, add_run_values, add_scene, read_scene
 from dropper_jax.cli.outputs import add_out, deliver, weights_table
 from dropper_jax.cli.printing import done_object, listing, print_warnings, record_table
-from dropper_jax.cli.run import OVERRIDES
 
 if TYPE_CHECKING:
     from dropper_jax.load.scene import Scene
@@ -27,12 +26,12 @@ WORDS = {
 
 def add_arguments(parser: ArgumentParser) -> None:
     add_scene(parser, "check my-longline.toml", "check paper-case-1 --set sea.waves.amplitude=2 --json")
-    add_run_values(parser, OVERRIDES)
+    add_run_values(parser, RUN_VALUES)
     add_out(parser)
 
 
 def run(args: Namespace) -> int:
-    scene = read_scene(args, OVERRIDES, notes=False)
+    scene = read_scene(args, RUN_VALUES, notes=False)
 
     found = examine(scene)
     print_warnings(found["warnings"])
@@ -75,7 +74,7 @@ def examine(scene: Scene) -> Table:
 
 
 def _free_points(scene: Scene) -> Table:
-    """Number, mass [kg] and net lift [N] under water of the free points."""
+    """Number, mass [kg] and net lift [N] under water of the free points; no lift without water."""
     points = [point for point in scene.points if point.is_free]
     mass = sum(point.mass or 0.0 for point in points)
     lift = 0.0
@@ -121,9 +120,12 @@ def text(scene: Scene, source: str, found: Table) -> str:
     points = found["points"]
     pairs = []
     if points["mass_kg"] or points["lift_n"]:
+        masses = "{mass_kg:.4g} kg".format(**points)
         of_lines = sum(row["wet_weight_n"] for row in found["lines"])
-        lift = "{mass_kg:.4g} kg; their net lift submerged is {lift_n:.4g} N".format(**points)
-        pairs.append(("floats, masses", f"{lift}; lines weigh {of_lines:.4g} N in water"))
+        if scene.sea is not None:
+            masses += "; their net lift submerged is {lift_n:.4g} N".format(**points)
+            masses += f"; lines weigh {of_lines:.4g} N in water"
+        pairs.append(("floats, masses", masses))
     for name, value in found["periods_s"].items():
         pairs.append((WORDS[name], f"{value:.3g} s"))
     pairs += [

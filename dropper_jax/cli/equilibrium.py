@@ -12,7 +12,7 @@ from dropper_jax.base.markdown import cells
 from dropper_jax.base.read import Table
 from dropper_jax.cli.given import positive_integer
 from dropper_jax.cli.options import add_scene, read_scene
-from dropper_jax.cli.outputs import add_out, add_plot, deliver, picture, weights_table
+from dropper_jax.cli.outputs import add_out, add_plot, deliver, is_one_picture, picture, weights_table
 from dropper_jax.cli.printing import done_object, failure_of, print_warnings, table
 
 if TYPE_CHECKING:
@@ -61,7 +61,7 @@ def run(args: Namespace) -> int:
         from dropper_jax.study.pictures import pose
 
         pose(scene, found, picture(args.plot, "pose"))
-        if args.plot.is_dir():
+        if not is_one_picture(args.plot):
             along_lines(scene, found.positions, found.tension, picture(args.plot, "along"))
     values = _object(scene, found, angles, bent)
     text = _text(lines, found, angles, bent)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import csv
 from argparse import ArgumentParser, Namespace
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -20,7 +21,6 @@ from dropper_jax.cli.printing import Failure, done_object, print_warnings, recor
 
 if TYPE_CHECKING:
     from dropper_jax.frequency.response import FrequencyResponse
-    from dropper_jax.load.scene import Scene
 
 help = "tensions and motions in irregular waves in the frequency domain, with linearised drag, for many sea states"
 
@@ -58,12 +58,12 @@ def run(args: Namespace) -> int:
         raise SceneError("--runs: needs sea states. Use --sea-states or --table")
     scene = read_scene(args)
 
-    from dropper_jax.frequency.response import frequency_response
+    from dropper_jax.frequency.response import frequency_response, run_in_time
 
-    waves: Table = {"direction": None, "frequencies": args.frequencies}
+    direction = None
     if args.direction is not None:
-        waves["direction"] = np.radians(args.direction)
-    found = frequency_response(scene, states, duration=args.duration, **waves)
+        direction = np.radians(args.direction)
+    found = frequency_response(scene, states, direction=direction, frequencies=args.frequencies, duration=args.duration)
     if args.plot:
         _draw(scene.name, found, picture(args.plot, "frequency"))
     print_warnings(found.warnings)
@@ -71,7 +71,8 @@ def run(args: Namespace) -> int:
     plain |= {"warnings": found.warnings, "states": _rows(found)}
     text = _text(found)
     if args.runs:
-        runs = _runs(scene, found, args.runs, waves)
+        in_time = partial(run_in_time, scene, direction=direction, frequencies=args.frequencies)
+        runs = _runs(in_time, found, args.runs)
         plain["runs"] = runs
         text = f"{text}\n\n{record_table(map(_with_range, runs), RUNS)}"
     return deliver(args, plain, text, _failure(found))
@@ -123,15 +124,19 @@ def _table_rows(file: str) -> list[tuple[float, float]]:
     return rows
 
 
-def _runs(scene: Scene, found: FrequencyResponse, count: int, waves: Table) -> list[Table]:
-    """Runs in time of states at even distances in the order of the maximum tension, and the differences from them."""
-    from dropper_jax.frequency.response import run_in_time
+def _runs(
+    in_time: Callable[[tuple[float, float]], tuple[np.ndarray, np.ndarray]], found: FrequencyResponse, count: int
+) -> list[Table]:
+    """Runs in time of states at even distances in the order of the maximum tension, and the differences from them.
 
+    Args:
+        in_time: means and standard deviations of the tensions in a run of a height and period.
+    """
     order = np.argsort(-np.max(found.maximum_tension, axis=1))
     rows = []
     for i in order[np.unique(np.linspace(0, len(order) - 1, count).round().astype(int))]:
         hs, tp = found.sea_states[i]
-        mean, deviation = run_in_time(scene, (hs, tp), **waves)
+        mean, deviation = in_time((hs, tp))
         own = {"hs_m": hs, "tp_s": tp, "status": found.status[i], "mean_tension_n": mean}
         difference = found.tension_deviation[i] / deviation - 1.0
         rows.append(own | {"tension_deviation_n": deviation, "deviation_difference": difference})
@@ -154,18 +159,21 @@ def _with_range(run: Table) -> Table:
 
 def _rows(found: FrequencyResponse) -> list[Table]:
     """A row per sea state; with spectra if there is one state."""
-    columns = {
-        "mean_tension_n": found.mean_tension,
-        "tension_deviation_n": found.tension_deviation,
-        "tension_period_s": found.tension_period,
-        "maximum_tension_n": found.maximum_tension,
-    }
     rows = []
     for i, (hs, tp) in enumerate(found.sea_states):
         ends = []
         for j, (line, point) in enumerate(found.ends):
-            end = {"line": line, "point": point, "static_tension_n": found.static_tension[j]}
-            ends.append(end | {key: values[i, j] for key, values in columns.items()})
+            ends.append(
+                {
+                    "line": line,
+                    "point": point,
+                    "static_tension_n": found.static_tension[j],
+                    "mean_tension_n": found.mean_tension[i, j],
+                    "tension_deviation_n": found.tension_deviation[i, j],
+                    "tension_period_s": found.tension_period[i, j],
+                    "maximum_tension_n": found.maximum_tension[i, j],
+                }
+            )
         rows.append(
             {
                 "hs_m": hs,

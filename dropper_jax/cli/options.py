@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from argparse import ArgumentParser, Namespace
-from collections.abc import Sequence
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -69,7 +69,7 @@ def add_set(parser: ArgumentParser) -> None:
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help=SET_HELP)
 
 
-def add_run_values(parser: ArgumentParser, keys: Sequence[str]) -> None:
+def add_run_values(parser: ArgumentParser, keys: Iterable[str]) -> None:
     """An option for each of these keys of `[run]`; `read_scene` puts their values into the scene."""
     for key in keys:
         parser.add_argument(f"--{key.replace('_', '-')}", **RUN_VALUES[key])
@@ -85,10 +85,11 @@ def add_quiet(parser: ArgumentParser) -> None:
     parser.add_argument("--quiet", action="store_true", help="no progress")
 
 
-def read_scene(args: Namespace, run_values: Sequence[str] = (), notes: bool = True) -> Scene:
+def read_scene(args: Namespace, run_values: Iterable[str] = (), notes: bool = True) -> Scene:
     """The scene with `--set` and options for keys of `[run]`; JAX is imported after the file was found to be TOML.
 
     Args:
+        run_values: these keys.
         notes: print what its source file has and the scene lacks; False if the warnings of the command contain it.
     """
     values = given_values(args, run_values)
@@ -120,12 +121,13 @@ def with_step(scene: Scene, args: Namespace) -> Scene:
     return scene.with_values({"run.dt": step})
 
 
-def given_values(args: Namespace, run_values: Sequence[str] = ()) -> Table:
-    """Values by path from `--set` and options for keys of `[run]`."""
+def given_values(args: Namespace, run_values: Iterable[str]) -> Table:
+    """Values by path from `--set` and options for these keys of `[run]`."""
     found = assignments(args.set)
     for key in run_values:
-        if getattr(args, key) not in (None, AUTO):
-            found[f"run.{key}"] = getattr(args, key)
+        value = getattr(args, key)
+        if value not in (None, AUTO):
+            found[f"run.{key}"] = value
     return found
 
 

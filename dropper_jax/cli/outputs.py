@@ -106,9 +106,14 @@ def plot_folder(text: str, option: str) -> Path | None:
     return output_folder(text, option)
 
 
+def is_one_picture(target: Path) -> bool:
+    """Whether `--plot` names the file of one picture, not a folder of all."""
+    return target.suffix.lower() == ".png"
+
+
 def picture(target: Path, name: str) -> Path:
     """The file of a picture: in the folder, which is created, or the requested file."""
-    if target.suffix.lower() == ".png":
+    if is_one_picture(target):
         return target
     target.mkdir(parents=True, exist_ok=True)
     return target / f"{name}.png"
@@ -137,7 +142,7 @@ def draw(solution: Solution, target: Path) -> list[Path]:
     from dropper_jax.plots.run import anything_moves, readable
     from dropper_jax.scene import whole_lines
 
-    if target.suffix.lower() == ".png":
+    if is_one_picture(target):
         plots.snapshot(solution, target)
         return [target]
     target.mkdir(parents=True, exist_ok=True)
@@ -147,18 +152,19 @@ def draw(solution: Solution, target: Path) -> list[Path]:
         pictures |= WATER_PICTURES
     if scene.bodies:
         pictures["bodies"] = "body_motion"
-    left_out: set[str] = set()
     if scene.branched:
-        left_out.update(OF_ONE_LINE)
+        for name in OF_ONE_LINE:
+            pictures.pop(name, None)
     if len(whole_lines(scene)) > 1:  # angles of links of many lines in one picture show nothing
-        left_out.add("angles")
+        del pictures["angles"]
     if not anything_moves(readable(solution)):
-        still = [name for name in pictures if name in OF_MOTION and name not in left_out]
-        left_out.update(still)
+        still = [name for name in pictures if name in OF_MOTION]
+        for name in still:
+            del pictures[name]
         print_line(f"pictures: no motion; left out: {', '.join(still)}")
     files = []
     for name, function in pictures.items():
-        if name not in left_out:
-            files.append(target / f"{name}.png")
-            getattr(plots, function)(solution, files[-1])
+        file = target / f"{name}.png"
+        getattr(plots, function)(solution, file)
+        files.append(file)
     return files

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from dropper_jax.base.files import unfinished_folder
 from dropper_jax.base.read import Table, Values
-from dropper_jax.cli.given import AUTO, output_file, output_folder
+from dropper_jax.cli.given import AUTO, number, output_file, output_folder
 from dropper_jax.cli.options import (
     RUN_VALUES,
     add_quiet,
@@ -36,8 +36,6 @@ help = "simulate a scene"
 RUN_SUFFIXES = (".npz", ".nc", ".zarr")
 #: Suffixes of animations.
 FILMS = (".gif", ".mp4")
-#: Options for a value of the scene.
-OVERRIDES = tuple(RUN_VALUES)
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -47,7 +45,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         "run my-longline.toml --set sea.waves.hs=2.5 --accuracy 0.01 --report report",
         optional=True,
     )
-    add_run_values(parser, OVERRIDES)
+    add_run_values(parser, RUN_VALUES)
     _add_outputs(parser)
     _add_errors(parser)
     add_quiet(parser)
@@ -103,7 +101,7 @@ def _add_errors(parser: ArgumentParser) -> None:
         help="state the errors from a finer run, for two to three times the time",
     )
     parser.add_argument(
-        "--skip", metavar="S", type=float, default=0.0, help="time at the start [s] that is left out of these loads"
+        "--skip", metavar="S", type=number, default=0.0, help="time at the start [s] that is left out of these loads"
     )
 
 
@@ -111,10 +109,11 @@ def run(args: Namespace) -> int:
     before = None if args.start is None else read_run(args.start, args)
     if args.dt == AUTO:
         args.dt = None
-        args.accuracy = args.accuracy or 0.01
+        if args.accuracy is None:
+            args.accuracy = 0.01
         print_line(f"--dt auto: the steps follow an accuracy of {args.accuracy:g} (--accuracy)")
     if before is None:
-        scene = read_scene(args, OVERRIDES, notes=False)
+        scene = read_scene(args, RUN_VALUES, notes=False)
     else:
         scene = _continued_scene(args, before)
 
@@ -194,10 +193,10 @@ def _write_channels(source: str, solution: Solution, path: Path) -> None:
 
 def _continued_scene(args: Namespace, before: Solution) -> Scene:
     """The scene of the run to continue, or that of the command line if given, with the values of the command line."""
-    values = {"run.duration": before.further, **given_values(args, OVERRIDES)}
+    values = {"run.duration": before.further, **given_values(args, RUN_VALUES)}
     if args.scene is None:
         return with_step(before.scene.with_values(values), args)
-    return read_scene(args, OVERRIDES, notes=False).with_values({"run.duration": values["run.duration"]})
+    return read_scene(args, RUN_VALUES, notes=False).with_values({"run.duration": values["run.duration"]})
 
 
 def report(solution: Solution, as_json: bool, more: Values | None = None) -> int:

@@ -12,7 +12,7 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import Table
 from dropper_jax.cli.given import output_file
 from dropper_jax.cli.options import add_scene, read_scene
-from dropper_jax.cli.outputs import Output, add_out, add_plot, deliver, picture
+from dropper_jax.cli.outputs import Output, add_out, add_plot, deliver, is_one_picture, picture
 from dropper_jax.cli.printing import done_object, listing, print_warnings, table
 
 help = "waves and current of a scene: theory, length, breaking, regime"
@@ -48,7 +48,7 @@ def run(args: Namespace) -> int:
     flow = args.flow
     if args.plot and scene.sea.waves is not None:
         regimes = regimes or picture(args.plot, "regimes")
-    if args.plot and has_wakes(scene) and args.plot.suffix == "":
+    if args.plot and has_wakes(scene) and not is_one_picture(args.plot):
         flow = flow or picture(args.plot, "flow")
     if follows(scene):
         found["coefficients"] = flow_table(overgrown(scene))

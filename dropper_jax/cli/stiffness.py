@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import csv
+import io
 from argparse import ArgumentParser, Namespace
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.files import atomic_write
 from dropper_jax.base.markdown import cells
 from dropper_jax.cli.given import output_file, read_numbers, split_names
 from dropper_jax.cli.options import add_scene, read_scene
@@ -71,12 +72,13 @@ def run(args: Namespace) -> int:
         found = mooring_stiffness(model, pose.state, names, release_loads(model, scene.start))
     else:
         found = _of_one(scene, model, pose.state, names, about, args.lines_only)
-    if args.out is not None and args.out.suffix.lower() == ".csv":
-        _write(args.out, found)
-        args.out = None
     print_warnings(found.warnings)
     values = {"points": found.names, "freedoms": found.freedoms, "stiffness": found.matrix}
-    return deliver(args, done_object(scene=scene.name, **values, warnings=found.warnings), _text(found))
+    result = done_object(scene=scene.name, **values, warnings=found.warnings)
+    if args.out is not None and args.out.suffix.lower() == ".csv":
+        atomic_write(args.out, _csv_text(found))
+        return print_result(args, result, _text(found))
+    return deliver(args, result, _text(found))
 
 
 def _requested_points(scene: Scene, args: Namespace) -> tuple[list[str], np.ndarray | None]:
@@ -117,13 +119,13 @@ def _of_one(
         return stiffness_of_group(model, pose, names, about)
     reference = np.asarray(model.constraints[0].pose(model, pose.r)[0])[bodies.index(names[0])]
     if lines_only:
-        held, points = without_body(scene, names[0], model, pose)
-        own = equilibrium(held)
+        moored, points = without_body(scene, names[0], model, pose)
+        own = equilibrium(moored)
         if own.status != "ok":
             raise SceneError(f"--lines-only: {own.message}")
         if about is None:
             about = reference
-        return stiffness_of_group(build_model(held), own.state, points, about, names[0])
+        return stiffness_of_group(build_model(moored), own.state, points, about, names[0])
     found = mooring_stiffness(model, pose, names, release_loads(model, scene.start))
     if about is None:
         return found
@@ -131,14 +133,14 @@ def _of_one(
 
 
 def _names(scene: Scene, given: str | None) -> list[str]:
-    """The names of `--points`, or all bodies, or all free points, or all points."""
+    """The names of `--points`, or all bodies, or all free points."""
     if given is not None:
         return split_names(given)
     names = [body.name for body in scene.bodies if not body.pinned]
     names = names or [p.name for p in scene.points if p.is_free and p.carrier is None]
     if not names:
-        held = ", ".join(p.name for p in scene.points)
-        raise SceneError(f"--points: the scene has no free point; allowed: fixed points by name, such as {held}")
+        fixed = ", ".join(p.name for p in scene.points)
+        raise SceneError(f"--points: the scene has no free point; allowed: fixed points by name, such as {fixed}")
     return names
 
 
@@ -151,20 +153,23 @@ def _text(found: Stiffness) -> str:
         rows = [("", *found.freedoms)]
         rows += [(name, *cells(line, ".5g")) for name, line in zip(found.freedoms, found.matrix, strict=True)]
         return f"{table(rows)}\nN/m; N, N m/rad for rotations: minus the force on a row per displacement of a column"
-    first = {freedom.rsplit(".", 1)[0]: i for i, freedom in reversed(list(enumerate(found.freedoms)))}
+    owners = [freedom.rpartition(".")[0] for freedom in found.freedoms]
     pairs = ("xx", "yy", "zz", "xy", "xz", "yz")
     rows = [("point", *(f"{pair} [N/m]" for pair in pairs))]
     across = ["xyz".index(pair[0]) for pair in pairs]
     along = ["xyz".index(pair[1]) for pair in pairs]
     for name in found.names:
-        block = found.matrix[first[name] :, first[name] :]
+        first = owners.index(name)
+        block = found.matrix[first:, first:]
         rows.append((name, *cells(block[across, along], ".5g")))
     return f"{table(rows)}\nof each point, the other {len(found.names) - 1} fixed; the full matrix: --json or --out"
 
 
-def _write(file: Path, found: Stiffness) -> None:
-    with file.open("w", newline="", encoding="utf-8") as target:
-        rows = csv.writer(target)
-        rows.writerow(["freedom", *found.freedoms])
-        for name, line in zip(found.freedoms, np.asarray(found.matrix).tolist(), strict=True):
-            rows.writerow([name, *map(repr, line)])
+def _csv_text(found: Stiffness) -> str:
+    """The matrix as a table, each number with all its digits."""
+    target = io.StringIO()
+    rows = csv.writer(target)
+    rows.writerow(["freedom", *found.freedoms])
+    for name, line in zip(found.freedoms, np.asarray(found.matrix).tolist(), strict=True):
+        rows.writerow([name, *line])
+    return target.getvalue()

@@ -9,12 +9,13 @@ from dropper_jax.evaluation.record import Record, arc
 from dropper_jax.evaluation.settings import Settings
 from dropper_jax.evaluation.tension import breaking_load
 from dropper_jax.run.storage import extra
+from dropper_jax.scene import WholeLine
 
 #: A year of 365.25 days [s].
 YEAR = 365.25 * 86400.0
 #: Ranges below this fraction of the maximum tension of the record are rounding and are not counted.
 RANGE_ROUNDING = 1e-9
-#: Number of links up to which those of every line are counted: the counting is plain Python.
+#: Number of links of a scene up to which all are counted: the counting is plain Python.
 MOST_COUNTED = 200
 #: Curves of parts, K and m over the breaking load: a curve for chain does not apply to rope.
 CURVES = (
@@ -52,44 +53,43 @@ def damage(counted: np.ndarray, load: float, k: float, m: float) -> float:
 def line_fatigue(record: Record, settings: Settings) -> list[Table]:
     """Per line: equivalent range, counted cycles and, with a breaking load, the damage of the record and of a year.
 
-    The equivalent range `(sum n R^m / sum n)^(1/m)` [N] needs no breaking load.
+    The equivalent range `(sum n R^m / sum n)^(1/m)` [N] needs no breaking load. Of a scene with many links
+    (`MOST_COUNTED`) only the end links of each line and the one with the largest deviation are counted.
     """
-    found = []
-    every = record.tension.shape[1] <= MOST_COUNTED
+    return [_fatigue(record, line, settings) for line in record.written_lines]
+
+
+def _fatigue(record: Record, line: WholeLine, settings: Settings) -> Table:
+    """The fatigue of the counted links of one line."""
+    spec = line.spec
+    tension = record.tension[:, line.links]
+    picked = list(range(spec.links))
+    if record.tension.shape[1] > MOST_COUNTED:
+        picked = sorted({0, int(np.argmax(tension.std(axis=0))), spec.links - 1})
     least = RANGE_ROUNDING * float(np.abs(record.tension).max())
-    for where in record.written_lines:
-        spec = where.spec
-        s = arc(spec.length)
-        load = breaking_load(spec, settings)
-        tension = record.tension[:, where.links]
-        picked = list(range(spec.links))
-        if not every:
-            picked = sorted({0, int(np.argmax(tension.std(axis=0))), spec.links - 1})
-        counted = []
-        for j in picked:
-            own = cycles(tension[:, j])
-            counted.append(own[own[:, 0] > least])
-        damages = None
-        why_not = NO_CURVE
-        if load is None:
-            why_not = NO_LOAD
-        elif settings.curve_k is not None:
-            pairs = zip(counted, load[picked], strict=True)
-            damages = [damage(c, breaking, settings.curve_k, settings.curve_m) for c, breaking in pairs]
-        found.append(
-            {
-                "line": where.name,
-                "arc_length_m": s[picked],
-                "cycles": [float(c[:, 2].sum()) for c in counted],
-                "equivalent_range_n": [_equivalent(c, settings.curve_m) for c in counted],
-                "largest_range_n": [float(c[:, 0].max(initial=0.0)) for c in counted],
-                **_damages(record, damages, why_not),
-            }
-        )
-    return found
+    counted = []
+    for j in picked:
+        own = cycles(tension[:, j])
+        counted.append(own[own[:, 0] > least])
+    load = breaking_load(spec, settings)
+    damages = None
+    why_not = NO_CURVE
+    if load is None:
+        why_not = NO_LOAD
+    elif settings.curve_k is not None:
+        pairs = zip(counted, load[picked], strict=True)
+        damages = [damage(c, breaking, settings.curve_k, settings.curve_m) for c, breaking in pairs]
+    return {
+        "line": line.name,
+        "arc_length_m": arc(spec.length)[picked],
+        "cycles": [float(c[:, 2].sum()) for c in counted],
+        "equivalent_range_n": [_equivalent_range(c, settings.curve_m) for c in counted],
+        "largest_range_n": [float(c[:, 0].max(initial=0.0)) for c in counted],
+        **_damages(record, damages, why_not),
+    }
 
 
-def _equivalent(counted: np.ndarray, m: float) -> float:
+def _equivalent_range(counted: np.ndarray, m: float) -> float:
     """The equivalent range [N] of cycles (c, 3); 0 without any."""
     total = counted[:, 2].sum()
     if total > 0:
@@ -106,9 +106,4 @@ def _damages(record: Record, values: list[float] | None, why_not: str) -> Table:
     life = None
     if yearly > 0:
         life = 1.0 / yearly
-    return {
-        "damage": values,
-        "largest_damage": worst,
-        "damage_per_year": yearly,
-        "life_years": life,
-    }
+    return {"damage": values, "largest_damage": worst, "damage_per_year": yearly, "life_years": life}

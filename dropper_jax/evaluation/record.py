@@ -98,9 +98,10 @@ def record(solution: Samples, skip: float = 0.0) -> Record:
     first = int(np.searchsorted(solution.t[:last], float(solution.t[0]) + skip - 1e-9))
     kept = slice(first, last)
     rows = slice(max(first, 1), last)
-    if last - rows.start < 3:
+    count = max(last - rows.start, 0)
+    if count < 3:
         raise SceneError(
-            f"{solution.scene.name}: {last - first} good samples after {skip:g} s; "
+            f"{solution.scene.name}: {count} good samples after {skip:g} s, without that of the start; "
             "needed: at least 3. Use a longer run or a smaller --skip"
         )
     if skip == 0:

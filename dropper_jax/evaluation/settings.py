@@ -11,10 +11,11 @@ from dropper_jax.base.read import Table, limits
 
 
 def _setting(meaning: str, unit: str, default: float | None, positive: bool = False) -> Any:
-    declared = {"meaning": meaning, "unit": unit}
+    """Declare a number that is at least 0, or above it if `positive`."""
+    low = "low"
     if positive:
-        return dataclasses.field(default=default, metadata={**declared, "above": 0.0})
-    return dataclasses.field(default=default, metadata={**declared, "low": 0.0})
+        low = "above"
+    return dataclasses.field(default=default, metadata={"meaning": meaning, "unit": unit, low: 0.0})
 
 
 @dataclasses.dataclass(frozen=True)
@@ -59,8 +60,11 @@ class Settings:
         """Values with meaning and unit, by name."""
         found = {}
         for field in dataclasses.fields(self):
-            about = {key: field.metadata[key] for key in ("unit", "meaning")}
-            found[field.name] = {"value": getattr(self, field.name), **about}
+            found[field.name] = {
+                "value": getattr(self, field.name),
+                "unit": field.metadata["unit"],
+                "meaning": field.metadata["meaning"],
+            }
         return found
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from dropper_jax.base.read import Table
 from dropper_jax.evaluation.record import Record, arc
 from dropper_jax.evaluation.settings import Settings
-from dropper_jax.scene import LineSpec
+from dropper_jax.scene import LineSpec, WholeLine
 
 
 class Snap(NamedTuple):
@@ -34,7 +34,8 @@ def snap_events(
     snap: float,
     peaks: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> list[Snap]:
-    """Events in the tension of one link: below `slack` [N] for at least `least` [s], then above `snap` [N].
+    """Events in the tension (k,) [N] of one link at t (k,) [s]: below `slack` for at least `least` [s], then above
+    `snap`.
 
     The time below is that between the crossings of `slack`, linear between samples. The rise counts until the tension
     falls below `slack` again; the peak is the maximum tension until then.
@@ -43,13 +44,18 @@ def snap_events(
         peaks: maximum tension over the steps since the previous sample (k,) [N] and its time (k,) [s]; default: the
             samples.
     """
-    largest, largest_at = (tension, t) if peaks is None else peaks
+    largest = tension
+    largest_at = t
+    if peaks is not None:
+        largest, largest_at = peaks
     # the ends of slack, each with the sample at which it started, and the next start, up to which the peak counts
     change = np.diff((tension < slack).astype(int), prepend=0)
     starts = np.flatnonzero(change > 0)
     found = []
     for begin, end, until in zip(starts, np.flatnonzero(change < 0), [*starts[1:], len(t)], strict=False):
-        start = t[0] if begin == 0 else _crossing(t, tension, begin - 1, slack)
+        start = t[0]
+        if begin > 0:
+            start = _crossing(t, tension, begin - 1, slack)
         stop = _crossing(t, tension, end - 1, slack)
         over = np.flatnonzero(largest[end:until] > snap)
         if stop - start < least or not over.size:
@@ -60,7 +66,15 @@ def snap_events(
         passed = largest_at[first]
         if tension[first] > snap:
             passed = _crossing(t, tension, first - 1, snap)
-        found.append(Snap(*map(float, (start, stop, passed, largest[peak], largest_at[peak]))))
+        found.append(
+            Snap(
+                slack_from=float(start),
+                slack_to=float(stop),
+                passed=float(passed),
+                peak=float(largest[peak]),
+                peak_at=float(largest_at[peak]),
+            )
+        )
     return found
 
 
@@ -76,8 +90,10 @@ def _thresholds(spec: LineSpec, tension: np.ndarray, settings: Settings) -> tupl
     """Tensions [N] of a link below which it is slack and above which a snap follows; by default parts of its mean."""
     mean = max(float(tension.mean()), 0.0)
     slack = settings.slack
-    if slack is None:
-        slack = 0.0 if spec.rigid else 0.1 * mean
+    if slack is None and spec.rigid:
+        slack = 0.0
+    elif slack is None:
+        slack = 0.1 * mean
     snap = settings.snap
     if snap is None:
         snap = 2.0 * mean
@@ -89,35 +105,35 @@ def line_snaps(record: Record, settings: Settings) -> list[Table]:
 
     A rigid link is never slack: for it the fraction is that of compression.
     """
+    return [_snaps(record, line, settings) for line in record.written_lines]
+
+
+def _snaps(record: Record, line: WholeLine, settings: Settings) -> Table:
+    """The events of one line."""
     listed = 10  # events listed per line, the largest first
-    found = []
-    for where in record.written_lines:
-        s = arc(where.spec.length)
-        extremes = record.extremes["tension"].of(where.links)
-        counts = []
-        share = []
-        events = []
-        for j, tension in enumerate(record.tension[:, where.links].T):
-            slack, snap = _thresholds(where.spec, tension, settings)
-            peaks = extremes.largest[:, j], extremes.largest_at[:, j]
-            own = snap_events(record.t_tension, tension, slack, settings.slack_time, snap, peaks)
-            counts.append(len(own))
-            share.append(float(np.mean(tension < slack)))
-            for event in own:
-                times = dict(zip(EVENT_KEYS, event, strict=True))
-                events.append({"at_m": float(s[j]), **times, "slack_n": slack, "snap_n": snap})
-        events.sort(key=lambda event: -event["peak_n"])
-        found.append(
-            {
-                "line": where.name,
-                "rigid": where.spec.rigid,
-                "arc_length_m": s,
-                "events": counts,
-                "most_events": max(counts),
-                "slack_share": share,
-                "largest_share_slack": max(share),
-                "shown": events[:listed],
-                "not_shown": max(len(events) - listed, 0),
-            }
-        )
-    return found
+    s = arc(line.spec.length)
+    extremes = record.extremes["tension"].of(line.links)
+    counts = []
+    share = []
+    events = []
+    for j, tension in enumerate(record.tension[:, line.links].T):
+        slack, snap = _thresholds(line.spec, tension, settings)
+        peaks = extremes.largest[:, j], extremes.largest_at[:, j]
+        own = snap_events(record.t_tension, tension, slack, settings.slack_time, snap, peaks)
+        counts.append(len(own))
+        share.append(float(np.mean(tension < slack)))
+        for event in own:
+            times = dict(zip(EVENT_KEYS, event, strict=True))
+            events.append({"at_m": float(s[j]), **times, "slack_n": slack, "snap_n": snap})
+    events.sort(key=lambda event: -event["peak_n"])
+    return {
+        "line": line.name,
+        "rigid": line.spec.rigid,
+        "arc_length_m": s,
+        "events": counts,
+        "most_events": max(counts),
+        "slack_share": share,
+        "largest_share_slack": max(share),
+        "shown": events[:listed],
+        "not_shown": max(len(events) - listed, 0),
+    }

@@ -130,7 +130,7 @@ def anchors(record: Record) -> list[Table]:
     no direction. Minima and maxima of the loads are those of all steps, the total one at the time `max_s` [s].
     """
     found = []
-    held = {anchor.point: anchor for anchor in record.scene.anchors}
+    anchor_at = {anchor.point: anchor for anchor in record.scene.anchors}
     loads = point_loads(record.motion)
     peaks = load_extremes(record)
     for name, extremes in peaks.items():
@@ -155,8 +155,8 @@ def anchors(record: Record) -> list[Table]:
             row["uplift_rad"] = spread(np.arctan2(load[loaded, 2], parts["horizontal_n"][loaded]))
             row["uplift_at_largest_load_rad"] = _uplift(extremes, top)
         row["holding"] = None
-        if name in held:
-            row["holding"] = _holding(held[name], record.scene.anchors, peaks)
+        if name in anchor_at:
+            row["holding"] = _holding(anchor_at[name], record.scene.anchors, peaks)
         found.append(row)
     return found
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 #: Share of the diameter that is left after the wear that is asked about, and of area, mass and stiffness.
 WORN = 0.9
-#: Distance from the bed [m], per metre of a link, within which a node lies on it.
+#: Distance from the bed [m], per metre of a link, within which a node rests on it.
 ON_BED = 0.05
 
 
@@ -74,13 +74,15 @@ class LineFacts:
     @property
     def verdict(self) -> str:
         """Whether the line is long enough, in words."""
+        if self.on_bed_m == self.length_m:
+            return "rests on the bed"
         if self.on_bed_m > 0.0 and self.excess_m is not None and self.excess_m > 0.0:
             return f"too long by {self.excess_m:.3g} m: hangs straight down, holds nothing sideways"
         if self.reserve_m is not None and self.reserve_m > 0.0:
             return f"long enough: its anchor lifts after {self.reserve_m:.3g} m of offset"
         if self.reserve_m is not None:
             return f"lifts its anchor by {self.uplift_deg:.3g} degrees"
-        if self.on_bed_m > 0.0 and self.on_bed_m < self.length_m:
+        if self.on_bed_m > 0.0:
             return "long enough: part of it rests on the bed"
         if self.length_m > self.apart_m:
             return "hangs between its ends"
@@ -89,11 +91,12 @@ class LineFacts:
 
 @dataclass(frozen=True)
 class Wear:
-    """Largest tension of a line when all lines have lost a tenth of their diameter.
+    """Maximum tension of a line when all lines have lost a tenth of their diameter.
 
     Attributes:
         tension_n: now.
-        by_derivative_n: worn, from the exact derivative of the equilibrium; by_equilibrium_n: from another one.
+        by_derivative_n: worn, from the exact derivative of the equilibrium.
+        by_equilibrium_n: worn, from another equilibrium; None if none is found.
         use, worn_use: tension over the breaking load, now and worn; None without one.
     """
 
@@ -136,21 +139,28 @@ def explain(scene: Scene, pose: Equilibrium) -> Explained:
     """
     refuse_rigid(scene)
     positions = pose.positions
-    closed = {}
+    shapes = {}
     facts = []
     weights = wet_weights(scene)
     forces = end_forces(scene, positions[None], pose.tension[None])
     uplift = end_angles(positions[None], whole_lines(scene))
     for line in whole_lines(scene):
         ends = forces[line.name][0], uplift[line.name][0]
-        found, closed[line.name] = _line_facts(scene, line, positions[line.nodes], weights[line.links].sum(), *ends)
+        found, shape = _line_facts(scene, line, positions[line.nodes], weights[line.links].sum(), *ends)
         facts.append(found)
+        shapes[line.name] = shape
     held = _held_above(scene)
     matrix = None
     if held:
         matrix = stiffness_of_group(build_model(scene), pose.state, held, (0.0, 0.0, 0.0)).matrix
-    sums = _closed_stiffness(scene, positions, closed, held)
-    return Explained(tuple(facts), tuple(_wear(scene, pose.state)), held, matrix, sums, tuple(scene.notes))
+    return Explained(
+        lines=tuple(facts),
+        wear=tuple(_wear(scene, pose.state)),
+        held=held,
+        stiffness=matrix,
+        closed_stiffness=_closed_stiffness(scene, positions, shapes, held),
+        ignored=tuple(scene.notes),
+    )
 
 
 def refuse_rigid(scene: Scene) -> None:
@@ -185,7 +195,7 @@ def _line_facts(
     lower, upper = forces[order]
     length = spec.length.sum()
     on_bed = _length_on_bed(scene, line, nodes)
-    by_closed_form, shape = _closed_facts(_hanging(scene, line, low, high, weight / length, on_bed), weight)
+    closed = _closed_form(_hanging(scene, line, low, high, weight / length, on_bed), weight)
     EA = _stiffness_of(spec)
     mass = spec.mass.sum()
     flexibility = np.sum(spec.length / EA)
@@ -200,37 +210,53 @@ def _line_facts(
         uplift_deg=angles[order[0]],
         lower_n=lower,
         upper_n=upper,
+        closed_lower_n=closed.lower,
+        closed_upper_n=closed.upper,
+        reserve_m=closed.reserve,
+        excess_m=closed.excess,
         axial_n_per_m=1.0 / flexibility,
+        horizontal_n_per_m=closed.stiffness,
         axial_period_s=2.0 * np.pi / rate,
         damping_ratio=0.5 * rate * np.mean(damping) * flexibility / length,
-        link_damping_ratio=0.5 * fastest * np.max(damping / np.max(EA)),
-        **by_closed_form,
+        link_damping_ratio=0.5 * fastest * (np.max(damping) / np.max(EA)),
     )
-    return facts, shape
+    return facts, closed.shape
 
 
-def _closed_facts(hanging: Hanging | None, weight: float) -> tuple[dict[str, float | None], Shape | None]:
-    """The facts of a line by its closed form, None where it does not apply, and the forces of that form.
+class _ClosedForm(NamedTuple):
+    """A line by its closed form; None where that does not apply.
 
-    Args:
-        weight: in water [N]; a line that floats (below 0) hangs upside down.
+    Attributes:
+        lower, upper: force on its lower and its upper end point [N].
+        reserve, excess, stiffness: `reserve_m`, `excess_m` and `horizontal_n_per_m` of `LineFacts`.
+        shape: forces of the form.
     """
-    keys = ("closed_lower_n", "closed_upper_n", "reserve_m", "excess_m", "horizontal_n_per_m")
-    facts: dict[str, float | None] = dict.fromkeys(keys)
+
+    lower: float | None = None
+    upper: float | None = None
+    reserve: float | None = None
+    excess: float | None = None
+    stiffness: float | None = None
+    shape: Shape | None = None
+
+
+def _closed_form(hanging: Hanging | None, weight: float) -> _ClosedForm:
+    """The closed form of a line of this weight in water [N]; one that floats (below 0) hangs upside down."""
     if hanging is None:
-        return facts, None
-    facts["excess_m"] = hanging.length - hanging.span - hanging_length(hanging)
+        return _ClosedForm()
+    excess = hanging.length - hanging.span - hanging_length(hanging)
+    reserve = None
     if hanging.on_bed:
-        facts["reserve_m"] = offset_until_uplift(hanging)
+        reserve = offset_until_uplift(hanging)
     shape = solve(hanging)
     if shape is None:
-        return facts, None
-    facts |= {"closed_lower_n": shape.lower, "closed_upper_n": shape.upper}
-    if weight < 0.0:
-        facts |= {"closed_lower_n": shape.upper, "closed_upper_n": shape.lower}
+        return _ClosedForm(reserve=reserve, excess=excess)
+    stiffness = None
     if shape.stiffness is not None:
-        facts["horizontal_n_per_m"] = shape.stiffness[0, 0]
-    return facts, shape
+        stiffness = shape.stiffness[0, 0]
+    if weight < 0.0:
+        return _ClosedForm(shape.upper, shape.lower, reserve, excess, stiffness, shape)
+    return _ClosedForm(shape.lower, shape.upper, reserve, excess, stiffness, shape)
 
 
 def _hanging(
@@ -238,24 +264,30 @@ def _hanging(
 ) -> Hanging | None:
     """The line as a uniform one, if it is: no current, no point between its ends, all of it under water."""
     spec = line.spec
-    each = [spec.length, spec.mass, _stiffness_of(spec), spec.diameter]
-    uniform = all(values is not None and np.ptp(values) <= 1e-6 * np.max(values) for values in each)
+    along_line = [spec.length, spec.mass, _stiffness_of(spec), spec.diameter]
+    uniform = all(values is not None and np.ptp(values) <= 1e-6 * np.max(values) for values in along_line)
     still = scene.sea is not None and scene.sea.current is None and "bending" not in scene.effects
     simple = len(line.stops) == 2 and weight != 0.0 and spec.axial_law != "tabulated"
     if not (uniform and still and simple) or high[2] > 0.0:
         return None
     across, along, rise = high - low
-    rests = weight > 0.0 and on_bed > 0.0
-    return Hanging(np.hypot(across, along), rise, spec.length.sum(), abs(weight), _stiffness_of(spec)[0], rests)
+    return Hanging(
+        span=np.hypot(across, along),
+        rise=rise,
+        length=spec.length.sum(),
+        weight=abs(weight),
+        EA=_stiffness_of(spec)[0],
+        on_bed=weight > 0.0 and on_bed > 0.0,
+    )
 
 
 def _length_on_bed(scene: Scene, line: WholeLine, nodes: np.ndarray) -> float:
-    """Unstretched length [m] of the links that lie on the seabed with both nodes."""
+    """Unstretched length [m] of the links that rest on the seabed with both nodes."""
     if "seabed" not in scene.effects:
         return 0.0
     length = line.spec.length
-    lies = nodes[:, 2] - bed_height(scene, nodes) < ON_BED * np.mean(length)
-    return np.sum(length[lies[1:] & lies[:-1]])
+    on_bed = nodes[:, 2] - bed_height(scene, nodes) < ON_BED * np.mean(length)
+    return np.sum(length[on_bed[1:] & on_bed[:-1]])
 
 
 def _held_above(scene: Scene) -> tuple[str, ...]:
@@ -271,9 +303,12 @@ def _held_above(scene: Scene) -> tuple[str, ...]:
 
 
 def _closed_stiffness(
-    scene: Scene, positions: np.ndarray, closed: dict[str, Shape | None], held: tuple[str, ...]
+    scene: Scene, positions: np.ndarray, shapes: dict[str, Shape | None], held: tuple[str, ...]
 ) -> tuple[float, float] | None:
-    """Sum of the horizontal stiffnesses [N/m] along x and y of the lines at these points, all from a fixed anchor."""
+    """Sum of the horizontal stiffnesses [N/m] along x and y of the lines at these points, all from a fixed anchor.
+
+    None without such points, and if a line has no closed form, a free end, or hangs straight down.
+    """
     if not held:
         return None
     total = np.zeros(2)
@@ -281,7 +316,7 @@ def _closed_stiffness(
         ends = set(line.stops.values())
         if not ends & set(held):
             continue
-        shape = closed[line.name]
+        shape = shapes[line.name]
         if shape is None or shape.stiffness is None or not ends <= set(scene.fixed_points):
             return None
         across = (positions[line.nodes[-1]] - positions[line.nodes[0]])[:2]
@@ -307,14 +342,22 @@ def _wear(scene: Scene, state: State) -> list[Wear]:
         exact = None
         use = None
         worn_use = None
-        if load is not None:
-            use = float(np.max(now / load))
         if again.status == "ok":
             exact = float(np.max(again.tension[line.links]))
-            if load is not None:
+        if load is not None:
+            use = float(np.max(now / load))
+            if exact is not None:
                 worn_use = float(np.max(again.tension[line.links] / (load * WORN**2)))
-        by_derivative = float(np.max(predicted[line.links]))
-        found.append(Wear(line.name, float(np.max(now)), by_derivative, exact, use, worn_use))
+        found.append(
+            Wear(
+                name=line.name,
+                tension_n=float(np.max(now)),
+                by_derivative_n=float(np.max(predicted[line.links])),
+                by_equilibrium_n=exact,
+                use=use,
+                worn_use=worn_use,
+            )
+        )
     return found
 
 

@@ -114,10 +114,18 @@ def linearise(still: Model, pose: State) -> LinearMotion:
 
     linear = jax.linearize(rows, none, none, none)[1]
     tangent = Tangent.of(still)
-    of = lambda shares: tangent.matrix(lambda d: linear(*(share * d for share in shares)), none)  # noqa: E731
-    tension = lambda d, rate: jnp.sum(line.axial.tension(d, rate, line.length))  # noqa: E731
+
+    def matrix_of(shares: Array) -> Array:
+        """The matrix by these shares (3,) of displacement, velocity and acceleration."""
+        return tangent.matrix(lambda d: linear(shares[0] * d, shares[1] * d, shares[2] * d), none)
+
+    def total_tension(link: Array, rate: Array) -> Array:
+        return jnp.sum(line.axial.tension(link, rate, line.length))
+
     links = still.links(pose.r, ends)
-    return LinearMotion(*jax.vmap(of)(jnp.eye(3)), *jax.grad(tension, argnums=(0, 1))(links, jnp.zeros_like(links)))
+    stiffness, damping, mass = jax.vmap(matrix_of)(jnp.eye(3))
+    stretch, stretch_rate = jax.grad(total_tension, argnums=(0, 1))(links, jnp.zeros_like(links))
+    return LinearMotion(stiffness, damping, mass, stretch, stretch_rate)
 
 
 def _components(waves: Waves, together: bool) -> Waves:
@@ -133,9 +141,10 @@ def wave_loads(model: Model, pose: State, waves: Waves) -> WaveLoads:
     """The loads of all components; the model is without waves."""
     still = jnp.zeros_like(pose.r)
 
-    def of(component: Waves, later: Array) -> tuple[Array, ...]:
+    def by_amplitude(component: Waves, phase_shift: Array) -> tuple[Array, ...]:
         def loads(amplitude: Array) -> tuple[Array, ...]:
-            sea = replace(model.sea, waves=replace(component, amplitude=amplitude, phase=component.phase + later))
+            shifted = replace(component, amplitude=amplitude, phase=component.phase + phase_shift)
+            sea = replace(model.sea, waves=shifted)
             moved = replace(model, sea=sea)
             k = moved.instant(pose.r, still, pose.t)
             tension = moved.tension_by_law(k)
@@ -147,32 +156,41 @@ def wave_loads(model: Model, pose: State, waves: Waves) -> WaveLoads:
     # effects that know every component of the waves
     each = _components(replace(waves, ramp=None), model.effect("vessel_motion") is not None)
     # a quarter period later by the phase: Re(H exp(i w t)) there is -Im(H)
-    both = jax.vmap(jax.vmap(of, (0, None)), (None, 0))(each, jnp.array([0.0, -0.5 * jnp.pi]))
-    return WaveLoads(*(x[0] - 1j * x[1] for x in both))
+    both = jax.vmap(jax.vmap(by_amplitude, (0, None)), (None, 0))(each, jnp.array([0.0, -0.5 * jnp.pi]))
+    return WaveLoads(*(now - 1j * later for now, later in both))
 
 
 def dragging_effects(still: Model) -> tuple[Model, Model]:
     """The model with the effects of the water, without contact, and with those that do not know the waves."""
     bed = {e.name for e in still.having(Seabed)}
     prepared = {e.name for e in still.having(Prepared)}
-    effects = [e for e in still.effects if e.name not in bed]
-    wet = tuple(e for e in effects if e.needs_water or e.name in prepared)
-    other = tuple(e for e in effects if not (e.needs_water or e.name in prepared))
-    return replace(still, effects=wet), replace(still, effects=other)
+    wet = []
+    other = []
+    for effect in still.effects:
+        if effect.name in bed:
+            continue
+        if effect.needs_water or effect.name in prepared:
+            wet.append(effect)
+        else:
+            other.append(effect)
+    return replace(still, effects=tuple(wet)), replace(still, effects=tuple(other))
 
 
 def linear_drag(dragging: tuple[Model, Model], pose: State, v: Array, flow: Array) -> tuple[Array, Array]:
     """D (2, free, 3, 3) of the water and of the other effects, and the change of the mean force (free, 3), for complex
     velocities (c, free, 3)."""
-    points, weights = (jnp.asarray(x) for x in _normal_points())
+    points, weights = map(jnp.asarray, _normal_points())
 
-    def of(model: Model, velocity: Array) -> tuple[Array, Array]:
+    def drag_of(model: Model, velocity: Array) -> tuple[Array, Array]:
         ends = model.ends(pose.t)
         covariance = 0.5 * jnp.einsum("cni,cnj->nij", velocity, velocity.conj()).real
         # the root of a covariance of plane motion needs a small one in the third direction
         size = jnp.trace(covariance, axis1=1, axis2=2)[:, None, None]
         root = jnp.linalg.cholesky(covariance + (1e-9 * size + 1e-12) * jnp.eye(3))
-        force = lambda x: model.force(model.instant(pose.r, x, pose.t, ends))  # noqa: E731
+
+        def force(x: Array) -> Array:
+            return model.force(model.instant(pose.r, x, pose.t, ends))
+
         at_rest, linear = jax.linearize(force, jnp.zeros_like(pose.r))
 
         def beyond(z: Array) -> Array:
@@ -184,7 +202,9 @@ def linear_drag(dragging: tuple[Model, Model], pose: State, v: Array, flow: Arra
         drag = -jnp.swapaxes(solve_triangular(jnp.swapaxes(root, 1, 2), moment), 1, 2)
         return drag, jnp.tensordot(weights, found, 1)
 
-    (water, shift), (other, more) = (of(m, x) for m, x in zip(dragging, (v - flow, v), strict=True))
+    wet, dry = dragging
+    water, shift = drag_of(wet, v - flow)
+    other, more = drag_of(dry, v)
     return jnp.stack([water, other]), shift + more
 
 
@@ -197,7 +217,11 @@ def tension_changes(model: Model, linear: LinearMotion, x: Array, v: Array) -> A
 def respond(model: Model, linear: LinearMotion, drag: Array, loads: WaveLoads, omega: Array) -> Array:
     """Displacements (c, free, 3) by the full equations."""
     tangent = Tangent.of(model)
-    times = lambda d, x: jnp.einsum("nij,...nj->...ni", d, x)  # noqa: E731
+
+    def times(d: Array, x: Array) -> Array:
+        """Matrices (free, 3, 3) times vectors (..., free, 3)."""
+        return jnp.einsum("nij,...nj->...ni", d, x)
+
     extra = tangent.matrix(partial(times, drag[0] + drag[1]), jnp.zeros_like(loads.force[0].real))
 
     def solve(w: Array, b: Array) -> Array:
@@ -212,12 +236,27 @@ def static_shift(model: Model, linear: LinearMotion, omega: Array, force: Array)
     return solve_matrix(Tangent.of(model), static_matrix(linear, omega), force)
 
 
+#: Iterations after which D counts as not converged.
+MOST_ITERATIONS = 60
 #: Static shifts with a stiffness of 1e-4 of the inertia: a slack line on the bed has none across itself.
 BED_STIFFNESS = 1e-4
 
 
 def static_matrix(linear: LinearMotion, omega: Array) -> Array:
+    """The stiffness of static shifts; `omega`: frequencies of the waves (...) [rad/s]."""
     return linear.stiffness + BED_STIFFNESS * jnp.min(omega) ** 2 * linear.mass
+
+
+class _DragIteration(NamedTuple):
+    """D, the change of the mean force, the last relative change of D, the number of iterations, the share of the last
+    correction that was applied, and the residual `g(D) - D` that it was applied to."""
+
+    drag: Array
+    shift: Array
+    change: Array
+    count: Array
+    share: Array
+    residual: Array
 
 
 def iterate_drag(
@@ -226,23 +265,24 @@ def iterate_drag(
     """D with `drag_of(D, number of the iteration) = D`, the change of the mean force, and the last relative change
     of D."""
 
-    def keep_iterating(carry: tuple[Array, ...]) -> Array:
-        return (carry[2] > tolerance) & (carry[3] < 60)
+    def keep_iterating(at: _DragIteration) -> Array:
+        return (at.change > tolerance) & (at.count < MOST_ITERATIONS)
 
-    def correct(carry: tuple[Array, ...]) -> tuple[Array, ...]:
-        drag, _, _, count, share, before = carry
-        after, shift = drag_of(drag, count)
-        left = after - drag
+    def correct(at: _DragIteration) -> _DragIteration:
+        after, shift = drag_of(at.drag, at.count)
+        residual = after - at.drag
         # Aitken's share of the correction: the root of the secant through this residual and the one before
-        turn = left - before
-        slope = jnp.sum(before * turn) / jnp.maximum(jnp.sum(turn**2), 1e-300)
-        share = jnp.where(count > 1, jnp.clip(-share * slope, 0.1, 1.0), jnp.where(count > 0, 0.5, 1.0))
-        change = jnp.linalg.norm(left) / jnp.maximum(jnp.linalg.norm(after), 1e-300)
-        return drag + share * left, shift, change, count + 1, share, left
+        turn = residual - at.residual
+        slope = jnp.sum(at.residual * turn) / jnp.maximum(jnp.sum(turn**2), 1e-300)
+        secant = jnp.clip(-at.share * slope, 0.1, 1.0)
+        share = jnp.where(at.count > 1, secant, jnp.where(at.count > 0, 0.5, 1.0))
+        change = jnp.linalg.norm(residual) / jnp.maximum(jnp.linalg.norm(after), 1e-300)
+        return _DragIteration(at.drag + share * residual, shift, change, at.count + 1, share, residual)
 
-    carry = start, jnp.zeros(start.shape[1:3]), jnp.inf, 0, jnp.ones(()), jnp.zeros_like(start)
-    drag, shift, change, *_ = jax.lax.while_loop(keep_iterating, correct, carry)
-    return drag, shift, change
+    at_rest = jnp.zeros(start.shape[1:3])
+    begin = _DragIteration(start, at_rest, jnp.inf, 0, jnp.ones(()), jnp.zeros_like(start))
+    end = jax.lax.while_loop(keep_iterating, correct, begin)
+    return end.drag, end.shift, end.change
 
 
 def no_drag(pose: State) -> Array:
@@ -260,7 +300,7 @@ def tension_deviation(model: Model, pose: State) -> tuple[Array, Array]:
 
     Differentiable in model and configuration, forward and reverse: the linearised drag D = g(D) has the derivative
     `(1 - g_D)^-1 g_theta` (implicit function theorem). Use the configuration of `equilibrium` of the same model, which
-    has the required derivatives. Compiled with `jax.jit`, or as it is.
+    has the required derivatives. It may be compiled with `jax.jit`.
 
     Args:
         pose: `equilibrium(...).state`.

@@ -125,8 +125,10 @@ def frequency_response(
 
     Raises:
         SceneError: no sea or waves, regular waves, no equilibrium, rigid bodies, an end that moves by itself, a wave
-            that a current stops.
+            that a current stops, a direction that is not finite.
     """
+    if direction is not None and not np.isfinite(direction):
+        raise SceneError(f"direction: {direction:g} is not finite; allowed: a finite angle")
     scene = load_scene(scene)
     sea = _sea_of(scene)
     model = build_model(scene, "float64")
@@ -147,23 +149,26 @@ def frequency_response(
     still = still_model(model, pose.state)
     lines = whole_lines(scene)
     links = _end_links(scene)
-    ends = [(line.name, list(line.stops.values())[at]) for line in lines for at in (0, -1)]
+    ends: list[tuple[str, str]] = []
+    for line in lines:
+        first, *_, last = line.stops.values()
+        ends += [(line.name, first), (line.name, last)]
     points = [i for i, point in enumerate(scene.points) if point.is_free]
     nodes = np.array([model.geometry.node_of_point(i) for i in points], int)
     solved, error = solve_states(still, pose.state, waves, links, nodes)
     static = np.asarray(pose.tension)
-    tension, motion, deviation, shift, _, change = (np.asarray(values) for values in solved)
-    mean = static + shift
+    mean = static + solved.shift
     omega = np.asarray(waves.omega)
-    rate = _root_mean_square(omega[:, :, None] * tension)
-    period = 2.0 * np.pi * deviation[:, links] / np.maximum(rate, 1e-300)
+    rate = _root_mean_square(omega[:, :, None] * solved.tension)
+    deviation = solved.deviation[:, links]
+    period = 2.0 * np.pi * deviation / np.maximum(rate, 1e-300)
     peak = np.sqrt(2.0 * np.log(np.maximum(duration / np.maximum(period, 1e-300), 1.0)))
     # standard deviations below which a mean tension is taken as one that does not stay positive
-    low = mean < 3.0 * deviation
+    low = mean < 3.0 * solved.deviation
     slack = np.stack([np.any(low[:, line.links], axis=1) for line in lines], axis=1)
     words = np.where(np.any(slack, axis=1), "not_linear", "ok")
     return FrequencyResponse(
-        status=tuple(np.where(change <= TOLERANCE, words, "not_converged").tolist()),
+        status=tuple(np.where(solved.change <= TOLERANCE, words, "not_converged").tolist()),
         sea_states=states,
         omega=omega,
         ends=tuple(ends),
@@ -171,12 +176,12 @@ def frequency_response(
         lines=tuple(line.name for line in lines),
         static_tension=static[links],
         mean_tension=mean[:, links],
-        tension_deviation=deviation[:, links],
+        tension_deviation=deviation,
         tension_period=period,
-        maximum_tension=mean[:, links] + peak * deviation[:, links],
-        motion_deviation=_root_mean_square(motion),
-        tension=tension,
-        motion=motion,
+        maximum_tension=mean[:, links] + peak * deviation,
+        motion_deviation=_root_mean_square(solved.motion),
+        tension=solved.tension,
+        motion=solved.motion,
         slack=slack,
         basis_error=error,
         duration=duration,
@@ -231,7 +236,8 @@ def _sea_of(scene: Scene) -> SeaSpec:
 
 def _end_links(scene: Scene) -> np.ndarray:
     """The first and last link of each line."""
-    return np.array([link for line in whole_lines(scene) for link in (line.links.start, line.links.stop - 1)])
+    ends = [(line.links.start, line.links.stop - 1) for line in whole_lines(scene)]
+    return np.ravel(ends)
 
 
 #: Stretch of these springs under the largest static tension: 0.01 %.

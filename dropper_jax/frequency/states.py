@@ -97,9 +97,15 @@ def _project_basis(still: Model, linear: LinearMotion, motions: Array, omega: Ar
         return flat @ jax.vmap(partial(Tangent.of(still).multiply, matrix))(motions).reshape(flat.shape).T
 
     none = jnp.zeros_like(motions)
-    tensions = [tension_changes(still, linear, *both) for both in ((motions, none), (none, motions))]
-    matrices = (static_matrix(linear, omega), linear.stiffness, linear.damping, linear.mass)
-    return _Basis(motions, *map(project, matrices), *tensions)
+    return _Basis(
+        motions,
+        soft=project(static_matrix(linear, omega)),
+        stiffness=project(linear.stiffness),
+        damping=project(linear.damping),
+        mass=project(linear.mass),
+        tension=tension_changes(still, linear, motions, none),
+        tension_rate=tension_changes(still, linear, none, motions),
+    )
 
 
 @cached_jit()
@@ -114,7 +120,10 @@ def _solve_chunk(
     """Several states in the basis, one after another; `picked` are links and nodes."""
     links, nodes = picked
     parts = basis.motions
-    along = lambda d: jnp.einsum("ani,nij,bnj->ab", parts, d, parts)  # noqa: E731
+
+    def project(d: Array) -> Array:
+        """Matrices of the nodes (free, 3, 3) along the basis (m, m)."""
+        return jnp.einsum("ani,nij,bnj->ab", parts, d, parts)
 
     def solve(state: tuple[WaveLoads, Array]) -> SolvedStates:
         loads, omega = state
@@ -124,7 +133,7 @@ def _solve_chunk(
 
         def motions(drag: Array) -> Array:
             right = push + jnp.einsum("ani,nij,cnj->ca", parts, drag[0], loads.flow)
-            matrix = basis.stiffness + 1j * w * (basis.damping + along(drag[0] + drag[1])) - w**2 * basis.mass
+            matrix = basis.stiffness + 1j * w * (basis.damping + project(drag[0] + drag[1])) - w**2 * basis.mass
             return jnp.linalg.solve(matrix, right[..., None])[..., 0]
 
         def drag_of(drag: Array, number: Array) -> tuple[Array, Array]:
@@ -175,16 +184,16 @@ def _chunk(waves: Waves, states: np.ndarray) -> Waves:
 
 
 def _extreme_states(waves: Waves) -> np.ndarray:
-    """The states with the lowest, highest, shortest and longest seas."""
+    """The states with the lowest, highest, longest and shortest waves."""
     height = np.linalg.norm(waves.amplitude, axis=1)
     frequency = np.mean(waves.omega, axis=1)
-    return np.unique([pick(x) for x in (height, frequency) for pick in (np.argmin, np.argmax)])
+    return np.unique([np.argmin(height), np.argmax(height), np.argmin(frequency), np.argmax(frequency)])
 
 
 def _loads_of(still: Model, pose: State, waves: Waves, states: np.ndarray) -> list[WaveLoads]:
     """The loads of each of these states, at most a chunk."""
-    loads = jax.tree.map(np.asarray, _chunk_loads(still, pose, _chunk(waves, states)))
-    return [jax.tree.map(lambda x, i=i: x[i], loads) for i in range(len(states))]
+    force, tension, flow = map(np.asarray, _chunk_loads(still, pose, _chunk(waves, states)))
+    return list(map(WaveLoads, force, tension, flow))[: len(states)]
 
 
 def _responses(

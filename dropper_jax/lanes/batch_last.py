@@ -34,7 +34,7 @@ from dropper_jax.lanes.mapped import (
     split_constants,
 )
 from dropper_jax.lanes.parameters import Parameters, Unreadable
-from dropper_jax.lanes.rules import STRUCTURAL, Value, aligned, spread
+from dropper_jax.lanes.rules import STRUCTURAL, Value, aligned, with_members
 
 #: A pytree of arrays.
 Tree = TypeVar("Tree")
@@ -77,7 +77,7 @@ def lanes(f: Callable[..., Tree], in_axes: Axis | tuple[Axis, ...] = 0) -> Calla
             changed = f"this JAX has changed the parameters of '{error}'"
             warnings.warn(f"{changed}: members run by vmap, several times slower", RuntimeWarning, stacklevel=2)
             return jax.vmap(f, in_axes)(*args)
-        results = [jnp.moveaxis(spread(value, members), -1, 0) for value in found]
+        results = [jnp.moveaxis(with_members(value, members), -1, 0) for value in found]
         return jax.tree.unflatten(jax.tree.structure(form), results)
 
     return run_batch
@@ -110,7 +110,7 @@ class Interpreter:
         """Arrays with the member axis where `has_members` requires it."""
         arrays = []
         for value, mapped in zip(values, has_members, strict=True):
-            arrays.append(spread(value, self.members) if mapped else value.array)
+            arrays.append(with_members(value, self.members) if mapped else value.array)
         return arrays
 
     def run(self, program: Program, inputs: Sequence[Value]) -> list[Value]:
@@ -216,7 +216,7 @@ class Interpreter:
             branches = [self.run(branch, given) for branch in p["branches"]]
             results = []
             for values in zip(*branches, strict=True):
-                xs = [spread(v, self.members) for v in values]
+                xs = [with_members(v, self.members) for v in values]
                 results.append(Value(lax.select_n(jnp.broadcast_to(which, xs[0].shape), *xs), True))
             return results
         mapped = [v.has_members for v in given]

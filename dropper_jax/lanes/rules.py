@@ -26,7 +26,7 @@ class Value(NamedTuple):
 Rule = Callable[[Parameters, int, list[Value]], Array | None]
 
 
-def spread(v: Value, members: int) -> Array:
+def with_members(v: Value, members: int) -> Array:
     """The array with the member axis, repeated if it had none."""
     x = jnp.asarray(v.array)
     if v.has_members:
@@ -59,7 +59,7 @@ def _pad(p: Parameters, members: int, inputs: list[Value]) -> Array | None:
     x, value = inputs
     if value.has_members:
         return None
-    return lax.pad(spread(x, members), value.array, (*p["padding_config"], (0, 0, 0)))
+    return lax.pad(with_members(x, members), value.array, (*p["padding_config"], (0, 0, 0)))
 
 
 def _reshape(p: Parameters, members: int, inputs: list[Value]) -> Array | None:
@@ -89,15 +89,29 @@ def _reduced_by(two: Callable[[Array, Array], Array]) -> Rule:
     return rule
 
 
+def _concatenate(p: Parameters, members: int, inputs: list[Value]) -> Array:
+    return lax.concatenate([with_members(v, members) for v in inputs], p["dimension"])
+
+
+def _stack(p: Parameters, members: int, inputs: list[Value]) -> Array:
+    return jnp.stack([with_members(v, members) for v in inputs], p["axis"])
+
+
+def _transpose(p: Parameters, members: int, inputs: list[Value]) -> Array:
+    permutation = p["permutation"]
+    return jnp.transpose(inputs[0].array, (*permutation, len(permutation)))
+
+
+#: Rules by the names of the operations.
 STRUCTURAL: dict[str, Rule] = {
     "broadcast_in_dim": _broadcast,
     "slice": _slice,
     "pad": _pad,
-    "concatenate": lambda p, members, inputs: lax.concatenate([spread(v, members) for v in inputs], p["dimension"]),
-    "stack": lambda p, members, inputs: jnp.stack([spread(v, members) for v in inputs], p["axis"]),
+    "concatenate": _concatenate,
+    "stack": _stack,
     "reshape": _reshape,
     "squeeze": lambda p, members, inputs: lax.squeeze(inputs[0].array, p["dimensions"]),
-    "transpose": lambda p, members, inputs: jnp.transpose(inputs[0].array, (*p["permutation"], len(p["permutation"]))),
+    "transpose": _transpose,
     "rev": lambda p, members, inputs: lax.rev(inputs[0].array, p["dimensions"]),
     "reduce_sum": _reduced_by(lax.add),
     "reduce_max": _reduced_by(lax.max),

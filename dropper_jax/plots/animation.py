@@ -74,18 +74,9 @@ def animate(
             yield stage.draw(frame)
             progress(count / len(frames), "animation")
 
-    def pictures() -> Iterator[Image.Image]:
-        for image in images():
-            yield Image.fromarray(image).quantize(palette=stage.palette, dither=Image.Dither.NONE)
-
-    def write(file: BinaryIO) -> None:
-        rest = pictures()
-        first = next(rest)
-        first.save(file, format="GIF", save_all=True, append_images=rest, duration=delay, loop=0, optimize=False)
-
     if path.suffix.lower() == ".mp4":
         return _write_mp4(path, images(), 1000 / delay)
-    return atomic_write(path, write)
+    return _write_gif(path, images(), delay)
 
 
 def check_animation(path: Path) -> None:
@@ -98,6 +89,22 @@ def check_animation(path: Path) -> None:
         raise SceneError(f"animation: {path.name!r} has no known suffix; allowed: {', '.join(SUFFIXES)}")
     if path.suffix.lower() == ".mp4" and shutil.which("ffmpeg") is None:
         raise SceneError(f"animation: {path.name!r} needs ffmpeg, which is not installed; allowed: .gif")
+
+
+def _write_gif(path: Path, images: Iterator[np.ndarray], delay: int) -> Path:
+    """Frames (height, width, 3) of bytes, each shown for `delay` [ms], as a GIF with one palette, atomically."""
+    palette = _palette()
+
+    def quantised() -> Iterator[Image.Image]:
+        for image in images:
+            yield Image.fromarray(image).quantize(palette=palette, dither=Image.Dither.NONE)
+
+    def write(file: BinaryIO) -> None:
+        rest = quantised()
+        first = next(rest)
+        first.save(file, format="GIF", save_all=True, append_images=rest, duration=delay, loop=0, optimize=False)
+
+    return atomic_write(path, write)
 
 
 def _write_mp4(path: Path, images: Iterator[np.ndarray], fps: float) -> Path:
@@ -139,7 +146,15 @@ def _timing(t: np.ndarray, delay: float, seconds: float | None) -> tuple[np.ndar
 
 
 class _Stage:
-    """A drawn background and the moving parts, which alone are redrawn for each frame; `trail` frames of a path."""
+    """A drawn background and the moving parts, which alone are redrawn for each frame.
+
+    Attributes:
+        trail: number of past frames in the path of a node.
+        traced: this node.
+        step: maximum number of samples between two frames.
+        screen: positions of the nodes (k, nodes, 2) in the plane of the axes.
+        surfaces, solids: lines of the surface, and outlines of buoys and bodies, there by frame.
+    """
 
     trail = 10
 
@@ -167,7 +182,6 @@ class _Stage:
         self.screen = self._project(positions)
         self._surroundings(positions, system.surface_lines(run, limits, flat, self.t[frames]), frames)
         self.background = self.canvas.copy_from_bbox(self.figure.bbox)
-        self.palette = _palette()
 
     def _texts(self, speed: str) -> None:
         run = self.run
@@ -190,9 +204,9 @@ class _Stage:
         self.links = LineCollection([], linewidths=3.5 * style.bold(run), capstyle="round", **tension)
         self.buoys = PolyCollection([], facecolors=system.BUOY, edgecolors=DARK, linewidths=0.7)
         self.nodes = Line2D([], [], ls="", marker="o", ms=style.dot(run), mfc="white", mec=DARK, mew=0.9)
-        self.held = Line2D([], [], ls="", marker="s", ms=7, mfc=DARK, mec="white")
+        self.fixed_points = Line2D([], [], ls="", marker="s", ms=7, mfc=DARK, mec="white")
         style.tension_bar(self.figure, self.links, run.tension, cax=view.bar_axes(self.figure))
-        self.movers = (self.surface, self.trace, self.links, self.buoys, self.nodes, self.held)
+        self.movers = (self.surface, self.trace, self.links, self.buoys, self.nodes, self.fixed_points)
         for artist in self.movers:
             artist.set(transform=self.axes.transData, figure=self.figure)
 
@@ -201,13 +215,13 @@ class _Stage:
         run = self.run
         right = system.right_of(self.axes)
         self.surfaces = {}
-        self.floats = {}
+        self.solids = {}
         if surface is not None:
             self.surfaces = dict(zip(frames, self._project(surface), strict=True))
         for frame in frames:
-            self.floats[frame] = list(self._project(system.outlines(run, positions[frame], right)))
+            self.solids[frame] = list(self._project(system.outlines(run, positions[frame], right)))
             if run.bodies is not None:
-                self.floats[frame] += run.bodies.outlines(frame, self._project)
+                self.solids[frame] += run.bodies.outlines(frame, self._project)
 
     def _project(self, positions: np.ndarray) -> np.ndarray:
         """Project positions (..., 3) to the plane of the axes, (..., 2)."""
@@ -224,9 +238,9 @@ class _Stage:
         self.trace.set_data(*self.screen[max(0, frame - self.trail * self.step) : frame + 1, self.traced].T)
         self.links.set_segments(list(self.run.segments(nodes)))
         self.links.set_array(self.tension[frame])
-        self.buoys.set_verts(self.floats[frame])
+        self.buoys.set_verts(self.solids[frame])
         self.nodes.set_data(*nodes.T)
-        self.held.set_data(*nodes[list(self.run.fixed_nodes)].T)
+        self.fixed_points.set_data(*nodes[list(self.run.fixed_nodes)].T)
         self.clock.set_text(f"t = {self.t[frame]:.2f} s")
         renderer = self.canvas.get_renderer()
         for artist in (*self.movers, self.clock):

@@ -203,7 +203,7 @@ def uniform_spectrum(t: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.
     """Frequencies (m,) [Hz] and amplitudes (m,) or (m, n) without a shorter last step of the run; zero for fewer than
     four samples."""
     count = len(t)
-    if count > 2 and abs((t[-1] - t[-2]) - (t[1] - t[0])) >= 1e-3 * (t[1] - t[0]):
+    if count > 2 and abs((t[-1] - t[-2]) - (t[1] - t[0])) >= spectrum.STEP_TOLERANCE * (t[1] - t[0]):
         count -= 1
     if count < 4:
         return np.zeros(2), np.zeros((2, *values.shape[1:]))

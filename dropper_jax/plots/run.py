@@ -180,8 +180,11 @@ class Run(Samples):
         specs = self.scene.bodies
         if not specs or self.body_position is None or self.body_attitude is None:
             return None
-        cylinders = [Shape(i, c.start, c.end, c.diameter) for i, body in enumerate(specs) for c in body.cylinders]
-        spheres = [Shape(i, s.centre, s.centre, s.diameter) for i, body in enumerate(specs) for s in body.spheres]
+        cylinders = []
+        spheres = []
+        for i, body in enumerate(specs):
+            cylinders += [Shape(i, c.start, c.end, c.diameter) for c in body.cylinders]
+            spheres += [Shape(i, s.centre, s.centre, s.diameter) for s in body.spheres]
         names = tuple(body.name for body in specs)
         return Bodies(names, (*cylinders, *spheres), self.body_position, self.body_attitude)
 
@@ -225,7 +228,10 @@ class Run(Samples):
         """A name for each link: its number, with the name of its line if there are several."""
         if len(self.lines) == 1:
             return [f"link {j + 1}" for j in range(self.tension.shape[1])]
-        return [f"{line.name} {j + 1}" for line in self.lines for j in range(line.links.stop - line.links.start)]
+        found = []
+        for line in self.lines:
+            found += [f"{line.name} {j + 1}" for j in range(line.links.stop - line.links.start)]
+        return found
 
 
 def readable(solution: Samples) -> Run:

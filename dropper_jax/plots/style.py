@@ -30,8 +30,8 @@ def force_unit(values: ArrayLike) -> tuple[str, float]:
     """Unit and its size [N] for all forces [N] of a figure."""
     size = np.abs(np.asarray(values, float))
     if np.max(size, initial=0.0, where=np.isfinite(size)) >= IN_KILONEWTON:
-        return ("kN", 1e3)
-    return ("N", 1.0)
+        return "kN", 1e3
+    return "N", 1.0
 
 
 #: Palette of Okabe and Ito, which colour-blind readers can distinguish.
@@ -119,8 +119,8 @@ def how(run: Run) -> tuple[str, str]:
     elif used["dt"]:  # an equilibrium has no step
         text = f"{text}, dt = {used['dt']:g} s"
     if run.status == "ok":
-        return (text, FAINT)
-    return (f"{text}, ended with {run.status}", ALERT)
+        return text, FAINT
+    return f"{text}, ended with {run.status}", ALERT
 
 
 def title(figure: Figure, text: str) -> None:

@@ -177,8 +177,9 @@ def response(run: Run, path: str | Path) -> Path:
     _sea_of(run)
     index = _response_link(run)
     eta = elevations(run.scene, np.zeros((1, 3)), run.t)[:, 0]
-    polar, azimuth = (values[:, index] for values in run.angles)
-    turning = [("polar", polar, CYCLE[0]), ("azimuth", azimuth, CYCLE[1])]
+    turning = []
+    for name, angles, rates, colour in zip(("polar", "azimuth"), run.angles, run.angle_rates(), CYCLE, strict=False):
+        turning.append((name, angles[:, index], rates[:, index], colour))
     turning = [row for row in turning if np.ptp(row[1]) > ANGLE] or turning[:1]
     figure = style.new_figure(9.5, 7.6)
     grid = figure.add_gridspec(3, len(turning), height_ratios=(1.0, 1.3, 1.6))
@@ -187,11 +188,13 @@ def response(run: Run, path: str | Path) -> Path:
     top.set_ylabel("elevation [m]")
     style.time_axis(top, run.t)
     spectra = figure.add_subplot(grid[1, :])
-    for column, (name, value, colour) in enumerate(turning):
-        frequency, size = uniform_spectrum(run.t, value)
-        spectra.semilogx(frequency[1:], size[1:], color=colour, label=name)
+    for column, (name, angle, rate, colour) in enumerate(turning):
+        frequency, size = uniform_spectrum(run.t, angle)
+        spectra.plot(frequency[1:], size[1:], color=colour, label=name)
+        if frequency[-1] > 0.0:  # a run of a few samples has no spectrum
+            spectra.set_xscale("log")
         space = figure.add_subplot(grid[2, column])
-        space.plot(value, np.gradient(value, run.t), color=colour, lw=0.7)
+        space.plot(angle, rate, color=colour, lw=0.7, marker=style.marker(run.t))
         space.set(xlabel=f"{name} angle [rad]", ylabel="rate [rad/s]")
     spectra.set(xlabel="frequency [Hz]", ylabel="amplitude [rad]")
     spectra.legend()

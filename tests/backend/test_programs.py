@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dropper_jax.backend import one_kernel, programs
-from dropper_jax.backend.programs import Store, cached_jit
+from dropper_jax.backend.programs import ProgramCache, cached_jit
 from dropper_jax.cli import main
 from dropper_jax.stepping.integrate import growth_meter
 
@@ -14,9 +14,9 @@ from dropper_jax.stepping.integrate import growth_meter
 @pytest.fixture
 def traced():
     """A function compiled through a small store, the shapes it was traced for, and the store."""
-    store, shapes = Store(most=3, cleared_after=1000), []
+    store, shapes = ProgramCache(most=3, cleared_after=1000), []
 
-    @cached_jit(static=("power",), store=store)
+    @cached_jit(static=("power",), cache=store)
     def raised(x, power=2, shift=0.0):
         shapes.append((x.shape, power))
         return x**power + shift
@@ -70,8 +70,8 @@ def test_kept_programs_outlive_the_caches_of_jax(traced):
 
 
 def test_caches_of_jax_are_emptied_after_the_number_of_new_programs():
-    store = Store(most=3, cleared_after=3)
-    double = cached_jit(store=store)(lambda x: 2.0 * x)
+    store = ProgramCache(most=3, cleared_after=3)
+    double = cached_jit(cache=store)(lambda x: 2.0 * x)
     plain = jax.jit(lambda x: x + 1.0)
     plain(jnp.ones(2))
     for size in (1, 2):
@@ -101,7 +101,7 @@ def test_the_program_itself_takes_what_is_not_static(traced):
 def test_a_compiler_without_an_option_compiles_with_the_others(monkeypatch):
     monkeypatch.setattr(programs, "OPTIONS", {"xla_cpu_is_not_an_option": True, **programs.OPTIONS})
     for kernel in (False, True):
-        double = cached_jit(store=Store(), kernel=kernel)(lambda x: 2.0 * x)
+        double = cached_jit(cache=ProgramCache(), kernel=kernel)(lambda x: 2.0 * x)
         assert float(double(jnp.asarray(3.0))) == 6.0
 
 

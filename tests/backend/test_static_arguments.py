@@ -13,7 +13,7 @@ import pytest
 from hard_scenes import rods
 
 import dropper_jax as dj
-from dropper_jax.backend.programs import STORE
+from dropper_jax.backend.programs import PROGRAMS
 from dropper_jax.integrators import INTEGRATORS
 from dropper_jax.stepping.stepper import make_scheme
 from dropper_jax.study.march import grid_run
@@ -84,7 +84,7 @@ def static_parts(tree: jax.tree_util.PyTreeDef) -> Iterator[Any]:
 def friction():
     """Two rods with dry joints after a plain run, whose step has been traced for `energy_momentum`."""
     model, s = dj.build(TWO_RODS)
-    STORE.clear()
+    PROGRAMS.clear()
     plain = dj.integrate(dj.make_stepper(model), model, s, 0.01, 4, 4)[0].r
     return model, s, plain
 
@@ -104,14 +104,14 @@ def test_schemes_that_share_a_program_have_their_own_numbers_after_another_run(f
 
 def test_a_step_is_chosen_with_dry_friction_before_anything_else_has_run():
     """The choice of the step runs the program that schemes share, and a run then takes a step of its own."""
-    STORE.clear()
+    PROGRAMS.clear()
     jax.clear_caches()
     found = dj.simulate(TWO_RODS, tolerance=0.05)
     assert found.status == "ok"
 
 
 def test_static_arguments_of_all_programs_hold_nothing_that_their_comparison_does_not_see(friction):
-    keys = list(STORE._programs)
+    keys = list(PROGRAMS._programs)
     assert len(keys) >= 2
     found = []
     for function, settings, tree, *_ in keys:

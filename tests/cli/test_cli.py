@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from dropper_jax import Scene, Solution, as_toml, load_scene, scene_names
-from dropper_jax.backend.programs import STORE
+from dropper_jax.backend.programs import PROGRAMS
 from dropper_jax.cli import main
 from dropper_jax.cli.printing import progress
 from dropper_jax.run import simulate
@@ -162,7 +162,7 @@ ELASTIC = ["--set", "line.0.axial.law=elastic", "--set", "line.0.axial.EA=50.0",
 def test_rerun_from_provenance_gives_the_same_numbers_to_the_bit(tmp_path, more):
     assert main(["run", SCENE, "--duration", "0.2", "--quiet", "--out", str(tmp_path / "run.npz"), *more]) == 0
     first = Solution.load(tmp_path / "run.npz")
-    STORE.clear()  # the program too is made again
+    PROGRAMS.clear()  # the program too is made again
     jax.clear_caches()
     second = first.rerun()
     for name in ("t", "positions", "velocities", "tension", "kinetic", "potential", "work"):

@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 
-from dropper_jax import equilibrium, load_scene, simulate
+from dropper_jax import as_toml, equilibrium, load_scene, simulate
 from dropper_jax.cli import main
 from dropper_jax.cli.new import KINDS
 from dropper_jax.load.periods import suggest_step
@@ -91,3 +91,28 @@ def test_an_automatic_step_follows_an_accuracy(printed):
     out, err = printed(["run", "dropper-release-a", "--dt", "auto", "--duration", "0.2", "--json", "--quiet"])
     assert err.splitlines()[0] == "--dt auto: the steps follow an accuracy of 0.01 (--accuracy)"
     assert json.loads(out)["accuracy"] == 0.01
+
+
+@pytest.mark.parametrize("wet", [False, True])
+def test_masses_of_a_scene_in_air_have_no_lift_and_its_lines_no_weight_in_water(tmp_path, printed, wet):
+    scene = {
+        "run": {"dt": 0.01, "duration": 1.0},
+        "point": [
+            {"name": "top", "position": [0.0, 0.0, 0.0]},
+            {"name": "bob", "kind": "free", "position": [0.0, 0.0, -2.0], "mass": 2.0},
+        ],
+        "line": [{"name": "rope", "from": "top", "to": "bob", "links": 2, "length": 1.0, "mass": 0.1}],
+        "effects": {"weight": {}},
+    }
+    if wet:
+        scene["sea"] = {"depth": 10.0}
+    file = tmp_path / "scene.toml"
+    file.write_text(as_toml(scene), encoding="utf-8")
+    shown = printed(["check", str(file)]).out
+    assert "2 kg" in shown
+    assert ("submerged" in shown) == wet
+    assert ("in water" in shown) == wet
+
+
+def test_an_accuracy_of_zero_is_refused_with_steps_that_follow_an_accuracy_too(printed):
+    assert "run.accuracy: 0" in printed(["run", "string", "--dt", "auto", "--accuracy", "0"], 2).err

@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 
 import dropper_jax as dj
 from dropper_jax import SceneError
-from dropper_jax.explain.answers import explain
+from dropper_jax.explain.answers import LineFacts, explain
 from dropper_jax.explain.catenary import Hanging, offset_until_uplift, solve
 
 
@@ -119,3 +119,26 @@ def test_a_line_that_hangs_straight_down_is_too_long(json_of, tmp_path):
 def test_rigid_links_are_refused():
     with pytest.raises(SceneError, match="line dropper: rigid links have no stiffness"):
         explain(dj.load_scene("dropper-release-a"), dj.equilibrium("dropper-release-a"))
+
+
+def test_a_slack_line_that_rests_on_the_bed_over_its_length_is_not_said_to_hang():
+    facts = LineFacts(
+        name="ground chain",
+        length_m=50.0,
+        apart_m=45.0,
+        on_bed_m=50.0,
+        uplift_deg=0.0,
+        lower_n=0.0,
+        upper_n=0.0,
+        closed_lower_n=0.0,
+        closed_upper_n=0.0,
+        reserve_m=None,
+        excess_m=5.0,
+        axial_n_per_m=1e5,
+        horizontal_n_per_m=None,
+        axial_period_s=0.1,
+        damping_ratio=0.0,
+        link_damping_ratio=0.0,
+    )
+    assert facts.verdict == "rests on the bed"
+    assert "hangs straight down" in replace(facts, on_bed_m=30.0).verdict

@@ -183,3 +183,21 @@ def test_a_record_of_at_most_200_waves_is_drawn_wave_by_wave(waves, columns, tmp
     run = SimpleNamespace(t=t, name="sine", status="ok", settings={"integrator": "energy_momentum", "dt": 0.01})
     time_panels.history(run, tmp_path / "tension.png", "tension", [panel])
     assert len(figures[0].axes) == columns
+
+
+@pytest.mark.parametrize("missing", [2e-3, 5e-4, 2e-6])
+def test_a_spectrum_leaves_out_a_last_step_that_is_shorter_by_however_little(missing):
+    t = 0.01 * np.arange(401)
+    full, amplitudes = motion.uniform_spectrum(t[:-1], np.sin(20.0 * t[:-1]))
+    t[-1] -= 0.01 * missing
+    frequency, found = motion.uniform_spectrum(t, np.sin(20.0 * t))
+    np.testing.assert_array_equal(frequency, full)
+    np.testing.assert_array_equal(found, amplitudes)
+
+
+@pytest.mark.parametrize("samples", [1, 2, 3])
+def test_the_response_of_a_run_that_ended_at_once_is_drawn(longline, tmp_path, samples):
+    run = longline(samples=3)
+    run.positions[samples:] = np.nan
+    with Image.open(plots.response(run, tmp_path / "response.png")) as image:
+        assert image.format == "PNG"

@@ -174,3 +174,11 @@ def test_a_load_that_some_runs_do_not_know_is_not_extrapolated():
         "skipped": "no load at all in 2 of 4 runs"
     }
     assert "percentile_90" in storm_extreme(np.array([12.0, 63.0, 30.0, 41.0]), 600.0, 10800.0, 0.9)
+
+
+@pytest.mark.parametrize(("samples", "counted"), [(3, 2), (2, 1), (1, 0)])
+def test_the_message_of_too_few_samples_counts_those_that_are_evaluated(longline, samples, counted):
+    solution = longline(samples=11)
+    solution.positions[samples:] = np.nan
+    with pytest.raises(SceneError, match=f": {counted} good samples after 0 s, without that of the start"):
+        report_run(solution)

@@ -195,6 +195,10 @@ def test_scenes_take_the_shares_by_the_direction_of_the_current(tmp_path, json_o
     assert found["balance"] == pytest.approx(1.0, abs=0.01)
     assert found["drag_over_unsheltered"] < 0.9
     assert picture.stat().st_size > 10_000
+    folder = tmp_path / "maps.v1"  # an existing folder whose name has a dot
+    folder.mkdir()
+    json_of(["sea", str(file), "--json", "--plot", str(folder)])
+    assert (folder / "flow.png").stat().st_size > 10_000
 
 
 @pytest.mark.parametrize(

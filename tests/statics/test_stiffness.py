@@ -1,6 +1,7 @@
 """Mooring stiffness: closed forms, MoorPy's numbers, differences of poses solved again, and what is refused."""
 
 import csv
+import errno
 from dataclasses import replace
 
 import against_moorpy
@@ -91,6 +92,19 @@ def test_command_prints_and_writes_the_matrix(tmp_path, printed, json_of):
     assert head == ["freedom", "b.x", "b.y", "b.z"]
     assert [float(x) for x in first[1:]] == found["stiffness"][0]
     assert "middle.x" in printed(["stiffness", str(file)]).out  # all free points
+
+
+def test_a_matrix_that_cannot_be_written_leaves_the_file_of_before(tmp_path, printed, monkeypatch):
+    def fail(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    file = tmp_path / "wire.toml"
+    out = tmp_path / "matrix.csv"
+    file.write_text(dj.as_toml(WIRE))
+    out.write_text("before")
+    monkeypatch.setattr("os.fsync", fail)
+    assert "cannot be written" in printed(["stiffness", str(file), "--points", "b", "--out", str(out)], 3).err
+    assert out.read_text() == "before"
 
 
 @pytest.mark.check

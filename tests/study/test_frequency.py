@@ -223,3 +223,9 @@ def test_derivatives_of_the_deviation_are_those_of_differences(sensitive):
 def test_rigid_bodies_are_rejected_in_one_line(refusal):
     message = refusal(dj.frequency_response, "ballasted-spar", STATES)
     assert message.startswith("body: rigid bodies are not accurate in the frequency domain")
+
+
+@pytest.mark.parametrize("direction", [np.nan, np.inf])
+def test_a_direction_that_is_not_finite_is_refused_as_input(direction):
+    with pytest.raises(dj.SceneError, match="direction: .* is not finite"):
+        dj.frequency_response(hanging_mass(), STATES, direction=direction)

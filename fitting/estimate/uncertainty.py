@@ -177,7 +177,8 @@ def intervals(solution: Solution, se: np.ndarray, blocks: float) -> tuple[np.nda
             low[i] = centre[i] + se[i] * quantile(below * (1 - LEVEL), blocks)
         low[i] = max(low[i], p.low)
         high[i] = min(high[i], p.high)
-    return low, np.where(np.isfinite(high), high, values + reach)
+    # an optimum farther beyond its bound than the law has digits leaves no quantile
+    return np.where(np.isfinite(low), low, values - reach), np.where(np.isfinite(high), high, values + reach)
 
 
 def quantile(chance: float, blocks: float = 0) -> float:

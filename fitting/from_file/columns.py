@@ -135,11 +135,12 @@ def parse_name(name: str) -> tuple[tuple[str, ...], str | None]:
     return tuple(words), unit
 
 
-def find_columns(cells: Cells, given: Mapping[str, str] | None = None) -> Columns:
+def find_columns(cells: Cells, given: Mapping[str, str] | None = None, rate: float | None = None) -> Columns:
     """The columns of time and of angles or points.
 
     Args:
         given: by `time`, `theta_1`, `x_1`, `y_1` ..., the names of columns.
+        rate: rows per second [1/s] as the user gives them; a file may then have no column of times.
 
     Raises:
         SceneError: no time, nothing that moves, or several columns that may be the angle.
@@ -148,11 +149,8 @@ def find_columns(cells: Cells, given: Mapping[str, str] | None = None) -> Column
     columns = []
     for name, values, is_clock in zip(cells.names, cells.values.T, cells.clock, strict=True):
         columns.append(Column(name, *parse_name(name), values, is_clock))
-    if len(columns) == 1:
-        if given is None and not fps_of(cells):
-            advice = "Give time and angle, or --rate with the rows per second of a film"
-            raise SceneError(f"{file}: has one column. {advice}")
-        raise SceneError(f"{file}: has one column of numbers")
+    if len(columns) == 1 and rate is None and fps_of(cells) is None:
+        raise SceneError(f"{file}: has one column. Give time and angle, or --rate with the rows per second of a film")
     if given:
         return given_columns(cells, columns, given)
     time = time_column(file, columns)
@@ -178,13 +176,20 @@ def given_columns(cells: Cells, columns: Sequence[Column], given: Mapping[str, s
         if role == "t":
             role = "time"
         where[role] = columns[cells.names.index(name)]
-    time = where.get("time", time_column(cells.file, columns))
-    angles = [where[role] for role in sorted(where) if role.startswith("theta")]
+    time = where.pop("time", None)
+    if time is None:
+        time = time_column(cells.file, columns)
+    angles = []
     points = []
-    for k in sorted({role[2:] for role in where if role[:2] in ("x_", "y_")}, key=int):
-        if f"x_{k}" not in where or f"y_{k}" not in where:
-            raise SceneError(f"columns: point {k} needs both x_{k} and y_{k}")
-        points.append((where[f"x_{k}"], where[f"y_{k}"]))
+    for number in sorted({int(role.split("_")[1]) for role in where}):
+        x = where.get(f"x_{number}")
+        y = where.get(f"y_{number}")
+        if f"theta_{number}" in where:
+            angles.append(where[f"theta_{number}"])
+        if x is not None and y is not None:
+            points.append((x, y))
+        elif x is not None or y is not None:
+            raise SceneError(f"columns: point {number} needs both x_{number} and y_{number}")
     return describe(cells, time, angles, points)
 
 

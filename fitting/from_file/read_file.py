@@ -105,7 +105,7 @@ def read_measured(path: str | Path, given: FileOptions = NO_OPTIONS, links: int 
     """
     path = Path(path)
     cells = read_cells(path)
-    columns = find_columns(cells, given.columns)
+    columns = find_columns(cells, given.columns, given.rate)
     rows = _used_rows(cells, columns)
     motion = _read_motion(cells, columns, rows, given)
     count = motion.theta.shape[1]

@@ -90,9 +90,14 @@ def _resolve_prior(scene: Scene, model: Model, of: str, option: str) -> Sequence
 
 
 def power_of_mass(unit: str) -> int:
-    """1 for a unit proportional to the unit of mass, such as `kg/s` and `N m`; otherwise 0."""
-    above = unit.split("/")[0].split()
-    return int(any(word.split("^")[0] in ("kg", "N", "Pa", "J") for word in above))
+    """Power of mass in a unit: 1 of `kg/s` and `N m`, 0 of `m` and `kg/kg`."""
+    above, _, below = unit.partition("/")
+    return _has_mass(above) - _has_mass(below)
+
+
+def _has_mass(units: str) -> bool:
+    """Whether a product of units, such as `N m^2`, contains one that is proportional to that of mass."""
+    return any(word.split("^")[0] in ("kg", "N", "Pa", "J") for word in units.split())
 
 
 def _width(prior: PriorSpec, p: Parameter, path: str) -> float:

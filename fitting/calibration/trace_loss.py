@@ -16,7 +16,7 @@ from dropper_jax.run.build import SceneLike
 from fitting.calibration.preparation import Prepared, TracesLike, prepare
 from fitting.estimate.simulator import Simulator
 from fitting.estimate.windows import Starts
-from fitting.parameters.observation import losses
+from fitting.parameters.observation import lost_frames
 from fitting.parameters.parameter import with_parameter_values
 from fitting.traces import planar
 
@@ -237,7 +237,7 @@ def loss_of_trace(
         SceneError: what `prepare` rejects, and parameters of a release or of lost frames, whose windows have no start.
     """
     prepared = prepare(traces, scene, free, **options)
-    if prepared.simulator.release is not None or losses(prepared.parameters):
+    if prepared.simulator.release is not None or lost_frames(prepared.parameters):
         name = next(name for name in prepared.names if name.startswith(("release.", "clock.lost")))
         raise SceneError(f"free: {name!r} cannot be part of this loss. Use parameters of the model, or `fit`")
     return TraceLoss(prepared)

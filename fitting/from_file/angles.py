@@ -6,7 +6,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from fitting.from_file.motion import LinkMotion
-from fitting.from_file.swing import PER_PERIOD, half_range, main_period, unit_of_angle
+from fitting.from_file.pendulum import PER_PERIOD, half_range, main_period, unit_of_angle
 from fitting.traces.trace import RADIANS, unwrap
 
 #: Units of angles by the size of their full turn; any other full turn is that of an encoder's counts.

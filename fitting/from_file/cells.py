@@ -19,6 +19,8 @@ from fitting.traces.lines import read_lines
 #: Rows that decide between separators, and the fraction of their cells that must be numbers.
 TRIED = 200
 NUMBERS = 0.5
+#: Weight of a separator that gives a single column.
+ONE_COLUMN = 0.5
 #: What a file without samples lacks.
 NO_ROWS = "has fewer than two rows of numbers. Give a text file with a row per sample: time and angle"
 #: Text of a missing sample.
@@ -110,8 +112,10 @@ def separator_of(file: str, lines: Sequence[str]) -> tuple[str | None, bool]:
         width = max(map(len, rows))
         decimals = comma and any(re.fullmatch(r"\s*[+-]?\d*,\d+\s*", cell) for row in rows for cell in row)
         good = [row for row in rows if len(row) == width and is_sample(row, decimals)]
-        score = len(good) / len(rows) * (width > 1 or 0.5)
-        if score > NUMBERS / 2 and (best is None or score > best[0]):
+        score = len(good) / len(rows)
+        if width == 1:
+            score *= ONE_COLUMN
+        if score > NUMBERS * ONE_COLUMN and (best is None or score > best[0]):
             best = score, separator, bool(decimals)
     if best is None:
         raise SceneError(f"{file}: {NO_ROWS}")

@@ -6,6 +6,7 @@ import re
 import unicodedata
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 
@@ -15,27 +16,27 @@ from fitting.from_file.cells import Cells
 from fitting.traces.csv_table import NAMED
 
 
-def words(text: str) -> frozenset[str]:
+def word_set(text: str) -> frozenset[str]:
     """The words of a text."""
     return frozenset(text.split())
 
 
 #: Words of names, without accents: English, German, French, Spanish, Italian, Portuguese, Dutch, Nordic, Polish, Czech,
 #: Finnish, Chinese, Japanese.
-TIME = words(
+TIME = word_set(
     """
     t time timestamp elapsed clock seconds millis zeit uhrzeit temps heure tiempo hora tempo tijd tid czas cas aika
     sekunden sec msec 时间 時間 時刻
     """
 )
-FRAME = words("frame frames bild bildnummer image cuadro fotogramma quadro beeld klatka snimek index idx")
-ANGLE = words(
+FRAME = word_set("frame frames bild bildnummer image cuadro fotogramma quadro beeld klatka snimek index idx")
+ANGLE = word_set(
     """
     theta angle angles winkel angulo angolo hoek vinkel kat uhel kulma phi alpha encoder counts count ticks
     deflection auslenkung inclination θ φ α 角度 deg rad
     """
 )
-RATE = words(
+RATE = word_set(
     """
     omega velocity vel v vx vy speed rate acc acceleration a ax ay geschwindigkeit vitesse velocidad velocita w ω se
     sigma error
@@ -210,14 +211,14 @@ def describe(
     what = [column.name for column in angles] or [f"({x.name}, {y.name})" for x, y in points]
     kind = "angles" if angles else "points"
     return Columns(
-        time,
-        time_unit,
-        fps_of(cells),
-        angles,
-        common_unit(angles, ANGLE_UNITS),
-        points,
-        common_unit([column for pair in points for column in pair], LENGTH_UNITS),
-        (f"{note}{kind} from {', '.join(what)}",),
+        time=time,
+        time_unit=time_unit,
+        rate=fps_of(cells),
+        angles=angles,
+        angle_unit=common_unit(angles, ANGLE_UNITS),
+        points=points,
+        length_unit=common_unit(list(chain.from_iterable(points)), LENGTH_UNITS),
+        notes=(f"{note}{kind} from {', '.join(what)}",),
     )
 
 
@@ -315,12 +316,12 @@ def without_copies(columns: Sequence[Column]) -> list[Column]:
     """The columns without those that are another one in another unit."""
     found: list[Column] = []
     for column in columns:
-        if not any(alike(column.values, other.values) for other in found):
+        if not any(are_proportional(column.values, other.values) for other in found):
             found.append(column)
     return found
 
 
-def alike(one: np.ndarray, other: np.ndarray) -> bool:
-    """Whether two columns are the same motion in two units."""
+def are_proportional(one: np.ndarray, other: np.ndarray) -> bool:
+    """Whether two columns are the same motion in two units, or about two zeros."""
     known = np.isfinite(one) & np.isfinite(other)
     return known.sum() >= 10 and abs(np.corrcoef(one[known], other[known])[0, 1]) > 0.99999

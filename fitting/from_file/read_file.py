@@ -17,8 +17,9 @@ from fitting.from_file.cells import Cells, read_cells
 from fitting.from_file.clock import Rows, ordered_rows, unit_of_time
 from fitting.from_file.columns import Columns, find_columns
 from fitting.from_file.motion import LinkMotion
+from fitting.from_file.pendulum import gravity_of_last_link, main_period
 from fitting.from_file.points import read_points
-from fitting.from_file.swing import Swing, find_swing, gravity_of_last_link, main_period
+from fitting.from_file.swing import Swing, find_swing
 from fitting.from_file.thinning import thin
 from fitting.traces.noise import noise, without_spikes
 from fitting.traces.planar import pendulum_period
@@ -286,7 +287,7 @@ def _given_lengths(file: str, lengths: np.ndarray, count: int, period: float) ->
     """
     if len(lengths) != count:
         raise SceneError(f"--lengths: {len(lengths)} values; {file} shows {count} links")
-    expected = 2 * np.pi * np.sqrt(np.sum(lengths) / GRAVITY)
+    expected = pendulum_period(np.sum(lengths))
     if not 1 / PERIOD_RATIO < expected / period < PERIOD_RATIO:
         given = ", ".join(f"{length:g}" for length in lengths)
         raise SceneError(

@@ -7,9 +7,9 @@ from written_files import DAMPING, LENGTH, RATE, double_pendulum, points, swing,
 from dropper_jax import SceneError
 from fitting.from_file.cells import read_cells
 from fitting.from_file.columns import find_columns
+from fitting.from_file.pendulum import main_period
 from fitting.from_file.points import error_of_pivot, find_chain, pivot_of
 from fitting.from_file.read_file import FileOptions, read_measured
-from fitting.from_file.swing import main_period
 from fitting.from_file.values import per_mass
 from fitting.traces.lines import LARGEST
 from fitting.traces.noise import without_spikes
@@ -265,7 +265,7 @@ def test_an_angle_that_wraps_is_read_by_its_full_turn(tmp_path, turn):
     if turn != 360:
         reading = np.floor(reading)
     found = read_measured(write(tmp_path / "a.csv", ["t,reading"], np.stack([t, reading], axis=1)))
-    assert LENGTH == pytest.approx(9.81 / found.swing.stiffness, rel=0.02)
+    assert 9.81 / found.swing.stiffness == pytest.approx(LENGTH, rel=0.02)
     assert np.abs(found.trace.theta[:, 0] - np.interp(found.trace.t, t, phi)).max() < 0.5 * 2 * np.pi / turn + 0.02
 
 

@@ -45,17 +45,17 @@ RATE = word_set(
 AXES = {"x": "x", "u": "x", "y": "y", "z": "y", "v": "y"}
 #: Units by their words: what is measured, and the unit.
 TIME_UNITS = {
-    **dict.fromkeys(("s", "sec", "secs", "second", "seconds", "sekunden", "secondes", "segundos"), "s"),
-    **dict.fromkeys(("ms", "msec", "millis", "milliseconds", "millisekunden"), "ms"),
-    **dict.fromkeys(("us", "µs", "μs", "usec", "micros", "microseconds"), "us"),
+    **dict.fromkeys(word_set("s sec secs second seconds sekunden secondes segundos"), "s"),
+    **dict.fromkeys(word_set("ms msec millis milliseconds millisekunden"), "ms"),
+    **dict.fromkeys(word_set("us µs μs usec micros microseconds"), "us"),
 }
 ANGLE_UNITS = {
-    **dict.fromkeys(("deg", "degs", "degree", "degrees", "grad", "°", "º", "grados", "gradi", "degres"), "deg"),
-    **dict.fromkeys(("rad", "rads", "radian", "radians", "radianti", "radianes"), "rad"),
+    **dict.fromkeys(word_set("deg degs degree degrees grad ° º grados gradi degres"), "deg"),
+    **dict.fromkeys(word_set("rad rads radian radians radianti radianes"), "rad"),
     "mrad": "mrad",
-    **dict.fromkeys(("counts", "count", "ticks", "pulses", "steps", "inkremente"), "counts"),
+    **dict.fromkeys(word_set("counts count ticks pulses steps inkremente"), "counts"),
 }
-LENGTH_UNITS = {"m": "m", "cm": "cm", "mm": "mm", "px": "px", "pixel": "px", "pixels": "px", "pix": "px"}
+LENGTH_UNITS = {"m": "m", "cm": "cm", "mm": "mm", **dict.fromkeys(word_set("px pixel pixels pix"), "px")}
 UNITS = {**TIME_UNITS, **ANGLE_UNITS, **LENGTH_UNITS}
 #: Frame rates in comments.
 FPS = re.compile(

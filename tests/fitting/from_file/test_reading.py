@@ -10,6 +10,7 @@ from fitting.from_file.columns import find_columns
 from fitting.from_file.pendulum import main_period
 from fitting.from_file.points import error_of_pivot, find_chain, pivot_of
 from fitting.from_file.read_file import FileOptions, read_measured
+from fitting.from_file.scene_of import propose_scene
 from fitting.from_file.values import per_mass
 from fitting.traces.lines import LARGEST
 from fitting.traces.noise import without_spikes
@@ -309,3 +310,15 @@ def test_a_unit_per_mass_has_one_kilogram_less(unit, dimension):
     _, metres, seconds = dimension
     words = {"1/s": (0, -1), "1/m": (-1, 0), "m^2/s^2": (2, -2), "m^2/s": (2, -1), "m^3/s^2": (3, -2)}
     assert words[per_mass(unit)] == (metres, seconds)
+
+
+def test_links_that_are_never_seen_in_one_row_start_where_they_are_at_its_time(tmp_path):
+    t = T[::5]
+    lines = ["t,angle 1 [rad],angle 2 [rad]"]
+    for i, angle in enumerate(PHI[::5]):
+        one, other = (f"{angle:.6f}", "") if i % 2 else ("", f"{2 * angle:.6f}")
+        lines.append(f"{t[i]:.3f},{one},{other}")
+    (tmp_path / "a.csv").write_text("\n".join(lines) + "\n")
+    given = FileOptions(lengths=(0.2, 0.2))
+    start = propose_scene(read_measured(tmp_path / "a.csv", given), given)["start"]["polar"]
+    np.testing.assert_allclose(start, [PHI[5], 2 * PHI[0]], atol=1e-5)

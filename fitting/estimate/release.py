@@ -15,7 +15,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import product
-from typing import NamedTuple
+from typing import Generic, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -26,7 +26,7 @@ from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model, State
 from fitting.estimate.static_poses import StaticPoses
-from fitting.estimate.windows import Starts, Windows, pick
+from fitting.estimate.windows import A, Starts, Windows, pick
 from fitting.parameters.parameter import Parameter
 from fitting.parameters.targets import ReleaseTarget
 from fitting.traces import planar
@@ -42,13 +42,13 @@ LEAST_STRETCH = 0.1
 AXES = ("x", "y", "z")
 
 
-class ReleaseState(NamedTuple):
+class ReleaseState(NamedTuple, Generic[A]):
     """Whether a window is released, its start [s] and run, and the derivative of theta_s by p (n, k); or K of each."""
 
-    released: Array
-    begin: Array
-    run: Array
-    slope: Array
+    released: A
+    begin: A
+    run: A
+    slope: A
 
 
 class ReleasedStarts(NamedTuple):
@@ -57,7 +57,7 @@ class ReleasedStarts(NamedTuple):
     theta: np.ndarray
     omega: np.ndarray
     basis: np.ndarray
-    state: ReleaseState
+    state: ReleaseState[np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -105,7 +105,7 @@ class Release:
         # not by `.at[].set`, which cannot be part of one kernel
         return jnp.stack(times)
 
-    def late(self, parameters: Sequence[Parameter], p: Array, release_state: ReleaseState) -> Array:
+    def late(self, parameters: Sequence[Parameter], p: Array, release_state: ReleaseState[Array]) -> Array:
         """Time from the start of a window to its release [s]; 0 for windows that are not released."""
         late = self.times(parameters, p)[release_state.run] - release_state.begin
         return jnp.where(release_state.released, late, 0.0)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, Generic, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -20,6 +20,7 @@ from dropper_jax.stepping.halving import advance_over
 from dropper_jax.stepping.integrate import advance, scan_steps
 from dropper_jax.stepping.progress import begin
 from fitting.estimate.release import LEAST_STRETCH, Release, ReleaseState
+from fitting.estimate.windows import A
 from fitting.parameters.missing_forces import add_missing_forces
 from fitting.parameters.observation import camera_angles, clock_rate, lost_frames, recording
 from fitting.parameters.parameter import Parameter, with_parameter_values
@@ -30,7 +31,7 @@ from fitting.traces import planar
 NEVER = 1e9
 
 
-class WindowInputs(NamedTuple):
+class WindowInputs(NamedTuple, Generic[A]):
     """What a program is given of a window, or of K windows with a row for each.
 
     Attributes:
@@ -43,15 +44,15 @@ class WindowInputs(NamedTuple):
         steps: number of steps of the window.
     """
 
-    theta: Array
-    omega: Array
-    basis: Array
-    measured: Array
-    weight: Array
-    index: Array
-    fraction: Array
-    jumps: Array
-    steps: Array
+    theta: A
+    omega: A
+    basis: A
+    measured: A
+    weight: A
+    index: A
+    fraction: A
+    jumps: A
+    steps: A
 
 
 class Start(NamedTuple):
@@ -155,7 +156,7 @@ def run_window(
 
 
 def _clock(
-    own: WindowInputs, parameters: Sequence[Parameter], p: Array, late: Array | float, dt: float
+    own: WindowInputs[Array], parameters: Sequence[Parameter], p: Array, late: Array | float, dt: float
 ) -> tuple[Array, tuple[Array, Array]]:
     """A window's step [s] and the position of its samples in steps, integer and fraction, by its own clock.
 

@@ -1,6 +1,6 @@
 """Fitting simulated droppers to measured traces; it builds on `dropper_jax`, never the other way round.
 
-Rooms, each importing only those before it: `traces`, `parameters`, `sweep` and `sensitivity` (need parameters
+Folders, each importing only those before it: `traces`, `parameters`, `sweep` and `sensitivity` (need parameters
 alone), `estimate`, `calibration` and `channels`, `report`, `from_file`, `cli`. Only the command line imports `films`
 (which needs traces alone) and `farm`, with `site`, and `cases`, `season` and `optimise` of sites (none needs another).
 """

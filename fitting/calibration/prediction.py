@@ -18,8 +18,8 @@ import numpy as np
 from jax import Array
 
 from fitting.calibration.result import FitResult
-from fitting.estimate.simulator import Start, march
-from fitting.parameters.observation import camera_angles, clock_rate, losses
+from fitting.estimate.window_run import Start, march
+from fitting.parameters.observation import camera_angles, clock_rate, lost_frames
 from fitting.parameters.parameter import with_parameter_values
 from fitting.parameters.varied import vary
 from fitting.traces import planar
@@ -80,7 +80,7 @@ def predict(result: FitResult, run: int = 0) -> Prediction | None:
     trace = result.traces[run]
     begin = float(windows.begin[first])
     # the clock changes at lost frames
-    lost = losses(result.parameters).values()
+    lost = lost_frames(result.parameters).values()
     end = min([trace.t[-1], *(frame.time for frame in lost if frame.run == run)])
     inside = (trace.t >= begin - 1e-9) & (trace.t <= end + 1e-9)
     t = trace.t[inside]

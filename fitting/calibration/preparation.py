@@ -599,7 +599,7 @@ def windows_along_motion(
     windows = replace(windows, substeps=2**halvings)
     evaluation = simulator(values, starts, windows)
     rate = lyapunov(simulator, windows, evaluation, values)
-    move = transitions(simulator, windows, evaluation, values)
+    move = transitions(simulator, evaluation, values)
     pieces = follow_motion(windows, move, int(plan.length / plan.dt + 1e-6))
     windows = replace(fill(samples.traces, pieces, plan.dt, sigma), substeps=windows.substeps)
     if release is not None:

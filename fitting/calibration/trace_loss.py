@@ -15,8 +15,9 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.run.build import SceneLike
 from fitting.calibration.preparation import Prepared, TracesLike, prepare
 from fitting.estimate.simulator import Simulator
+from fitting.estimate.window_run import run_window
 from fitting.estimate.windows import Starts
-from fitting.parameters.observation import losses
+from fitting.parameters.observation import lost_frames
 from fitting.parameters.parameter import with_parameter_values
 from fitting.traces import planar
 
@@ -103,7 +104,14 @@ class TraceLoss:
         simulator = Simulator(own.model, prepared.parameters, own.stepper)
         on_grid = not windows.fraction.any()
         self._window = partial(
-            simulator.window, stepper=own.stepper, dt=windows.dt, capacity=windows.steps, on_grid=on_grid
+            run_window,
+            model=own.model,
+            parameters=prepared.parameters,
+            release=None,
+            stepper=own.stepper,
+            dt=windows.dt,
+            capacity=windows.steps,
+            on_grid=on_grid,
         )
         samples = (windows.theta, windows.weight, windows.index, windows.fraction, simulator.jumps(windows))
         self._samples = tuple(jnp.asarray(a) for a in (*samples, windows.step_counts.astype(np.int32)))
@@ -237,7 +245,7 @@ def loss_of_trace(
         SceneError: what `prepare` rejects, and parameters of a release or of lost frames, whose windows have no start.
     """
     prepared = prepare(traces, scene, free, **options)
-    if prepared.simulator.release is not None or losses(prepared.parameters):
+    if prepared.simulator.release is not None or lost_frames(prepared.parameters):
         name = next(name for name in prepared.names if name.startswith(("release.", "clock.lost")))
         raise SceneError(f"free: {name!r} cannot be part of this loss. Use parameters of the model, or `fit`")
     return TraceLoss(prepared)

@@ -46,6 +46,8 @@ def scores(evaluation: Evaluation, step: Step | Solution) -> np.ndarray:
 
 #: Target number of pieces of time; a small number of windows is cut into them.
 PIECES = 60
+#: More pieces than any run has.
+MOST_PIECES = 10**9
 
 
 def pieces(solution: Solution, free: np.ndarray) -> Pieces:
@@ -60,7 +62,7 @@ def pieces(solution: Solution, free: np.ndarray) -> Pieces:
     def number(t: np.ndarray, run: np.ndarray) -> np.ndarray:
         """Run and piece of these times of runs, combined in one number."""
         since = np.floor((t - timing.begin[run]) / duration + 1e-6).astype(int)
-        return run * 10**9 + np.maximum(since, 0)
+        return run * MOST_PIECES + np.maximum(since, 0)
 
     known = timing.known
     rows = [(number(timing.t, timing.run)[known], weighted_score[known], square[known])]
@@ -80,7 +82,7 @@ def pieces(solution: Solution, free: np.ndarray) -> Pieces:
     information = np.zeros((len(names), *squares.shape[1:]))
     np.add.at(gradient, index, gradients)
     np.add.at(information, index, squares)
-    return Pieces(gradient, information, names // 10**9)
+    return Pieces(gradient, information, names // MOST_PIECES)
 
 
 def memory(series: np.ndarray, run: np.ndarray) -> float:

@@ -57,7 +57,7 @@ PRECONDITIONERS = ("information", "size")
 ARRIVED = 0.05
 #: The same on the way through the gap weights, as a fraction of the limit for Gauss-Newton steps. Their last step gets
 #: much closer, and the evidence must agree with theirs to choose the same weight.
-INTERMEDIATE = 0.25
+INTERMEDIATE_PART = 0.25
 #: Change of the information, in any direction, above which coordinates are made again.
 CHANGED = 4.0
 #: Trials of a line search, the factor between them, and the fraction of the predicted decrease that suffices.
@@ -232,8 +232,8 @@ class GradientSteps:
 
     def is_minimum(self, moved: float, decrease: float) -> bool:
         close = self.objective.close
-        part = INTERMEDIATE if close > ARRIVED**2 else 1.0
-        return moved < max(INTERMEDIATE * close, ARRIVED**2) and decrease < part * self.objective.little()
+        part = INTERMEDIATE_PART if close > ARRIVED**2 else 1.0
+        return moved < max(INTERMEDIATE_PART * close, ARRIVED**2) and decrease < part * self.objective.little()
 
     def move(self, point: Point, system: Normal, newton: Step | None, near: bool) -> Point | None:
         if self.taken == 0:

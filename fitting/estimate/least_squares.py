@@ -18,9 +18,9 @@ from fitting.estimate.normal_equations import Evaluation, Normal, Step, eliminat
 from fitting.estimate.residuals import Problem, Residuals, Solution, Visited
 from fitting.estimate.windows import Starts, pick, with_rows
 
-#: Converged if the next step would move the parameters by less than this fraction of their standard errors (squared)
+#: A fit has converged if the next step would move the parameters by less than this [standard errors, squared],
+#: and would lower chi-square by less than this times the root of the number of samples.
 STEP_TOLERANCE = 1e-4
-#: and would lower chi-square by less than this.
 DECREASE_TOLERANCE = 1e-2
 #: Maximum damping: larger values make steps too short to be useful.
 LARGEST_DAMPING = 1e8
@@ -36,10 +36,10 @@ SWITCHING_STEP = 0.3
 #: Damping of the first step, of separate and of joined windows.
 FIRST_DAMPING = 1e-3
 JOINED_DAMPING = 1e-4
-#: Accuracy of intermediate gap weights: parameters within 0.2 standard errors, evidence within 0.25. Only the chosen
-#: weight is solved to the end.
-INTERMEDIATE = 0.2**2
-LITTLE = 0.5
+#: The same tolerances at intermediate gap weights: parameters within 0.2 standard errors, evidence within 0.25.
+#: Only the chosen weight is solved to the end.
+INTERMEDIATE_STEP = 0.2**2
+INTERMEDIATE_DECREASE = 0.5
 
 
 class Objective:
@@ -59,7 +59,7 @@ class Objective:
         self.problem = problem
         self.weight = weight
         self.intermediate = intermediate
-        self.close = INTERMEDIATE if intermediate else STEP_TOLERANCE
+        self.close = INTERMEDIATE_STEP if intermediate else STEP_TOLERANCE
         self.damping = FIRST_DAMPING
         self.goal = "no convergence"
         if weight is not None:
@@ -69,7 +69,7 @@ class Objective:
     def little(self) -> float:
         """Permitted remaining decrease of chi-square: well below its own standard deviation."""
         if self.intermediate:
-            return LITTLE
+            return INTERMEDIATE_DECREASE
         return DECREASE_TOLERANCE * float(np.sqrt(self.problem.samples))
 
     def cost(self, evaluation: Evaluation, values: np.ndarray) -> float:
@@ -164,7 +164,14 @@ def first_solution(problem: Residuals, values: np.ndarray, evaluation: Evaluatio
     k = len(values)
     m2 = problem.freedoms
     cost = objective.cost(evaluation, values)
-    nothing = Step(np.zeros(k), np.zeros((0, m2)), 0.0, np.zeros((k, k)), np.zeros(k), np.zeros((0, m2, k)))
+    nothing = Step(
+        dp=np.zeros(k),
+        dz=np.zeros((0, m2)),
+        predicted=0.0,
+        information=np.zeros((k, k)),
+        gradient=np.zeros(k),
+        eliminated=np.zeros((0, m2, k)),
+    )
     found = objective.solution(values, evaluation, cost, nothing)
     return replace(found, history=[objective.record(cost, values)])
 

@@ -18,7 +18,7 @@ from scipy.linalg import cho_solve, solve_triangular
 from fitting.estimate.factors import Factor, cholesky_root, scale_diagonal
 from fitting.estimate.windows import Starts
 from fitting.parameters.parameter import Parameter
-from fitting.parameters.rig_priors import Common
+from fitting.parameters.rig_priors import CommonPrior
 
 
 class Evaluation(NamedTuple):
@@ -112,7 +112,7 @@ class Prior(NamedTuple):
     curvature: np.ndarray
 
 
-def prior_of(parameters: Sequence[Parameter], values: np.ndarray, common: Sequence[Common]) -> Prior:
+def prior_of(parameters: Sequence[Parameter], values: np.ndarray, common: Sequence[CommonPrior]) -> Prior:
     """Contribution of the parameters' priors, single and joint ones, at these values (k,)."""
     mean, sigma = np.array([p.prior or (0.0, np.inf) for p in parameters]).reshape(-1, 2).T
     rest = (values - mean) / sigma

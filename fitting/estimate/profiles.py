@@ -76,9 +76,9 @@ def _unit(solution: Solution, index: int, std_error: float) -> float:
 
 def _crossing(at: np.ndarray, growth: np.ndarray, best: float, limit: float, side: int) -> float:
     """Where the root of the growth, which is nearly linear, crosses the limit; the last point if it does not."""
-    one = np.flatnonzero(side * (at - best) >= 0)[::side]  # outwards from the best
-    distance = np.abs(at[one] - best)
-    root = np.sqrt(np.maximum(growth[one], 0.0))
+    outwards = np.flatnonzero(side * (at - best) >= 0)[::side]
+    distance = np.abs(at[outwards] - best)
+    root = np.sqrt(np.maximum(growth[outwards], 0.0))
     if root[-1] < np.sqrt(limit):
         return best + side * float(distance[-1])
     return best + side * float(np.interp(np.sqrt(limit), np.maximum.accumulate(root), distance))

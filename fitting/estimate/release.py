@@ -15,7 +15,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import product
-from typing import NamedTuple
+from typing import Generic, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -26,7 +26,7 @@ from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model, State
 from fitting.estimate.static_poses import StaticPoses
-from fitting.estimate.windows import Starts, Windows, pick
+from fitting.estimate.windows import A, Starts, Windows, pick
 from fitting.parameters.parameter import Parameter
 from fitting.parameters.targets import ReleaseTarget
 from fitting.traces import planar
@@ -42,13 +42,22 @@ LEAST_STRETCH = 0.1
 AXES = ("x", "y", "z")
 
 
-class ReleaseState(NamedTuple):
-    """Start of a window: its time [s] and run, and the derivative of theta_s with respect to p (n, k)."""
+class ReleaseState(NamedTuple, Generic[A]):
+    """Whether a window is released, its start [s] and run, and the derivative of theta_s by p (n, k); or K of each."""
 
-    released: Array
-    begin: Array
-    run: Array
-    slope: Array
+    released: A
+    begin: A
+    run: A
+    slope: A
+
+
+class ReleasedStarts(NamedTuple):
+    """Angles and rates (K, n) and charts (K, n, m) at the starts of K windows, and what is released of each."""
+
+    theta: np.ndarray
+    omega: np.ndarray
+    basis: np.ndarray
+    state: ReleaseState[np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -96,7 +105,7 @@ class Release:
         # not by `.at[].set`, which cannot be part of one kernel
         return jnp.stack(times)
 
-    def late(self, parameters: Sequence[Parameter], p: Array, release_state: ReleaseState) -> Array:
+    def late(self, parameters: Sequence[Parameter], p: Array, release_state: ReleaseState[Array]) -> Array:
         """Time from the start of a window to its release [s]; 0 for windows that are not released."""
         late = self.times(parameters, p)[release_state.run] - release_state.begin
         return jnp.where(release_state.released, late, 0.0)
@@ -105,15 +114,17 @@ class Release:
         """The poses in which runs of a model with these parameters start."""
         return StaticPoses(model, parameters, "static start: {}", partial(self._loads, parameters))
 
-    def release_inputs(
-        self, poses: StaticPoses, values: np.ndarray, inputs: tuple[np.ndarray, ...], windows: Windows
-    ) -> tuple[np.ndarray, ...]:
-        """The windows' inputs with the released ones at the model's own pose, and `ReleaseState` of each.
+    def start_windows(
+        self, poses: StaticPoses, values: np.ndarray, starts: Starts, basis: np.ndarray, windows: Windows
+    ) -> ReleasedStarts:
+        """The windows' starts and charts (K, n, m) with the released ones at the model's own pose, which has none.
 
         Raises:
             SceneError: no static pose at the start values.
         """
-        theta, omega, basis = (a.copy() for a in inputs[:3])
+        theta = starts.theta.copy()
+        omega = starts.omega.copy()
+        basis = basis.copy()
         slope = np.zeros((windows.count, theta.shape[1], len(values)))
         for k in np.flatnonzero(windows.released):
             basis[k] = 0.0
@@ -122,7 +133,7 @@ class Release:
                 omega[k] = 0.0
             else:
                 theta[k], omega[k] = planar.from_nodes(poses.model, self.given.r, self.given.v)
-        return theta, omega, basis, *inputs[3:], windows.released, windows.begin, windows.run, slope
+        return ReleasedStarts(theta, omega, basis, ReleaseState(windows.released, windows.begin, windows.run, slope))
 
     def _loads(self, parameters: Sequence[Parameter], model: Model, values: Array, run: int) -> Array:
         """Forces (nodes, 3) [N] that hold a run."""

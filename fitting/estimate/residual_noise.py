@@ -43,8 +43,10 @@ from fitting.traces.trace import Trace
 
 #: Maximum memory of the noise that is used.
 MAX_CORRELATION = 0.995
-
-
+#: Rise of the log likelihood from which a more complex noise model is used.
+LIKELIER = 6.0
+#: Number of remaining samples above which a channel's noise is its own, and not that of all channels of its run.
+FEWEST_LEFT = 10
 #: Significance of the links' common motion along their rates, in standard deviations, for a delay model.
 DELAY_SIGNIFICANCE = 5.0
 
@@ -102,8 +104,7 @@ class ResidualNoiseModel:
             square = squares[source == r].sum(axis=(0, 1))
             left = unused[source == r].sum(axis=(0, 1))
             every = np.sqrt(square.sum() / max(left.sum(), 1.0))
-            # minimum number of remaining samples for the noise of a channel
-            found[r] = np.where(left > 10, np.sqrt(square / np.maximum(left, 1.0)), every)
+            found[r] = np.where(left > FEWEST_LEFT, np.sqrt(square / np.maximum(left, 1.0)), every)
         return np.where(found > 0, found, 1.0)
 
     def estimate(self, noise: Noise) -> Solution:
@@ -122,8 +123,8 @@ class ResidualNoiseModel:
         return found
 
     def _likelier(self, found: Solution, tried: Solution | None) -> Solution:
-        """A more complex noise model, if there is one and its log likelihood is higher by 6 at least."""
-        if tried is None or not minus_two_log(tried) < minus_two_log(found) - 2 * 6.0:
+        """A more complex noise model, if there is one and its log likelihood is higher by `LIKELIER` at least."""
+        if tried is None or not minus_two_log(tried) < minus_two_log(found) - 2 * LIKELIER:
             return found
         return tried
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field, replace
-from operator import add
 from typing import Any, ClassVar, Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
@@ -238,7 +237,9 @@ class Problem(Residuals):
         moves = dz.reshape(len(dz), 2, -1)  # of angles and of rates
         most = np.max(np.abs(moves).max(axis=2) / LARGEST_MOVE, axis=1)
         moves = moves / np.maximum(most, 1.0)[:, None, None]
-        return Starts(*(start + np.einsum("kij,kj->ki", bases, moves[:, i]) for i, start in enumerate(starts)))
+        theta = starts.theta + np.einsum("kij,kj->ki", bases, moves[:, 0])
+        omega = starts.omega + np.einsum("kij,kj->ki", bases, moves[:, 1])
+        return Starts(theta, omega)
 
     def gaps(self, evaluation: Evaluation, values: np.ndarray) -> Gaps:
         """Scaled gaps between consecutive windows."""
@@ -286,7 +287,9 @@ class Problem(Residuals):
 
     def with_noise(self, noise: Noise, windows: Windows, values: np.ndarray) -> Problem:
         """The problem with this noise, also in the poses at rest."""
-        rest = self.rest and self.rest.with_noise(noise, self.simulator, values)
+        rest = self.rest
+        if rest is not None:
+            rest = rest.with_noise(noise, self.simulator, values)
         return replace(self, windows=windows, noise=noise, rest=rest)
 
     def prior(self, values: np.ndarray) -> Prior:
@@ -294,7 +297,8 @@ class Problem(Residuals):
         found = super().prior(values)
         if self.rest is None:
             return found
-        return Prior(*map(add, found, self.rest.prior(self.simulator, values)))
+        more = self.rest.prior(self.simulator, values)
+        return Prior(found.cost + more.cost, found.gradient + more.gradient, found.curvature + more.curvature)
 
     def finer(self) -> Problem:
         """The problem with half the time step."""
@@ -327,11 +331,13 @@ class Solution(Generic[P, E]):
         weights: robust weights (K, S, n), 1 for least squares.
         cost: 1/2 chi-square, with prior and gaps.
         information: S (k, k), the inverse of the covariance for noise of standard deviation sigma.
+        gradient: of the cost by the parameters (k,), along the optimum of the starts.
         eliminated: dz/dp along the optimum of the starts (K, m2, k).
         status: `ok` or `not_converged`; with `message`, which an `ok` fit has if its cost is non-smooth.
         iterations: number of evaluations.
         history: the points of the descent.
         gap_weight: standard deviation allowed between windows, in units of their scale; None if they are free.
+        evidence: logarithm of the gap weight's evidence, up to constants; NaN if it was not computed.
         step_bias: shift of the parameters (k,) by the time step, in standard errors, to first order.
     """
 

@@ -30,8 +30,6 @@ from dropper_jax.model import Model
 from fitting.estimate.noise import Noise
 from fitting.estimate.normal_equations import Prior
 from fitting.estimate.simulator import Simulator
-from fitting.estimate.static_poses import StaticPoses
-from fitting.parameters.observation import camera_angles
 from fitting.parameters.paths import count_joints
 from fitting.traces import planar
 from fitting.traces.noise import column_medians
@@ -85,17 +83,8 @@ class Rest:
 
 def static_pose(simulator: Simulator, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Angles (n,) of the line at rest as seen by the camera, and their derivatives (n, k)."""
-    store = simulator.others
-    if "rest" not in store:
-        refusal = "rest: the scene has no pose at rest: {}. Use a line that hangs"
-        parameters = simulator.compiled
-
-        def camera_view(model: Model, p: Array, theta: Array) -> Array:
-            return camera_angles(model, parameters, p, theta)
-
-        store["rest"] = StaticPoses(simulator.model, parameters, refusal, view=camera_view)
     whole, where = simulator.all_values(values)
-    pose, slope = store["rest"].pose(whole)
+    pose, slope = simulator.rest_poses.pose(whole)
     return pose, slope[:, where]
 
 

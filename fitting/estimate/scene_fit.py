@@ -129,15 +129,14 @@ class SceneFit(Generic[P, E]):
         if not self.has_errors:
             errors[:] = np.nan
         found = {}
-        for p, value, (std_error, low, high), at_bound in zip(
-            self.parameters, self.values, errors.T, u.at_bound, strict=True
-        ):
+        for i, p in enumerate(self.parameters):
+            std_error, low, high = errors[:, i]
             found[p.name] = {
-                "value": value,
+                "value": self.values[i],
                 "std_error": std_error,
                 "low": low,
                 "high": high,
-                "at_bound": bool(at_bound),
+                "at_bound": bool(u.at_bound[i]),
                 "unit": p.unit,
             }
         return found

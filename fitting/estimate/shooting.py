@@ -37,7 +37,7 @@ SAME_EVIDENCE = 0.2
 EVIDENCE_DROP = 5.0
 
 
-def transitions(simulator: Simulator, windows: Windows, evaluation: Evaluation, values: np.ndarray) -> np.ndarray:
+def transitions(simulator: Simulator, evaluation: Evaluation, values: np.ndarray) -> np.ndarray:
     """Derivatives (K, m2, m2) of windows' ends by their starts, in units of a gap's scale; NaN if a run failed."""
     n = evaluation.start.shape[1] // 2
     m2 = simulator.freedoms
@@ -53,7 +53,7 @@ def transitions(simulator: Simulator, windows: Windows, evaluation: Evaluation, 
 def lyapunov(simulator: Simulator, windows: Windows, evaluation: Evaluation, values: np.ndarray) -> float:
     """Growth rate [1/s] of the fastest growing small error, by QR of the windows' transition matrices, chained."""
     m2 = simulator.freedoms
-    move = transitions(simulator, windows, evaluation, values)
+    move = transitions(simulator, evaluation, values)
     frame = np.eye(m2)
     total = 0.0
     time = 0.0

@@ -130,27 +130,29 @@ def uncertainty(solution: Solution) -> Uncertainty:
         if found is not None:
             prior = problem.prior(solution.values).curvature[np.ix_(free, free)]
             data = solution.free_information - prior
-            least = noise2 * np.diag(invert_spd(data / problem.memory + prior))
+            minimum = noise2 * np.diag(invert_spd(data / problem.memory + prior))
             covariance, blocks = found
-            covariance = raised_to(covariance, least)
+            covariance = raised_to(covariance, minimum)
             more = np.diag(covariance) / np.maximum(np.diag(white), 1e-300)
             inflation = float(np.sqrt(more.max(initial=1.0)))
     full = np.zeros((k, k))
     full[np.ix_(free, free)] = covariance
     full = full + problem.known.carried_covariance(np.where(problem.held_mask, 0.0, solution.values))
     std_error = np.sqrt(np.maximum(np.diag(full), 0.0))
-    least, most = problem.bounds(solution.values)
-    at_bound = ~problem.held_mask & ((solution.values <= least) | (solution.values >= most))
+    lowest, highest = problem.bounds(solution.values)
+    at_bound = ~problem.held_mask & ((solution.values <= lowest) | (solution.values >= highest))
+    low, high = intervals(solution, std_error, blocks)
     return Uncertainty(
-        full,
-        std_error,
-        *intervals(solution, std_error, blocks),
-        at_bound,
-        float(np.sqrt(noise2)),
-        correlation,
-        inflation,
-        open_directions(solution, full),
-        blocks,
+        covariance=full,
+        std_error=std_error,
+        low=low,
+        high=high,
+        at_bound=at_bound,
+        noise=float(np.sqrt(noise2)),
+        correlation_1=correlation,
+        inflation=inflation,
+        undetermined=open_directions(solution, full),
+        blocks=blocks,
     )
 
 
@@ -177,7 +179,8 @@ def intervals(solution: Solution, se: np.ndarray, blocks: float) -> tuple[np.nda
             low[i] = centre[i] + se[i] * quantile(below * (1 - LEVEL), blocks)
         low[i] = max(low[i], p.low)
         high[i] = min(high[i], p.high)
-    return low, np.where(np.isfinite(high), high, values + reach)
+    # an optimum farther beyond its bound than the law has digits leaves no quantile
+    return np.where(np.isfinite(low), low, values - reach), np.where(np.isfinite(high), high, values + reach)
 
 
 def quantile(chance: float, blocks: float = 0) -> float:
@@ -194,6 +197,12 @@ def chance_below(distance: float, blocks: float) -> float:
     return float(ndtr(distance))
 
 
+#: Relative standard error above which a direction counts as undetermined, and the share in it from which a parameter is
+#: reported.
+UNDETERMINED = 1.0
+NOTABLE_SHARE = 0.2
+
+
 def open_directions(solution: Solution, covariance: np.ndarray) -> tuple[dict[str, float], ...]:
     """Directions that are not identifiable: eigenvectors of the covariance in units of the parameters' sizes."""
     parameters = solution.problem.parameters
@@ -204,9 +213,8 @@ def open_directions(solution: Solution, covariance: np.ndarray) -> tuple[dict[st
     spread, direction = np.linalg.eigh(covariance[np.ix_(free, free)] / np.outer(size, size))
     found = []
     for variance, column in zip(spread[::-1], direction.T[::-1], strict=True):
-        several = np.flatnonzero(np.abs(column) > 0.2)
-        # relative standard error above which a direction counts as undetermined
-        if variance > 1.0 and len(several) > 1:
+        several = np.flatnonzero(np.abs(column) > NOTABLE_SHARE)
+        if variance > UNDETERMINED**2 and len(several) > 1:
             column = column / np.abs(column).max()
             found.append({parameters[free[j]].name: float(column[j]) for j in several})
     return tuple(found)

@@ -203,16 +203,16 @@ def cut(
         spans: to cut; default: each run as a whole.
     """
     steps = max(1, int(length / dt + 1e-6))
-    length = steps * dt
+    whole = steps * dt
     if not spans:
         spans = [Span(i, float(trace.t[0]), float(trace.t[-1]) + trace.interval) for i, trace in enumerate(traces)]
     pieces = []
     for i, low, high in spans:
-        count = int((high - low) / length + 1e-6)
-        pieces += [Piece(i, low + k * length, steps, k > 0) for k in range(count)]
-        rest = int((high - low - count * length) / dt + 1e-6)
+        count = int((high - low) / whole + 1e-6)
+        pieces += [Piece(i, low + k * whole, steps, k > 0) for k in range(count)]
+        rest = int((high - low - count * whole) / dt + 1e-6)
         if count and rest * dt >= FEWEST_FRAMES * traces[i].interval * (1 - 1e-6):
-            pieces.append(Piece(i, low + count * length, rest, True))
+            pieces.append(Piece(i, low + count * whole, rest, True))
     if not pieces:
         longest = max((high - low for _, low, high in spans), default=0.0)
         raise SceneError(f"window: {length:g} s is longer than the trace; allowed: at most {longest:g} s")
@@ -223,12 +223,7 @@ def fill(traces: Sequence[Trace], pieces: Sequence[Piece], dt: float, sigma: Seq
     """Windows of these pieces with the samples that lie in them."""
     parts = [_all_samples(traces[p.run], p.begin, p.steps, dt, sigma[p.run]) for p in pieces]
     slots = max(len(part[0]) for part in parts)
-    samples = []
-    for column in zip(*parts, strict=True):
-        samples.append(np.zeros((len(parts), slots, *column[0].shape[1:]), column[0].dtype))
-        for row, a in zip(samples[-1], column, strict=True):
-            row[: len(a)] = a
-    theta, weight, index, fraction = samples
+    theta, weight, index, fraction = (_pad_rows(column, slots) for column in zip(*parts, strict=True))
     run, begin, steps, follows = (np.array(column) for column in zip(*pieces, strict=True))
     released = np.zeros(len(begin), bool)
     most = int(steps.max())
@@ -240,6 +235,14 @@ def fill(traces: Sequence[Trace], pieces: Sequence[Piece], dt: float, sigma: Seq
         raise SceneError("window: no window has two samples of every link. Use longer windows or denser traces")
     if empty.any():
         return found.exclude(empty)
+    return found
+
+
+def _pad_rows(rows: Sequence[np.ndarray], slots: int) -> np.ndarray:
+    """Arrays (S_k, ...) as rows (K, slots, ...) of one, the rest zero."""
+    found = np.zeros((len(rows), slots, *rows[0].shape[1:]), rows[0].dtype)
+    for row, values in zip(found, rows, strict=True):
+        row[: len(values)] = values
     return found
 
 
@@ -283,7 +286,8 @@ LONGEST_PART = 0.125
 
 
 def longest_window(freedoms: int, length: float, span: float, shortest: float) -> float:
-    """Longest window [s]: one second per 0.1 m link of a chain; long where chaos is impossible."""
+    """Longest window [s]: a part of the span [s]; of a chain also one second for links of 0.1 m, growing as the root of
+    their length [m], because it may be chaotic."""
     longest = min(LONGEST, LONGEST_PART * span)
     if freedoms > 1:  # one angle cannot be chaotic
         longest = min(longest, float(np.sqrt(length / 0.1)))
@@ -375,11 +379,11 @@ def local_motion(t: np.ndarray, theta: np.ndarray, at: float, sigma: np.ndarray,
     samples (NaN) are skipped.
     """
     found = np.full((theta.shape[1], 2), np.nan)
-    by_frames: dict[bytes, list[int]] = {}  # links that were seen in the same frames
-    for j, known in enumerate(np.isfinite(theta).T):
-        by_frames.setdefault(known.tobytes(), []).append(j)
-    for columns in map(np.array, by_frames.values()):
-        frames = np.flatnonzero(np.isfinite(theta[:, columns[0]]))
+    known = np.isfinite(theta)
+    for seen in np.unique(known, axis=1).T:
+        # links that were seen in the same frames
+        columns = np.flatnonzero((known == seen[:, None]).all(axis=0))
+        frames = np.flatnonzero(seen)
         x = t[frames] - at
         distance = np.sort(np.abs(x))
         shortest = distance[min(DEGREE + 1, len(x) - 1)] * (1 + 1e-9)

@@ -6,9 +6,13 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from fitting.from_file.motion import LinkMotion
-from fitting.from_file.swing import PER_PERIOD, half_range, main_period, unit_of_angle
+from fitting.from_file.pendulum import PER_PERIOD, half_range, main_period, unit_of_angle
 from fitting.traces.trace import RADIANS, unwrap
 
+#: Units of angles by the size of their full turn; any other full turn is that of an encoder's counts.
+UNIT_OF_TURN = {360.0: "deg", 2 * np.pi: "rad"}
+#: Full turns of angles and of usual encoders, in their units.
+FULL_TURNS = np.array([*UNIT_OF_TURN, *2.0 ** np.arange(8, 25), 1000.0, 2000.0, 4000.0, 10000.0])
 #: Range of whole numbers above which they are not degrees.
 LARGEST_DEGREES = 400.0
 #: Minimum fraction of the rows of a log of steps that differ from the last one, and, after a pause, by one step.
@@ -28,45 +32,38 @@ def read_angles(file: str, t: np.ndarray, raw: np.ndarray, unit: str | None, cou
     """Angles of columns (k, n) in the file's unit.
 
     Args:
-        unit: by name or as the user gives it; None: from the motion.
+        unit: by name or as the user gives it; None: from the values and the motion.
         counts: of an encoder per turn, if known.
 
     Raises:
         SceneError: counts without their number per turn, an undecided unit.
     """
     notes = []
-    turn = wrap_of(raw)
+    turn = full_turn(raw)
     step = max(step_of(column) for column in raw.T)
-    known = raw[np.isfinite(raw)]
-    is_integer = np.all(known == np.round(known)) and step >= 1.0
-    reach = np.nanmax(raw, axis=0) - np.nanmin(raw, axis=0)
-    if unit is None and (counts is not None or (is_integer and reach.max() > LARGEST_DEGREES)):
-        unit = "counts"
+    is_named = unit is not None
+    if unit is None:
+        unit = unit_of_values(raw, turn, step, counts)
+    theta = raw
     if unit == "counts":
         turn = counts or turn
         if turn is None:
             raise SceneError(f"{file}: the angle is in counts of an encoder. Give the counts per turn: --counts 4096")
         notes.append(f"angle in counts, {turn:g} per turn")
         size = 2 * np.pi / turn
-    elif unit is None and turn is not None:
-        unit = "rad"
-        if turn > 300:
-            unit = "deg"
-        notes.append(f"angle in {unit}, as its wraps of {turn:.4g} show")
-        size = RADIANS[unit]
-    else:
-        size = RADIANS.get(unit or "", 0.0)
-        turn = 2 * np.pi / size if size else None
-    theta = raw
-    if turn:
         theta = unwrap(raw, turn)
-    if theta.shape[1] == 1 and is_log_of_steps(t, theta[:, 0], step):
+    elif unit is not None:
+        if not is_named:
+            notes.append(f"angle in {unit}, as its wraps of {turn:.4g} show")
+        size = RADIANS[unit]
+        theta = unwrap(raw, 2 * np.pi / size)
+    is_log = theta.shape[1] == 1 and is_log_of_steps(t, theta[:, 0], step)
+    if is_log:
         # a row is written where the reading changes: the angle is then between the two readings, also if the encoder
         # is read at fixed times, then half an interval earlier
         theta = 0.5 * (theta[1:] + theta[:-1])
         t = t[1:]
         notes.append("a row at each step of the encoder: read as the middle of the step")
-        step = 0.0
     elif theta.shape[1] == 1 and is_stepped(t, theta[:, 0], step):
         t, theta = changes_of(t, theta)
         notes.append("most rows repeat the reading: read where it changes, as the middle of the step")
@@ -74,11 +71,23 @@ def read_angles(file: str, t: np.ndarray, raw: np.ndarray, unit: str | None, cou
         unit, why = decide_unit(file, t, theta)
         notes.append(f"angle in {unit}: {why}")
         size = RADIANS[unit]
-    elif unit in RADIANS and not notes:
+    elif not notes:
         notes.append(f"angle in {unit}{contradiction(t, theta, unit)}")
-    if step:
+    if step and not is_log:
         notes.append(f"readings in steps of {step * size:.3g} rad")
     return LinkMotion(t, size * theta, tuple(notes))
+
+
+def unit_of_values(raw: np.ndarray, turn: float | None, step: float, counts: float | None) -> str | None:
+    """Unit of angles (k, n) that wrap at this full turn, or of readings that can only be counts; None if undecided."""
+    known = raw[np.isfinite(raw)]
+    is_whole = step >= 1.0 and np.all(known == np.round(known))
+    reach = np.max(np.nanmax(raw, axis=0) - np.nanmin(raw, axis=0))
+    if counts is not None or (is_whole and reach > LARGEST_DEGREES):
+        return "counts"
+    if turn is None:
+        return None
+    return UNIT_OF_TURN.get(turn, "counts")
 
 
 def contradiction(t: np.ndarray, theta: np.ndarray, unit: str) -> str:
@@ -111,17 +120,21 @@ def decide_unit(file: str, t: np.ndarray, theta: np.ndarray) -> tuple[str, str]:
     return unit, "the period grows with the amplitude as in this unit"
 
 
-def wrap_of(raw: np.ndarray) -> float | None:
-    """Size of the jumps of a wrapped angle in its unit; None if it has none."""
+def full_turn(raw: np.ndarray) -> float | None:
+    """Full turn at which angles (k, n) wrap, in their unit; None if they do not wrap."""
     jumps = np.concatenate([np.abs(np.diff(column[np.isfinite(column)])) for column in raw.T])
     reach = float(np.nanmax(raw) - np.nanmin(raw))
-    large = jumps[jumps > 0.8 * reach]
+    is_wrap = jumps > 0.8 * reach
+    large = jumps[is_wrap]
     usual = np.quantile(jumps, 0.9)
     if not len(large) or len(large) > 0.1 * len(jumps) or np.median(large) < 10 * usual:
         return None
-    for turn in (360.0, 2 * np.pi, *(2.0**n for n in range(8, 25)), 1000.0, 2000.0, 4000.0, 10000.0):
-        if np.all(np.abs(large - turn) < max(0.1 * turn, 3 * usual)) and 0.9 * turn < reach <= 1.001 * turn:
-            return turn
+    # a wrap is a full turn less the motion from row to row, which the rows before and after it show
+    motion = np.convolve(np.where(is_wrap, 0.0, jumps), [0.5, 0.0, 0.5], "same")
+    size = np.median((jumps + motion)[is_wrap])
+    turn = FULL_TURNS[np.argmin(np.abs(FULL_TURNS - size))]
+    if np.all(np.abs(large - turn) < max(0.1 * turn, 3 * usual)) and 0.9 * turn < reach <= 1.001 * turn:
+        return float(turn)
     return None
 
 

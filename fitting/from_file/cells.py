@@ -19,10 +19,14 @@ from fitting.traces.lines import read_lines
 #: Rows that decide between separators, and the fraction of their cells that must be numbers.
 TRIED = 200
 NUMBERS = 0.5
+#: Weight of a separator that gives a single column.
+ONE_COLUMN = 0.5
 #: What a file without samples lacks.
 NO_ROWS = "has fewer than two rows of numbers. Give a text file with a row per sample: time and angle"
 #: Text of a missing sample.
 MISSING = ("", "nan", "na", "n/a", "null", "none", "-", "--", "inf", "-inf", "#n/a", "#nv")
+#: Seconds of a day.
+DAY = 86400.0
 #: Hours, minutes and seconds, after a date or alone.
 CLOCK = re.compile(r"(?:\d{4}-\d\d-\d\d[T ])?(\d{1,2}):(\d\d):(\d\d(?:[.,]\d+)?)(?:Z|[+-]\d\d:?\d\d)?")
 
@@ -74,12 +78,24 @@ def read_cells(path: Path) -> Cells:
             before.append(row)
     values = np.array([number(cell, comma) for row in samples for cell in row]).reshape(-1, width)
     clock = tuple(map(is_clock, zip(*samples[:10], strict=True)))
+    for column in np.flatnonzero(clock):
+        values[:, column] = after_midnight(values[:, column])
     return Cells(path.name, tuple(comments), names_of(before, width), values, clock)
 
 
 def is_clock(column: Sequence[str]) -> bool:
     """Whether a cell of a column is a time of day."""
     return any(CLOCK.fullmatch(cell.strip()) for cell in column)
+
+
+def after_midnight(times: np.ndarray) -> np.ndarray:
+    """Times of day (rows,) [s], of which those after a midnight continue from those before it; NaN is missing."""
+    times = times.copy()
+    known = np.isfinite(times)
+    steps = np.diff(times[known], prepend=times[known][:1])
+    # a second run on the same day starts less than half a day before the end of the first
+    times[known] += DAY * np.cumsum(steps < -0.5 * DAY)
+    return times
 
 
 def separator_of(file: str, lines: Sequence[str]) -> tuple[str | None, bool]:
@@ -96,8 +112,10 @@ def separator_of(file: str, lines: Sequence[str]) -> tuple[str | None, bool]:
         width = max(map(len, rows))
         decimals = comma and any(re.fullmatch(r"\s*[+-]?\d*,\d+\s*", cell) for row in rows for cell in row)
         good = [row for row in rows if len(row) == width and is_sample(row, decimals)]
-        score = len(good) / len(rows) * (width > 1 or 0.5)
-        if score > NUMBERS / 2 and (best is None or score > best[0]):
+        score = len(good) / len(rows)
+        if width == 1:
+            score *= ONE_COLUMN
+        if score > NUMBERS * ONE_COLUMN and (best is None or score > best[0]):
             best = score, separator, bool(decimals)
     if best is None:
         raise SceneError(f"{file}: {NO_ROWS}")

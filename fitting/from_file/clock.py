@@ -23,8 +23,8 @@ class Rows:
 
     Attributes:
         t: (k,) in the unit of the file, from the first row on.
-        start: time of the first row in the unit of the file.
         values: (k, columns).
+        start: time of the first row in the unit of the file.
         notes: what was left out.
     """
 

@@ -6,6 +6,7 @@ import re
 import unicodedata
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 
@@ -15,27 +16,27 @@ from fitting.from_file.cells import Cells
 from fitting.traces.csv_table import NAMED
 
 
-def words(text: str) -> frozenset[str]:
+def word_set(text: str) -> frozenset[str]:
     """The words of a text."""
     return frozenset(text.split())
 
 
 #: Words of names, without accents: English, German, French, Spanish, Italian, Portuguese, Dutch, Nordic, Polish, Czech,
 #: Finnish, Chinese, Japanese.
-TIME = words(
+TIME = word_set(
     """
     t time timestamp elapsed clock seconds millis zeit uhrzeit temps heure tiempo hora tempo tijd tid czas cas aika
     sekunden sec msec 时间 時間 時刻
     """
 )
-FRAME = words("frame frames bild bildnummer image cuadro fotogramma quadro beeld klatka snimek index idx")
-ANGLE = words(
+FRAME = word_set("frame frames bild bildnummer image cuadro fotogramma quadro beeld klatka snimek index idx")
+ANGLE = word_set(
     """
     theta angle angles winkel angulo angolo hoek vinkel kat uhel kulma phi alpha encoder counts count ticks
     deflection auslenkung inclination θ φ α 角度 deg rad
     """
 )
-RATE = words(
+RATE = word_set(
     """
     omega velocity vel v vx vy speed rate acc acceleration a ax ay geschwindigkeit vitesse velocidad velocita w ω se
     sigma error
@@ -44,17 +45,17 @@ RATE = words(
 AXES = {"x": "x", "u": "x", "y": "y", "z": "y", "v": "y"}
 #: Units by their words: what is measured, and the unit.
 TIME_UNITS = {
-    **dict.fromkeys(("s", "sec", "secs", "second", "seconds", "sekunden", "secondes", "segundos"), "s"),
-    **dict.fromkeys(("ms", "msec", "millis", "milliseconds", "millisekunden"), "ms"),
-    **dict.fromkeys(("us", "µs", "μs", "usec", "micros", "microseconds"), "us"),
+    **dict.fromkeys(word_set("s sec secs second seconds sekunden secondes segundos"), "s"),
+    **dict.fromkeys(word_set("ms msec millis milliseconds millisekunden"), "ms"),
+    **dict.fromkeys(word_set("us µs μs usec micros microseconds"), "us"),
 }
 ANGLE_UNITS = {
-    **dict.fromkeys(("deg", "degs", "degree", "degrees", "grad", "°", "º", "grados", "gradi", "degres"), "deg"),
-    **dict.fromkeys(("rad", "rads", "radian", "radians", "radianti", "radianes"), "rad"),
+    **dict.fromkeys(word_set("deg degs degree degrees grad ° º grados gradi degres"), "deg"),
+    **dict.fromkeys(word_set("rad rads radian radians radianti radianes"), "rad"),
     "mrad": "mrad",
-    **dict.fromkeys(("counts", "count", "ticks", "pulses", "steps", "inkremente"), "counts"),
+    **dict.fromkeys(word_set("counts count ticks pulses steps inkremente"), "counts"),
 }
-LENGTH_UNITS = {"m": "m", "cm": "cm", "mm": "mm", "px": "px", "pixel": "px", "pixels": "px", "pix": "px"}
+LENGTH_UNITS = {"m": "m", "cm": "cm", "mm": "mm", **dict.fromkeys(word_set("px pixel pixels pix"), "px")}
 UNITS = {**TIME_UNITS, **ANGLE_UNITS, **LENGTH_UNITS}
 #: Frame rates in comments.
 FPS = re.compile(
@@ -135,11 +136,12 @@ def parse_name(name: str) -> tuple[tuple[str, ...], str | None]:
     return tuple(words), unit
 
 
-def find_columns(cells: Cells, given: Mapping[str, str] | None = None) -> Columns:
+def find_columns(cells: Cells, given: Mapping[str, str] | None = None, rate: float | None = None) -> Columns:
     """The columns of time and of angles or points.
 
     Args:
         given: by `time`, `theta_1`, `x_1`, `y_1` ..., the names of columns.
+        rate: rows per second [1/s] as the user gives them; a file may then have no column of times.
 
     Raises:
         SceneError: no time, nothing that moves, or several columns that may be the angle.
@@ -148,11 +150,8 @@ def find_columns(cells: Cells, given: Mapping[str, str] | None = None) -> Column
     columns = []
     for name, values, is_clock in zip(cells.names, cells.values.T, cells.clock, strict=True):
         columns.append(Column(name, *parse_name(name), values, is_clock))
-    if len(columns) == 1:
-        if given is None and not fps_of(cells):
-            advice = "Give time and angle, or --rate with the rows per second of a film"
-            raise SceneError(f"{file}: has one column. {advice}")
-        raise SceneError(f"{file}: has one column of numbers")
+    if len(columns) == 1 and rate is None and fps_of(cells) is None:
+        raise SceneError(f"{file}: has one column. Give time and angle, or --rate with the rows per second of a film")
     if given:
         return given_columns(cells, columns, given)
     time = time_column(file, columns)
@@ -178,13 +177,20 @@ def given_columns(cells: Cells, columns: Sequence[Column], given: Mapping[str, s
         if role == "t":
             role = "time"
         where[role] = columns[cells.names.index(name)]
-    time = where.get("time", time_column(cells.file, columns))
-    angles = [where[role] for role in sorted(where) if role.startswith("theta")]
+    time = where.pop("time", None)
+    if time is None:
+        time = time_column(cells.file, columns)
+    angles = []
     points = []
-    for k in sorted({role[2:] for role in where if role[:2] in ("x_", "y_")}, key=int):
-        if f"x_{k}" not in where or f"y_{k}" not in where:
-            raise SceneError(f"columns: point {k} needs both x_{k} and y_{k}")
-        points.append((where[f"x_{k}"], where[f"y_{k}"]))
+    for number in sorted({int(role.split("_")[1]) for role in where}):
+        x = where.get(f"x_{number}")
+        y = where.get(f"y_{number}")
+        if f"theta_{number}" in where:
+            angles.append(where[f"theta_{number}"])
+        if x is not None and y is not None:
+            points.append((x, y))
+        elif x is not None or y is not None:
+            raise SceneError(f"columns: point {number} needs both x_{number} and y_{number}")
     return describe(cells, time, angles, points)
 
 
@@ -205,14 +211,14 @@ def describe(
     what = [column.name for column in angles] or [f"({x.name}, {y.name})" for x, y in points]
     kind = "angles" if angles else "points"
     return Columns(
-        time,
-        time_unit,
-        fps_of(cells),
-        angles,
-        common_unit(angles, ANGLE_UNITS),
-        points,
-        common_unit([column for pair in points for column in pair], LENGTH_UNITS),
-        (f"{note}{kind} from {', '.join(what)}",),
+        time=time,
+        time_unit=time_unit,
+        rate=fps_of(cells),
+        angles=angles,
+        angle_unit=common_unit(angles, ANGLE_UNITS),
+        points=points,
+        length_unit=common_unit(list(chain.from_iterable(points)), LENGTH_UNITS),
+        notes=(f"{note}{kind} from {', '.join(what)}",),
     )
 
 
@@ -310,12 +316,12 @@ def without_copies(columns: Sequence[Column]) -> list[Column]:
     """The columns without those that are another one in another unit."""
     found: list[Column] = []
     for column in columns:
-        if not any(alike(column.values, other.values) for other in found):
+        if not any(are_proportional(column.values, other.values) for other in found):
             found.append(column)
     return found
 
 
-def alike(one: np.ndarray, other: np.ndarray) -> bool:
-    """Whether two columns are the same motion in two units."""
+def are_proportional(one: np.ndarray, other: np.ndarray) -> bool:
+    """Whether two columns are the same motion in two units, or about two zeros."""
     known = np.isfinite(one) & np.isfinite(other)
     return known.sum() >= 10 and abs(np.corrcoef(one[known], other[known])[0, 1]) > 0.99999

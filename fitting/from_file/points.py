@@ -60,7 +60,7 @@ class Body:
     @cached_property
     def direction(self) -> np.ndarray:
         """(k,), of size 1."""
-        return unit(self.arm)
+        return directions_of(self.arm)
 
 
 class Chain(NamedTuple):
@@ -92,7 +92,7 @@ def read_points(file: str, t: np.ndarray, points: np.ndarray) -> LinkMotion:
         notes.append(f"order of the points from the pivot on: {', '.join(str(i + 1) for i in order)}")
     notes.append(f"pivot at ({chain.pivot.real:.4g}, {chain.pivot.imag:.4g})")
     reaches, lengths = links_of(chain)
-    theta = unwrap(np.angle(unit(reaches)))
+    theta = unwrap(np.angle(directions_of(reaches)))
     down = resting_direction(theta)
     theta -= down + 2 * np.pi * np.round((np.nanmedian(theta, axis=0) - down) / (2 * np.pi))  # each link hangs at rest
     joint = (chain.joints[-1] - chain.pivot) * np.exp(-1j * down)
@@ -206,7 +206,7 @@ def with_point(body: Body, point: np.ndarray, start: np.ndarray) -> Body:
     return Body(point, point - start, point)
 
 
-def unit(reach: np.ndarray) -> np.ndarray:
+def directions_of(reach: np.ndarray) -> np.ndarray:
     """Directions of size 1 of complex numbers; NaN where the film misses a point, or two points coincide."""
     size = np.abs(reach)
     direction = np.full_like(reach, np.nan)
@@ -242,7 +242,7 @@ def spread_of(deviations: np.ndarray) -> float:
 
 def turns_with(link: np.ndarray, body: Body, sigma: float) -> bool:
     """Whether a direction (k,) turns with a body."""
-    apart = np.angle(unit(link) * body.direction.conj())
+    apart = np.angle(directions_of(link) * body.direction.conj())
     apart = np.angle(np.exp(1j * (apart - np.angle(np.nanmean(np.exp(1j * apart))))))
     own = np.angle(body.direction / np.nanmean(body.direction))
     noise = np.sqrt(2) * sigma * np.hypot(1 / np.nanmedian(np.abs(link)), 1 / np.nanmedian(np.abs(body.arm)))
@@ -300,7 +300,7 @@ def is_far(pivot: complex, points: Sequence[np.ndarray]) -> bool:
 
 def pivot_of_pair(one: np.ndarray, other: np.ndarray, near: complex, sigma: float) -> complex:
     """Pivot c of a link with two points: `one + w e = c`; the centre near them where they do not turn about it."""
-    direction = unit(other - one)
+    direction = directions_of(other - one)
     if not turns_with(other - one, Body(one, one - near, one), sigma):
         return near
     known = np.isfinite(direction) & np.isfinite(one)

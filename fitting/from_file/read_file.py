@@ -17,8 +17,9 @@ from fitting.from_file.cells import Cells, read_cells
 from fitting.from_file.clock import Rows, ordered_rows, unit_of_time
 from fitting.from_file.columns import Columns, find_columns
 from fitting.from_file.motion import LinkMotion
+from fitting.from_file.pendulum import gravity_of_last_link, main_period
 from fitting.from_file.points import read_points
-from fitting.from_file.swing import Swing, find_swing, gravity_of_last_link, main_period
+from fitting.from_file.swing import Swing, find_swing
 from fitting.from_file.thinning import thin
 from fitting.traces.noise import noise, without_spikes
 from fitting.traces.planar import pendulum_period
@@ -105,7 +106,7 @@ def read_measured(path: str | Path, given: FileOptions = NO_OPTIONS, links: int 
     """
     path = Path(path)
     cells = read_cells(path)
-    columns = find_columns(cells, given.columns)
+    columns = find_columns(cells, given.columns, given.rate)
     rows = _used_rows(cells, columns)
     motion = _read_motion(cells, columns, rows, given)
     count = motion.theta.shape[1]
@@ -286,7 +287,7 @@ def _given_lengths(file: str, lengths: np.ndarray, count: int, period: float) ->
     """
     if len(lengths) != count:
         raise SceneError(f"--lengths: {len(lengths)} values; {file} shows {count} links")
-    expected = 2 * np.pi * np.sqrt(np.sum(lengths) / GRAVITY)
+    expected = pendulum_period(np.sum(lengths))
     if not 1 / PERIOD_RATIO < expected / period < PERIOD_RATIO:
         given = ", ".join(f"{length:g}" for length in lengths)
         raise SceneError(

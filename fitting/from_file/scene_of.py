@@ -53,7 +53,7 @@ def propose_scene(measured: MeasuredFile, given: FileOptions) -> Table:
     fit: Table = {"free": free}
     if priors:
         fit["prior"] = priors
-    start = next(row for row in measured.trace.theta if np.isfinite(row).all())
+    start = measured.trace.at(measured.trace.t[:1])[0]
     return {
         "description": f"Proposed by `dropper fit` for {measured.trace.name}.",
         "run": {"dt": float(np.round(pendulum_period(lengths) / 200, 6)), "duration": 10.0},

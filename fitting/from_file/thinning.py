@@ -30,8 +30,8 @@ def thin(t: np.ndarray, theta: np.ndarray, period: float) -> tuple[np.ndarray, n
     The first and the last mean, whose curvature is not known, are left out.
     """
     interval = float(np.median(np.diff(t)))
-    rows = (t[-1] - t[0]) / len(t)
-    if period / rows < THINNED_FROM and period / interval < THINNED_FROM:
+    mean_interval = (t[-1] - t[0]) / len(t)
+    if period / mean_interval < THINNED_FROM and period / interval < THINNED_FROM:
         return t, theta, 1
     if np.ptp(np.diff(t)) < EVEN * interval:
         many = max(1, int(period / PER_PERIOD / interval))

@@ -89,7 +89,7 @@ def per_mass(unit: str) -> str:
         "kg/m": "1/m",
         "N m": "m^2/s^2",
         "N m s/rad": "m^2/s",
-        "N m^2": "m^4/s^2",
+        "N m^2": "m^3/s^2",
     }.get(unit, f"{unit}/kg")
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
@@ -23,24 +22,30 @@ def fitted_scene(scene: Scene, model: Model, parameters: Sequence[Parameter], va
     Args:
         model: the fitted one.
     """
-    scale_last = sorted(zip(parameters, values, strict=True), key=lambda pair: isinstance(pair[0].where, RigScale))
-    for p, value in scale_last:
-        where = p.where
-        if scene.branched and isinstance(where, ModelTarget) and where.section == "lines":
-            scene = _of_all_lines(scene, where, float(value))
-            continue
-        if isinstance(where, RigScale):
-            scene = _scaled(scene, model, float(value))
-            continue
-        try:
-            scene.value(p.name)
-        except SceneError:
-            if isinstance(where, ModelTarget):
-                whole = np.asarray(getattr(getattr(model, where.section)[where.index], where.field), float)
-                scene = scene.with_values({ScenePath(p.name).stem: whole.tolist()})
+    scale = None
+    for p, value in zip(parameters, values, strict=True):
+        if isinstance(p.where, RigScale):
+            scale = float(value)
         else:
-            scene = scene.with_values({p.name: float(value)})
+            scene = _with_value(scene, model, p, float(value))
+    if scale is not None:
+        scene = _scaled(scene, model, scale)
     return scene
+
+
+def _with_value(scene: Scene, model: Model, p: Parameter, value: float) -> Scene:
+    """The scene with the value of a parameter, unchanged if it has no such number."""
+    where = p.where
+    if scene.branched and isinstance(where, ModelTarget) and where.section == "lines":
+        return _of_all_lines(scene, where, value)
+    try:
+        scene.value(p.name)
+    except SceneError:
+        if not isinstance(where, ModelTarget):
+            return scene
+        whole = np.asarray(getattr(getattr(model, where.section)[where.index], where.field), float)
+        return scene.with_values({ScenePath(p.name).stem: whole.tolist()})
+    return scene.with_values({p.name: value})
 
 
 def _scaled(scene: Scene, model: Model, scale: float) -> Scene:
@@ -48,13 +53,13 @@ def _scaled(scene: Scene, model: Model, scale: float) -> Scene:
 
     A line that is specified by the metre has its whole length scaled, so that its mass grows with it.
     """
-    found: dict[str, Any] = {}
+    positions = {}
     for i, point in enumerate(scene.points):
-        found[f"point.{i}.position"] = (scale * np.asarray(point.position, float)).tolist()
-    scene = scene.with_values(found)
+        positions[f"point.{i}.position"] = (scale * np.asarray(point.position, float)).tolist()
+    scene = scene.with_values(positions)
     ends = np.cumsum([line.links for line in scene.lines])
     for i, (line, end) in enumerate(zip(scene.lines, ends, strict=True)):
-        lengths: dict[str, Any] = {}
+        lengths = {}
         for field in ("length", "centre_of_mass", "inertia"):
             whole = getattr(model.line, field)
             if whole is not None:

@@ -38,8 +38,8 @@ def default_free(scene: Scene) -> list[str]:
 
 
 def default_rig(scene: Scene) -> list[str]:
-    """What a ruler and a hand leave open: a factor of all lengths and the zero of the angles; none if `[fit]` lists
-    what is free, or without weight, which shows the lengths.
+    """Parameters that are uncertain after a rig is measured and mounted by hand: a factor of all lengths, and the zero
+    of the angles. None if `[fit]` lists what is free, or without weight, which shows the lengths.
     """
     if (scene.fit is not None and scene.fit.free) or "weight" not in scene.effects:
         return []
@@ -112,7 +112,9 @@ def _full_name(name: str, names: Sequence[str], option: str) -> str:
     own = [p for p in names if ScenePath(p).section != "parameters"]
     found: list[str] = []
     for group in (own, DAMPING_PATHS, names):
-        found = found or [p for p in group if ScenePath(p).key == stem]
+        found = [p for p in group if ScenePath(p).key == stem]
+        if found:
+            break
     if len(found) != 1:
         short = sorted({ScenePath(p).key for p in [*names, *DAMPING_PATHS]})
         raise SceneError(f"{option}: {name!r} does not exist in the scene; {nearest(stem, short + names)}")

@@ -104,6 +104,6 @@ def clock_rate(parameters: Sequence[Parameter], values: Array) -> Array | None:
     return next((values[i] for i, p in enumerate(parameters) if isinstance(p.where, ClockTarget)), None)
 
 
-def losses(parameters: Sequence[Parameter]) -> dict[int, LostTarget]:
-    """The parameters that are lost times, by their numbers in order."""
+def lost_frames(parameters: Sequence[Parameter]) -> dict[int, LostTarget]:
+    """The parameters that are times of lost frames, by their numbers in order."""
     return {i: p.where for i, p in enumerate(parameters) if isinstance(p.where, LostTarget)}

@@ -46,7 +46,7 @@ Priors = Mapping[str, tuple[float, float]]
 #: What is given by path.
 Given = TypeVar("Given")
 
-#: Step size of a parameter that starts at zero [its own unit], unless its prior gives one.
+#: Typical size of a parameter that starts at zero [its own unit], by its field.
 SIZES_AT_ZERO = {
     "b_l": 1e-3,
     "b_q": 1e-3,
@@ -131,7 +131,7 @@ def adjust_parameters(
         wider: whether bounds may lie outside the parameters' own, which are a guess.
 
     Raises:
-        SceneError: a path that is not free, an empty interval, a start outside it, a prior without width.
+        SceneError: a path that is not free, an empty interval, a start outside it, a prior without mean or width.
     """
     known = [p.name for p in parameters]
     given_starts = _for_each("start", start, known)
@@ -178,7 +178,9 @@ def _adjust(p: Parameter, start: StartValues, bounds: Bounds, priors: Priors, wi
         allowed = limits({"low": low, "high": high, "unit": p.unit})
         raise SceneError(f"start: {p.name} = {value:g} is out of bounds; allowed: {allowed}")
     prior = priors.get(p.name, p.prior)
-    if prior is not None and not (0 < prior[1] < np.inf and np.isfinite(prior[0])):
+    if prior is not None and not np.isfinite(prior[0]):
+        raise SceneError(f"prior: {p.name!r} has mean {prior[0]:g}; allowed: a number")
+    if prior is not None and not 0 < prior[1] < np.inf:
         allowed = limits({"above": 0.0, "unit": p.unit})
         raise SceneError(f"prior: {p.name!r} has standard deviation {prior[1]:g}; allowed: {allowed}")
     return replace(p, value=value, low=low, high=high, prior=prior)

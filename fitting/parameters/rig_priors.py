@@ -19,7 +19,7 @@ from fitting.parameters.paths import resolve
 
 
 @dataclass(frozen=True)
-class Common:
+class CommonPrior:
     """A prior of a mean relative change: `share . values` is 1 with standard deviation `sigma`."""
 
     share: np.ndarray
@@ -32,12 +32,12 @@ class JointPrior:
 
     Attributes:
         common: priors of several of them.
-        carried: standard deviation of the scale of mass, which traces of angles cannot determine.
+        carried: relative standard deviation of the scale of mass, which traces of angles cannot determine.
         massive: power of mass in every parameter's unit (k,).
         doubt: moves of the parameters (k,) by indistinguishable candidates, each one standard deviation.
     """
 
-    common: tuple[Common, ...] = ()
+    common: tuple[CommonPrior, ...] = ()
     carried: float = 0.0
     massive: np.ndarray | None = None
     doubt: tuple[np.ndarray, ...] = ()
@@ -74,7 +74,7 @@ def rig_priors(scene: Scene, model: Model, parameters: Sequence[Parameter]) -> t
         elif mine:
             share = np.zeros(len(found))
             share[mine] = [1 / (len(mine) * _nonzero(found[j], option)) for j in mine]
-            common.append(Common(share, prior.in_si_units[0]))
+            common.append(CommonPrior(share, prior.in_si_units[0]))
         elif all(p.unit == "kg" for p in known):
             carried = float(np.hypot(carried, prior.in_si_units[0]))
     massive = np.array([float(power_of_mass(p.unit)) for p in found])
@@ -90,9 +90,14 @@ def _resolve_prior(scene: Scene, model: Model, of: str, option: str) -> Sequence
 
 
 def power_of_mass(unit: str) -> int:
-    """1 for a unit proportional to the unit of mass, such as `kg/s` and `N m`; otherwise 0."""
-    above = unit.split("/")[0].split()
-    return int(any(word.split("^")[0] in ("kg", "N", "Pa", "J") for word in above))
+    """Power of mass in a unit: 1 of `kg/s` and `N m`, 0 of `m` and `kg/kg`."""
+    above, _, below = unit.partition("/")
+    return _has_mass(above) - _has_mass(below)
+
+
+def _has_mass(units: str) -> bool:
+    """Whether a product of units, such as `N m^2`, contains one that is proportional to that of mass."""
+    return any(word.split("^")[0] in ("kg", "N", "Pa", "J") for word in units.split())
 
 
 def _width(prior: PriorSpec, p: Parameter, path: str) -> float:

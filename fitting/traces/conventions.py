@@ -105,7 +105,7 @@ def _shift_frames(theta: np.ndarray, by: int) -> np.ndarray:
 
 
 def units(named: Convention) -> Iterator[Change]:
-    """The unit that is not the named one."""
+    """Angles in the unit that is not the stated one."""
     if named.unit == "deg":
         yield Change("the unit is rad", "--unit rad", np.degrees)
     else:

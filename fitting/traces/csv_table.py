@@ -155,6 +155,8 @@ def check_times(name: str, t: np.ndarray) -> None:
         raise SceneError(f"{name}: t: {t[row - 1]:g} s in row {row} {what}")
 
 
+#: Number of exact repetitions from which a value may be a mark of missing samples.
+FEWEST_MARKS = 3
 #: Distance of a mark from the line through its neighbours, in typical distances of the column.
 FAR_VALUE = 20.0
 #: The same as a fraction of the range of its values: a coarse encoder at rest toggles between neighbours.
@@ -166,14 +168,12 @@ def placeholder(values: np.ndarray) -> float | None:
 
     It is repeated exactly, and most of its repetitions lie far off the samples before and after them.
     """
-    # number of exact repetitions above which a value may be a mark of missing samples
-    repeated = 3
     known = np.flatnonzero(np.isfinite(values))
     found, count = np.unique(values[known], return_counts=True)
-    for value in found[np.argsort(-count)][: np.sum(count >= repeated)]:
+    for value in found[np.argsort(-count)][: np.sum(count >= FEWEST_MARKS)]:
         mark = known[values[known] == value]
         others = known[values[known] != value]
-        if len(others) < repeated:
+        if len(others) < FEWEST_MARKS:
             continue
         off = np.abs(value - np.interp(mark, others, values[others]))
         inner = np.abs(values[others[1:-1]] - 0.5 * (values[others[:-2]] + values[others[2:]]))

@@ -67,6 +67,9 @@ def without_spikes(trace: Trace) -> Trace:
     return replace(trace, theta=theta)
 
 
+#: Noise [rad] of links with too few samples to show it, and the minimum, whose square keeps its digits.
+UNKNOWN_NOISE = 1e-3
+LEAST_NOISE = 1e-6
 #: Orders of differences tried for the noise; high ones suppress faster motions.
 ORDERS = (3, 4, 6, 8)
 
@@ -79,9 +82,9 @@ def noise(trace: Trace) -> np.ndarray:
     if trace.recordings:
         return np.concatenate([noise(one) for one in trace.recordings])
     if len(trace.t) < FEWEST:
-        return np.full(trace.links, 1e-3)
+        return np.full(trace.links, UNKNOWN_NOISE)
     found = noise_by_differences(trace.theta, trace.t)
-    found = np.maximum(np.where(np.isfinite(found), found, 1e-3), 1e-6)
+    found = np.maximum(np.where(np.isfinite(found), found, UNKNOWN_NOISE), LEAST_NOISE)
     return np.maximum(found, [_rounding(column) / np.sqrt(12) for column in trace.theta.T])
 
 

@@ -66,8 +66,9 @@ def simulate_truth(
     if int(trajectory.first_bad[-1]) >= 0:
         raise SceneError("synthetic: the run of the true model failed. Use a scene that runs, or a finer step")
     free = np.concatenate([np.asarray(start.r)[None], np.asarray(trajectory.r)])
-    nodes_at = jax.vmap(lambda r: model.nodes(r, model.ends(0.0)))
-    return Motion(np.arange(frames + 1) / rate, np.asarray(nodes_at(free)))
+    t = np.arange(frames + 1) / rate
+    nodes_at = jax.vmap(lambda r, t: model.nodes(r, model.ends(t)))
+    return Motion(t, np.asarray(nodes_at(free, t)))
 
 
 @cached_jit(static=("stepper", "steps", "every"), kernel=True)

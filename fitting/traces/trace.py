@@ -29,7 +29,7 @@ UNITS = ("rad", "deg")
 #: Radians per unit of angle.
 RADIANS = {"rad": 1.0, "deg": np.pi / 180, "mrad": 1e-3}
 #: Names of columns.
-OF_TRACE = re.compile(r"t|(theta|omega|se)_\d+")
+COLUMN_NAME = re.compile(r"t|(theta|omega|se)_\d+")
 #: Prefix of comments that are warnings.
 WARNING = "warning: "
 #: Minimum number of samples of a trace that can be windowed.
@@ -70,13 +70,13 @@ class Convention:
 
 @dataclass(frozen=True)
 class Trace:
-    """One run.
+    """One run: the angles of its links over time.
 
     Attributes:
         name: of the file.
         t: (k,) [s], increasing.
         theta: (k, n) as measured, or [rad] from the horizontal once `in_model_convention` was used; NaN is missing.
-        se: standard errors (k, n) [rad] or None.
+        se: standard errors (k, n), in the unit of `theta`, or None.
         convention: how the angles are counted in the file.
         warnings: remarks of the trace's author, which a fit repeats.
         model_error: angle by which the trace deviates from any model, in the unit of `theta`.
@@ -111,14 +111,14 @@ class Trace:
     def between(self, low: float, high: float) -> Trace:
         """The samples with low <= t < high."""
         keep = (self.t >= low - 1e-9) & (self.t < high - 1e-9)
-        part = {}
-        for name in ("t", "theta", "se"):
-            if getattr(self, name) is not None:
-                part[name] = getattr(self, name)[keep]
-        return replace(self, recordings=tuple(one.between(low, high) for one in self.recordings), **part)
+        se = self.se
+        if se is not None:
+            se = se[keep]
+        recordings = tuple(one.between(low, high) for one in self.recordings)
+        return replace(self, t=self.t[keep], theta=self.theta[keep], se=se, recordings=recordings)
 
     def at(self, times: np.ndarray) -> np.ndarray:
-        """Angles (len(times), n) interpolated linearly between the known samples."""
+        """Angles (len(times), n) interpolated linearly between the known samples, of which every link has some."""
         found = np.empty((len(times), self.links))
         for j, column in enumerate(self.theta.T):
             known = np.isfinite(column)
@@ -167,9 +167,10 @@ def read_trace(
     """A trace from a CSV file.
 
     Args:
-        partial: whether some of the `links` may have no column, or an empty one.
+        links: number of them in the scene, if known.
         columns: the file's columns if they have other names, such as `{"time": "timestamp", "theta_1": "angle"}`;
             columns that are neither listed nor have names of a trace are then left out.
+        partial: whether some of the `links` may have no column, or an empty one.
 
     Raises:
         SceneError: one line with the file, the error and the allowed values.
@@ -179,35 +180,27 @@ def read_trace(
     if "time" in renamed:
         renamed["t"] = renamed.pop("time")
     for name in renamed:
-        if not OF_TRACE.fullmatch(name):
+        if not COLUMN_NAME.fullmatch(name):
             raise SceneError(f"columns: {name!r} is unknown; allowed: time, theta_1..n, omega_1..n, se_1..n")
     table = read_csv(path, "t, theta_1..n", renamed, lambda names: _how_to_rename(names, links))
-    names = table.names
     if renamed:
-        for i, name in enumerate(names):
-            if not OF_TRACE.fullmatch(name):
-                names[i] = ""
-    values = dict(zip(names, table.numbers(), strict=True))
+        table = table._replace(names=[name if COLUMN_NAME.fullmatch(name) else "" for name in table.names])
+    values = dict(zip(table.names, table.numbers(), strict=True))
+    names = list(table.names)
     if partial and any(name.startswith("theta_") for name in names):
-        for j in range(links or 0):
-            name = f"theta_{j + 1}"
+        for name in column_names("theta", links or 0):
             if name not in values:
                 values[name] = np.full(len(table.rows), np.nan)
                 names.append(name)
     count = _check_columns(path.name, names, links)
     stated = _header_values(path.name, table.comments)
-
-    def part(stem: str) -> np.ndarray:
-        """The columns of a kind (k, n)."""
-        return np.stack([values[f"{stem}_{j + 1}"] for j in range(count)], axis=1)
-
     se = None
     if "se_1" in values:
-        se = part("se")
+        se = np.stack([values[name] for name in column_names("se", count)], axis=1)
     trace = Trace(
         name=path.stem,
         t=values["t"],
-        theta=part("theta"),
+        theta=np.stack([values[name] for name in column_names("theta", count)], axis=1),
         se=se,
         convention=convention(stated.get("zero"), stated.get("sign"), stated.get("unit"), path.name),
         warnings=tuple(c.removeprefix(WARNING) for c in table.comments if c.startswith(WARNING)),
@@ -215,6 +208,11 @@ def read_trace(
     )
     check_trace(trace, partial)
     return trace
+
+
+def column_names(kind: str, links: int) -> list[str]:
+    """The columns of a file that have `theta`, `omega` or `se` of its links."""
+    return [f"{kind}_{j + 1}" for j in range(links)]
 
 
 def _how_to_rename(names: Sequence[str], links: int | None) -> str:
@@ -243,19 +241,15 @@ def _check_columns(file: str, names: list[str], links: int | None) -> int:
         )
     if links is not None and count != links:
         raise SceneError(f"{file}: has {count} columns theta_1..n, but the scene has {links} links; allowed: {links}")
-    columns = {}
-    for stem in ("theta", "omega", "se"):
-        columns[stem] = [f"{stem}_{j + 1}" for j in range(count)]
-    known = ["t", *chain.from_iterable(columns.values())]
+    kinds = ("theta", "omega", "se")
+    known = ["t", *chain.from_iterable(column_names(kind, count) for kind in kinds)]
     for name in used:
         if name not in known:
             raise SceneError(f"{file}: unknown column {name!r}; {nearest(name, known)}")
-    for stem, every in columns.items():
-        have = [name for name in names if name.startswith(stem + "_")]
-        if (have or stem == "theta") and sorted(have) != sorted(every):
-            raise SceneError(
-                f"{file}: columns {stem}_1..{max(count, 1)} are not complete; found: {first_names(used, NAMED)}"
-            )
+    for kind in kinds:
+        have = [name for name in names if name.startswith(f"{kind}_")]
+        if have and sorted(have) != sorted(column_names(kind, count)):
+            raise SceneError(f"{file}: columns {kind}_1..{count} are not complete; found: {first_names(used, NAMED)}")
     refuse_twice(file, names)
     return count
 
@@ -316,10 +310,10 @@ def check_trace(trace: Trace, partial: bool = False) -> None:
 
 def write_trace(path: str | Path, trace: Trace, notes: Sequence[str] = ()) -> Path:
     """Write a trace in the format that `read_trace` reads; `notes` are comment lines for people, without `=`."""
-    names = ["t", *(f"theta_{j + 1}" for j in range(trace.links))]
+    names = ["t", *column_names("theta", trace.links)]
     columns = [trace.t[:, None], trace.theta]
     if trace.se is not None:
-        names += [f"se_{j + 1}" for j in range(trace.links)]
+        names += column_names("se", trace.links)
         columns.append(trace.se)
     c = trace.convention
     head = f"# zero={c.zero or 'horizontal'}, sign={c.sign or 1}, unit={c.unit or 'rad'}"

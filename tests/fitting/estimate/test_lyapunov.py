@@ -22,6 +22,6 @@ def test_a_window_whose_run_failed_has_no_transition_and_leaves_the_others_their
     lost.end[1] = np.nan
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        found = transitions(simulator, None, lost, np.zeros(2))
+        found = transitions(simulator, lost, np.zeros(2))
     assert np.isnan(found[1]).all()
-    np.testing.assert_array_equal(found[[0, 2]], transitions(simulator, None, whole, np.zeros(2))[[0, 2]])
+    np.testing.assert_array_equal(found[[0, 2]], transitions(simulator, whole, np.zeros(2))[[0, 2]])

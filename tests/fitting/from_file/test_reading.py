@@ -7,9 +7,11 @@ from written_files import DAMPING, LENGTH, RATE, double_pendulum, points, swing,
 from dropper_jax import SceneError
 from fitting.from_file.cells import read_cells
 from fitting.from_file.columns import find_columns
+from fitting.from_file.pendulum import main_period
 from fitting.from_file.points import error_of_pivot, find_chain, pivot_of
 from fitting.from_file.read_file import FileOptions, read_measured
-from fitting.from_file.swing import main_period
+from fitting.from_file.scene_of import propose_scene
+from fitting.from_file.values import per_mass
 from fitting.traces.lines import LARGEST
 from fitting.traces.noise import without_spikes
 from fitting.traces.trace import Trace
@@ -255,3 +257,68 @@ def test_lengths_in_another_unit_are_refused(tmp_path):
         read_measured(path, FileOptions(lengths=(1000 * LENGTH,)))
     found = read_measured(path, FileOptions(lengths=(LENGTH,)))
     assert any("effective length follows" in note for note in found.notes)
+
+
+@pytest.mark.parametrize("turn", [256, 360, 1000, 2000, 4096])
+def test_an_angle_that_wraps_is_read_by_its_full_turn(tmp_path, turn):
+    t, phi = swing(start=1.5)
+    reading = np.mod(turn * (phi / (2 * np.pi)), turn)
+    if turn != 360:
+        reading = np.floor(reading)
+    found = read_measured(write(tmp_path / "a.csv", ["t,reading"], np.stack([t, reading], axis=1)))
+    assert 9.81 / found.swing.stiffness == pytest.approx(LENGTH, rel=0.02)
+    assert np.abs(found.trace.theta[:, 0] - np.interp(found.trace.t, t, phi)).max() < 0.5 * 2 * np.pi / turn + 0.02
+
+
+def test_one_column_of_angles_is_read_with_the_rows_per_second(tmp_path):
+    file = write(tmp_path / "a.csv", ["angle_rad"], PHI[:, None])
+    found = read_measured(file, FileOptions(rate=RATE))
+    assert 9.81 / found.swing.stiffness == pytest.approx(LENGTH, rel=0.01)
+
+
+def test_a_column_of_times_that_the_user_names_is_used_whatever_the_others_are_called(tmp_path):
+    rows = np.stack([T, T[::-1], PHI], axis=1)
+    file = write(tmp_path / "a.csv", ["stamp,time left,angle_rad"], rows)
+    columns = find_columns(read_cells(file), {"time": "stamp", "theta_1": "angle_rad"})
+    assert columns.time.name == "stamp"
+
+
+def test_links_are_in_the_order_of_their_numbers_not_of_their_digits(tmp_path):
+    names = [f"a{i}" for i in range(1, 12)]
+    rows = np.stack([T, *(i * PHI for i in range(1, 12))], axis=1)
+    file = write(tmp_path / "a.csv", [",".join(["t", *names])], rows)
+    given = {f"theta_{i + 1}": name for i, name in enumerate(names)}
+    assert [column.name for column in find_columns(read_cells(file), given).angles] == names
+
+
+def test_a_clock_that_passes_midnight_goes_on(tmp_path):
+    seconds = 86395.0 + T
+    lines = ["time;angle_rad"]
+    for second, angle in zip(seconds, PHI, strict=True):
+        minutes, rest = divmod(second % 86400, 60)
+        hour, minute = divmod(int(minutes), 60)
+        lines.append(f"{hour:02d}:{minute:02d}:{rest:06.3f};{angle:.6f}")
+    (tmp_path / "a.csv").write_text("\n".join(lines) + "\n")
+    np.testing.assert_allclose(read_cells(tmp_path / "a.csv").values[:, 0], seconds, atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("unit", "dimension"),  # powers of kg, m and s
+    [("kg/s", (1, 0, -1)), ("kg/m", (1, -1, 0)), ("N m", (1, 2, -2)), ("N m s/rad", (1, 2, -1)), ("N m^2", (1, 3, -2))],
+)
+def test_a_unit_per_mass_has_one_kilogram_less(unit, dimension):
+    _, metres, seconds = dimension
+    words = {"1/s": (0, -1), "1/m": (-1, 0), "m^2/s^2": (2, -2), "m^2/s": (2, -1), "m^3/s^2": (3, -2)}
+    assert words[per_mass(unit)] == (metres, seconds)
+
+
+def test_links_that_are_never_seen_in_one_row_start_where_they_are_at_its_time(tmp_path):
+    t = T[::5]
+    lines = ["t,angle 1 [rad],angle 2 [rad]"]
+    for i, angle in enumerate(PHI[::5]):
+        one, other = (f"{angle:.6f}", "") if i % 2 else ("", f"{2 * angle:.6f}")
+        lines.append(f"{t[i]:.3f},{one},{other}")
+    (tmp_path / "a.csv").write_text("\n".join(lines) + "\n")
+    given = FileOptions(lengths=(0.2, 0.2))
+    start = propose_scene(read_measured(tmp_path / "a.csv", given), given)["start"]["polar"]
+    np.testing.assert_allclose(start, [PHI[5], 2 * PHI[0]], atol=1e-5)

@@ -9,6 +9,7 @@ from fitting.estimate.normal_equations import prior_of
 from fitting.parameters.names import default_free
 from fitting.parameters.observation import camera_offset
 from fitting.parameters.of_scene import find_parameters
+from fitting.parameters.parameter import adjust_parameters
 from fitting.parameters.paths import resolve
 from fitting.parameters.rig_priors import power_of_mass, rig_priors
 
@@ -67,7 +68,18 @@ def test_angles_do_not_change_when_everything_heavy_grows_alike():
 
 @pytest.mark.parametrize(
     ("unit", "power"),
-    [("kg", 1), ("kg/s", 1), ("N m s/rad", 1), ("N m", 1), ("kg m^2", 1), ("m", 0), ("rad", 0), ("m/s^2", 0), ("-", 0)],
+    [
+        ("kg", 1),
+        ("kg/s", 1),
+        ("N m s/rad", 1),
+        ("N m", 1),
+        ("kg m^2", 1),
+        ("m", 0),
+        ("rad", 0),
+        ("m/s^2", 0),
+        ("-", 0),
+        ("kg/kg", 0),
+    ],
 )
 def test_units_with_a_mass_are_recognised(unit, power):
     assert power_of_mass(unit) == power
@@ -123,3 +135,9 @@ def test_a_prior_of_the_sea_holds_what_is_free_of_the_sea():
     found, _ = rig_priors(scene, model, find_parameters(scene, model, ["sea.current.speed"], "free"))
     assert found[0].prior == pytest.approx((0.4, 0.008))
     assert found[0].unit == "m/s"
+
+
+def test_a_prior_without_a_mean_is_refused_by_its_mean():
+    parameters = resolve(build_model(dj.load_scene(NAME)), ["line.0.length.0"])
+    with pytest.raises(SceneError, match="has mean nan"):
+        adjust_parameters(parameters, priors={"line.0.length.0": (np.nan, 0.1)})

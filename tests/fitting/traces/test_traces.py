@@ -6,7 +6,7 @@ from scipy.signal import savgol_filter
 
 import dropper_jax as dj
 from dropper_jax import SceneError
-from fitting import Convention, Trace, read_trace, write_trace
+from fitting import Convention, Trace, read_trace, simulate_truth, write_trace
 from fitting.estimate.windows import local_motion
 from fitting.parameters.names import full_names
 from fitting.parameters.paths import resolve
@@ -241,3 +241,13 @@ def test_smoothed_angles_and_rates_are_those_of_scipy(width):
     np.testing.assert_allclose(angles, savgol_filter(theta, width, DEGREE, axis=0), atol=1e-11)
     expected = savgol_filter(theta, width, DEGREE, deriv=1, delta=0.02, axis=0)
     np.testing.assert_allclose(rates, expected, atol=1e-10)
+
+
+def test_links_of_a_simulated_truth_keep_their_lengths_where_their_end_moves(chain):
+    start = {"kind": "angles", "zero": "down", "polar": [0.3, 0.3]}
+    moved = [[0.0, 0.0, 0.0], [0.05, 0.0, 0.0], [0.1, 0.0, 0.0]]
+    motion = {"point": "left", "time": [0.0, 0.25, 0.5], "displacement": moved}
+    scene = chain([0.2, 0.1], [0.1, 0.1], start, effects={"weight": {}, "end_motion": motion})
+    nodes = simulate_truth(scene, 0.5, 20.0).nodes
+    lengths = np.linalg.norm(np.diff(nodes, axis=1), axis=2)
+    np.testing.assert_allclose(lengths, np.broadcast_to([0.2, 0.1], lengths.shape), rtol=1e-9)

@@ -1,0 +1,258 @@
+"""Run of one window: residuals with exact derivatives by its start and the parameters, as a program computes them.
+
+Start, steps and camera are functions of the window's start and the parameters, differentiated one after the other
+(`vary`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any, Generic, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from dropper_jax.model import Model, State
+from dropper_jax.residual import Embedded, Stepper
+from dropper_jax.stepping.halving import advance_over
+from dropper_jax.stepping.integrate import advance, scan_steps
+from dropper_jax.stepping.progress import begin
+from fitting.estimate.release import LEAST_STRETCH, Release, ReleaseState
+from fitting.estimate.windows import A
+from fitting.parameters.missing_forces import add_missing_forces
+from fitting.parameters.observation import camera_angles, clock_rate, lost_frames, recording
+from fitting.parameters.parameter import Parameter, with_parameter_values
+from fitting.parameters.varied import Varied, split, stack_rows, vary
+from fitting.traces import planar
+
+#: Position of a jump of the clock that a window does not have [steps].
+NEVER = 1e9
+
+
+class WindowInputs(NamedTuple, Generic[A]):
+    """What a program is given of a window, or of K windows with a row for each.
+
+    Attributes:
+        theta, omega: angles [rad] and rates [rad/s] at the start (n,).
+        basis: N (n, m) of the start's chart, zero where the model determines the start.
+        measured: angles (S, n) [rad]; of R recordings (S, R n).
+        weight: 1/sigma (S, n) [1/rad], 0 where there is no sample.
+        index, fraction: position of each sample in steps, integer and fraction (S,).
+        jumps: position in steps of each lost time (q,); `NEVER` if the window does not have it.
+        steps: number of steps of the window.
+    """
+
+    theta: A
+    omega: A
+    basis: A
+    measured: A
+    weight: A
+    index: A
+    fraction: A
+    jumps: A
+    steps: A
+
+
+class Start(NamedTuple):
+    """Start of a window: angles [rad] and rates [rad/s] (n,), the state, its step [s], and the position of its samples
+    in steps, integer and fraction (S,)."""
+
+    theta: Array
+    omega: Array
+    state: State
+    h: Array
+    samples: tuple[Array, Array]
+
+
+def run_window(
+    values: Array,
+    seeds: Array,
+    substeps: Array,
+    count: Array,
+    *inputs: Array,
+    model: Model,
+    parameters: Sequence[Parameter],
+    release: Release | None,
+    stepper: Stepper,
+    dt: float,
+    capacity: int,
+    on_grid: bool,
+) -> tuple[Array, ...]:
+    """The fields of an `Evaluation` of one window, with derivatives along `seeds`, directions of its start and values.
+
+    Args:
+        values: of the parameters (k,).
+        seeds: (d, m2 + k).
+        substeps: number of parts of every step.
+        count: number of steps taken, at most `capacity`: those of the window, which are among the inputs, or more
+            where windows of a batch run together.
+        inputs: `WindowInputs`, followed by `ReleaseState` if there is a release.
+        dt: time step [s].
+        on_grid: whether all samples lie on whole steps.
+    """
+    own = WindowInputs(*inputs[: len(WindowInputs._fields)])
+    release_state = None
+    if release is not None:
+        release_state = ReleaseState(*inputs[len(WindowInputs._fields) :])
+    links, m = own.basis.shape
+    recordings = own.measured.shape[1] // links
+
+    def model_at(x: Array) -> Model:
+        p = x[2 * m :]
+        return add_missing_forces(with_parameter_values(model, parameters, p), parameters, p)
+
+    def start_at(x: Array) -> Start:
+        z = x[: 2 * m]
+        p = x[2 * m :]
+        here = model_at(x)
+        # sums and not matrix products, which may call a library and so prevent one kernel
+        theta = own.theta + jnp.sum(own.basis * z[:m], axis=1)
+        h: Array | float = dt
+        samples = (own.index, own.fraction)
+        late: Array | float = 0.0
+        if release is not None and release_state is not None:
+            theta = theta + jnp.sum(release_state.slope * (p - values), axis=1)
+            late = release.late(parameters, p, release_state)
+        if release is not None or lost_frames(parameters):
+            h, samples = _clock(own, parameters, p, late, dt)
+        rate = clock_rate(parameters, p)
+        if rate is not None:
+            h = h * rate
+        theta, omega = planar.close_chain(here, theta, own.omega + jnp.sum(own.basis * z[m:], axis=1))
+        return Start(theta, omega, planar.to_state(here, theta, omega), jnp.asarray(h, theta.dtype), samples)
+
+    def read_out(x: Array, start: Start, rows: tuple[Array, Array]) -> tuple[Array, ...]:
+        p = x[2 * m :]
+        here = model_at(x)
+        angles, rates = jax.vmap(partial(planar.from_nodes, here))(*rows)
+        shown = []
+        for number in range(recordings):
+            reading = recording(parameters, p, number, links)
+            at = start.samples
+            if number:  # the first recording's clock is that of the motion
+                position = at[0] + at[1] - reading.delay / dt
+                # the fraction of a sample just outside the window lies outside 0 to 1
+                whole = jnp.clip(jnp.floor(jax.lax.stop_gradient(position)), 0, own.steps - 1)
+                at = (whole.astype(jnp.int32), position - whole)
+            poses = at_samples(start, angles, rates, *at, on_grid and not number)
+            seen = camera_angles(here, parameters, p, poses)
+            if number:
+                seen = reading.read(seen, own.measured[:, number * links : (number + 1) * links])
+            shown.append(seen)
+        angle = jnp.concatenate(shown, axis=-1)
+        residual = planar.wrap(angle - own.measured) * own.weight
+        end = jnp.concatenate([angles[own.steps - 1], rates[own.steps - 1]])
+        return residual, jnp.concatenate([start.theta, start.omega]), end, angle
+
+    point = jnp.concatenate([jnp.zeros(2 * m), values])
+    start = vary(start_at, point, seeds)
+    rows, failed = march(stepper, model_at, point, seeds, start, capacity, substeps, count, own.steps)
+    found = vary(read_out, point, seeds, start, rows)
+    residual, first, end, angle = found.tree
+    by_residual, by_first, by_end = (jnp.moveaxis(slope, 0, -1) for slope in found.slopes[:3])
+    return angle, residual, by_residual, first, end, by_first, by_end, failed
+
+
+def _clock(
+    own: WindowInputs[Array], parameters: Sequence[Parameter], p: Array, late: Array | float, dt: float
+) -> tuple[Array, tuple[Array, Array]]:
+    """A window's step [s] and the position of its samples in steps, integer and fraction, by its own clock.
+
+    The steps are stretched so that the last one ends with the window, however much time is missing in it.
+
+    Args:
+        p: values of the parameters (k,).
+        late: time from the start of the window to its release [s].
+    """
+    position = own.index + own.fraction
+    elapsed = position * dt
+    total = own.steps * dt
+    for slot, i in enumerate(lost_frames(parameters)):
+        elapsed = elapsed + jnp.where(position >= own.jumps[slot], p[i], 0.0)
+        total = total + jnp.where(own.jumps[slot] < NEVER, p[i], 0.0)
+    h = jnp.maximum((total - late) / own.steps, LEAST_STRETCH * dt)
+    step_position = jnp.clip((elapsed - late) / h, 0.0, own.steps)  # before the release: at rest
+    whole = jnp.minimum(jnp.floor(jax.lax.stop_gradient(step_position)), own.steps - 1)
+    return h, (whole.astype(jnp.int32), step_position - whole)
+
+
+#: Accuracy over the shortest link [1/m] for schemes with an embedded error: on the lab dropper angles are then within
+#: 5e-5 rad after 3 s, 1 % of the noise.
+ACCURACY_PER_LENGTH = 0.1
+
+
+def march(
+    stepper: Stepper,
+    model_at: Callable[[Array], Model],
+    x: Array,
+    directions: Array,
+    start: Varied,
+    capacity: int,
+    substeps: Array | int,
+    steps: Array | int,
+    counted: Array | int,
+) -> tuple[Varied, Array]:
+    """Positions and velocities (capacity, nodes, 3) after every step from a start, a `Start` as a function of x, with
+    derivatives along the directions (k, len(x)), and the number of failed (sub)steps among the first `counted`;
+    undefined beyond `steps`.
+
+    Each step is divided into `substeps` parts. Both numbers are traced, so that one program serves every step size and
+    windows of any length. Schemes with an embedded error become more exact accordingly; their output interval is h.
+    """
+    if isinstance(stepper.integrator, Embedded):
+
+        def adapt(x: Array, start: Start) -> tuple[tuple[Array, Array], Array]:
+            model = model_at(x)
+            finer = jnp.asarray(substeps, model.dtype) ** -stepper.integrator.order
+            accuracy = jax.lax.stop_gradient(ACCURACY_PER_LENGTH * jnp.min(model.line.length) * finer)
+            first = begin(stepper, model, start.state, follows=True)
+            end, found = advance(stepper, model, first, start.h, capacity, accuracy=accuracy)
+            return (found.r, found.v), end.has_failed.astype(jnp.int32)
+
+        found = vary(adapt, x, directions, start)
+        return Varied(found.tree[0], found.slopes), found.tree[1]
+
+    def save(now: Varied, i: Array) -> tuple[Varied, Varied]:
+        def interval(x: Array, now: tuple[State, Array], start: Start) -> tuple[Any, Any]:
+            model = model_at(x)
+
+            def part(_: Array, now: tuple[State, Array]) -> tuple[State, Array]:
+                s, failed = now
+                taken = advance_over(stepper, model, s, start.h / substeps, failed == 0)
+                return taken.state, failed + jnp.where(i < counted, taken.failed, 0)
+
+            s, failed = jax.lax.fori_loop(0, substeps, part, now)
+            return (s, failed), (s.r, s.v)
+
+        return split(vary(interval, x, directions, now, start))
+
+    def first(x: Array, start: Start) -> tuple[Any, Any]:
+        s = begin(stepper, model_at(x), start.state).state
+        # steps that are not reached keep the first pose: a link of zero length would have no angle
+        shelf = tuple(jnp.broadcast_to(a, (capacity, *a.shape)) for a in (s.r, s.v))
+        return (s, jnp.zeros((), jnp.int32)), shelf
+
+    now, shelf = split(vary(first, x, directions, start))
+    rows = Varied(shelf.tree, [jnp.swapaxes(slope, 0, 1) for slope in shelf.slopes])
+    now, rows = scan_steps(save, now, steps, rows)
+    return stack_rows(rows), now.tree[1]
+
+
+def at_samples(start: Start, angles: Array, rates: Array, index: Array, fraction: Array, on_grid: bool) -> Array:
+    """Angles (S, n) at positions in steps (S,), integer and fraction, by those after every step (steps, n).
+
+    Between steps they are cubics with the steps' rates (Hermite), whose error is below the scheme's own.
+    """
+    angles = jnp.concatenate([start.theta[None], angles])
+    if on_grid:
+        return angles[index]
+    rates = jnp.concatenate([start.omega[None], rates])
+    before = angles[index]
+    rate_before = rates[index]
+    rate_after = rates[index + 1]
+    turn = planar.wrap(angles[index + 1] - before)
+    s = fraction[:, None]
+    by_rates = start.h * ((s - 2 * s**2 + s**3) * rate_before + (s**3 - s**2) * rate_after)
+    return before + turn * (3 * s**2 - 2 * s**3) + by_rates

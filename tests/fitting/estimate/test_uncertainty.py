@@ -1,0 +1,29 @@
+"""Intervals of estimates at their bounds."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from fitting.estimate.uncertainty import intervals
+from fitting.parameters.parameter import Parameter
+from fitting.parameters.targets import CameraTarget
+
+
+@pytest.mark.parametrize("beyond", [0.5, 3.0, 60.0])
+def test_the_interval_at_an_upper_bound_mirrors_that_at_a_lower_one(beyond):
+    found = []
+    for side in (-1, 1):
+        bound = side * 2.0
+        limits = (bound, np.inf) if side < 0 else (-np.inf, bound)
+        problem = SimpleNamespace(parameters=[Parameter("a", CameraTarget(), bound, *limits)])
+        solution = SimpleNamespace(
+            problem=problem,
+            values=np.array([bound]),
+            free=np.array([0]),
+            free_information=np.eye(1),
+            gradient=np.array([-side * beyond]),
+        )
+        found.append(np.concatenate(intervals(solution, np.ones(1), 0)))
+    assert np.isfinite(found).all()
+    np.testing.assert_allclose(found[1], -found[0][::-1], rtol=1e-9)

@@ -24,7 +24,7 @@ from fitting.calibration.candidate import omitted_parameter_bias
 from fitting.calibration.estimating import estimate
 from fitting.calibration.freeing import free_by_advice, with_freed
 from fitting.calibration.lost_windows import with_sound_windows
-from fitting.calibration.preparation import Prepared
+from fitting.calibration.prepared import Prepared
 from fitting.calibration.summarise import summarise
 from fitting.estimate.least_squares import level_of
 from fitting.estimate.noise import Noise

@@ -26,8 +26,8 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.model import Model
 from fitting.calibration.candidate import Candidate
 from fitting.calibration.law_fits import PARTS
-from fitting.calibration.laws import holm
-from fitting.calibration.preparation import Prepared
+from fitting.calibration.law_tests import holm
+from fitting.calibration.prepared import Prepared
 from fitting.calibration.result import FitResult
 from fitting.estimate.factors import invert_spd, solve_spd
 from fitting.estimate.least_squares import level_of

@@ -41,7 +41,7 @@ from fitting.calibration.law_fits import (
     least_loss,
     part_of,
 )
-from fitting.calibration.preparation import Prepared
+from fitting.calibration.prepared import Prepared
 from fitting.calibration.undetected import dissipated_per_unit, undetected_parts
 from fitting.estimate.factors import solve_spd
 from fitting.estimate.least_squares import Objective, continue_fit, descend, fit_windows

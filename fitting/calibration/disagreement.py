@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fitting.calibration.preparation import Prepared
+from fitting.calibration.prepared import Prepared
 from fitting.estimate.residuals import Solution
 
 #: Stretches of time in which deviations are averaged.

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dropper_jax.base.errors import Progress, SceneError, nearest, part_of, silent
-from fitting.calibration.preparation import Prepared
+from fitting.calibration.prepared import Prepared
 from fitting.estimate.least_squares import continue_fit, fit_windows
 from fitting.estimate.loss import LEAST_SQUARES, Loss, initial_loss
 from fitting.estimate.residual_noise import fit_with_noise, pose_again

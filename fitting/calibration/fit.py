@@ -16,10 +16,13 @@ from fitting.calibration.comparison import refuse_tied
 from fitting.calibration.estimating import Method, as_method, estimate
 from fitting.calibration.freeing import MOST_FREED, free_by_advice
 from fitting.calibration.kicks import without_kicks
-from fitting.calibration.laws import QUADRATIC, LawTest, with_law
+from fitting.calibration.law_fits import with_law
+from fitting.calibration.law_score_tests import QUADRATIC
+from fitting.calibration.law_tests import LawTest
 from fitting.calibration.likely_cause import free_too
 from fitting.calibration.lost_windows import FIRST, with_sound_windows
-from fitting.calibration.preparation import AUTOMATIC, FitSettings, Prepared, TracesLike, prepare
+from fitting.calibration.preparation import AUTOMATIC, FitSettings, TracesLike, prepare
+from fitting.calibration.prepared import Prepared
 from fitting.calibration.result import FitResult
 from fitting.calibration.short_windows import SUSPECT, name_wrong_file
 from fitting.calibration.spans import Interval

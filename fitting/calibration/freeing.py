@@ -22,7 +22,8 @@ from dropper_jax.base.errors import Progress, silent
 from fitting.calibration.advice import score_candidates, wide
 from fitting.calibration.candidate import OR, WORTH, Candidate
 from fitting.calibration.lost_frames import SEVERAL, alone, far_off, lost_frames, starts_from_previous_windows
-from fitting.calibration.preparation import Prepared, at_frames
+from fitting.calibration.preparation import at_frames
+from fitting.calibration.prepared import Prepared
 from fitting.calibration.trials import WRONG, free_groups, is_model_wrong
 from fitting.estimate.least_squares import fit_windows
 from fitting.estimate.loss import LEAST_SQUARES, Loss, StudentT

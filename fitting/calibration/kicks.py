@@ -19,7 +19,7 @@ import numpy as np
 
 from fitting.calibration.candidate import Candidate
 from fitting.calibration.lost_frames import starts_from_previous_windows
-from fitting.calibration.preparation import Prepared
+from fitting.calibration.prepared import Prepared
 from fitting.estimate.least_squares import fit_starts
 from fitting.estimate.loss import LEAST_SQUARES, Loss
 from fitting.estimate.residuals import Solution

@@ -12,12 +12,13 @@ from dropper_jax.base.json_values import Json, jsonable
 from dropper_jax.base.read import ScenePath
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.build import build
-from fitting.calibration.preparation import STEPS_PER_PERIOD, Prepared
+from fitting.calibration.prepared import STEPS_PER_PERIOD, Prepared
 from fitting.estimate.factors import eliminate_rows
 from fitting.estimate.least_squares import fit_windows
 from fitting.estimate.residuals import Solution
 from fitting.estimate.simulator import Simulator, choose_stepper
 from fitting.estimate.windows import first_starts
+from fitting.parameters.missing_forces import tested_parameters
 from fitting.parameters.parameter import given_effect, names_in_scene, with_zero_damping
 from fitting.parameters.paths import resolve
 
@@ -80,10 +81,12 @@ class Law:
         return jsonable(found)
 
 
+#: The coefficients of linear and of quadratic drag.
+DRAG = ("effects.linear_damping.b_l", "effects.quadratic_damping.b_q")
 #: Every damping coefficient that a law may use.
 PARTS = {
-    "linear": "effects.linear_damping.b_l",
-    "quadratic": "effects.quadratic_damping.b_q",
+    "linear": DRAG[0],
+    "quadratic": DRAG[1],
     "joint viscous": "effects.joint_friction.viscous",
     "dry": "effects.joint_friction.dry",
 }
@@ -239,3 +242,24 @@ def least_loss(full: Solution, family: Family, law: str) -> float:
     c = full.values[lacks]
     left = eliminate_rows(full.information, np.flatnonzero(free & used), lacks)
     return 0.5 * float(c @ left @ c) / full.problem.memory
+
+
+def with_law(prepared: Prepared, paths: Sequence[str], solution: Solution) -> Prepared:
+    """The preparation with further parts of the law free, from the end of a fit without them."""
+    scene = with_zero_damping(prepared.scene, paths)
+    model, _ = build(scene)
+    old = {p.name: p for p in prepared.parameters}
+    release = prepared.simulator.release
+    resolved = {p.name: p for p in resolve(model, [*names_in_scene(prepared.parameters), *paths], release=release)}
+    parameters = []
+    for name, p in old.items():
+        if name in resolved:
+            p = replace(p, where=resolved[name].where)
+        parameters.append(p)
+    parameters += [p for name, p in resolved.items() if name not in old]
+    stepper = choose_stepper(model, solver=scene.run.solver)
+    simulator = Simulator(model, parameters, stepper, release, more=tested_parameters(model, parameters))
+    windows = replace(prepared.windows, substeps=substeps_of(prepared, simulator))
+    own = [p.value for p in parameters if p.name not in old]
+    changed = replace(prepared, scene=scene, windows=windows, starts=solution.starts)
+    return changed.with_parameters(parameters, np.append(solution.values, own), simulator)

@@ -21,7 +21,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from fitting.calibration.advice import candidates, wide
 from fitting.calibration.freeing import with_freed
-from fitting.calibration.preparation import Prepared
+from fitting.calibration.prepared import Prepared
 from fitting.estimate.least_squares import fit_windows
 from fitting.estimate.release import TIME
 from fitting.estimate.windows import Span, first_starts

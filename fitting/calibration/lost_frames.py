@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fitting.calibration.preparation import Prepared
+from fitting.calibration.prepared import Prepared
 from fitting.estimate.residuals import Solution
 from fitting.estimate.windows import Starts, Windows, fill, pick, with_rows
 from fitting.traces.planar import wrap

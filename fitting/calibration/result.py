@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -13,86 +13,23 @@ from dropper_jax.model import Model
 from fitting.calibration.candidate import Candidate
 from fitting.calibration.decision import verdict
 from fitting.calibration.disagreement import Disagreement
-from fitting.calibration.law_fits import Law
-from fitting.calibration.laws import DRAG, LawTest, LawTests, freeing_option
-from fitting.calibration.preparation import Prepared, program_space
-from fitting.calibration.spans import Interval
-from fitting.estimate.least_squares import fit_windows
+from fitting.calibration.held_out import HeldOut
+from fitting.calibration.law_fits import DRAG, Law
+from fitting.calibration.law_tests import LawTest, LawTests, freeing_option
+from fitting.calibration.prepared import Prepared
 from fitting.estimate.noise import Noise, mean_by_run
 from fitting.estimate.normal_equations import Evaluation
 from fitting.estimate.residuals import Problem, Solution
 from fitting.estimate.scene_fit import SceneFit
 from fitting.estimate.shooting import SCHEDULE
 from fitting.estimate.uncertainty import degrees_of_freedom
-from fitting.estimate.windows import Span, Windows, first_starts
+from fitting.estimate.windows import Span, Windows
 from fitting.traces.trace import Trace
-
-
-def score_held_out(
-    prepared: Prepared, values: np.ndarray, span: Interval, runs: Sequence[int] | None = None
-) -> HeldOut:
-    """RMS angle error [rad] on a span of some runs, by default of all; starts are fitted on the span's own angles, the
-    parameters are fixed."""
-    low, high = span
-    pieces = []
-    for i, trace in enumerate(prepared.traces):
-        part = trace.between(low, high)
-        if (runs is None or i in runs) and len(part.t) > 2:
-            end = min(high, float(part.t[-1]) + trace.interval)
-            pieces.append(Span(i, max(low, float(part.t[0])), end))
-    length = min(window_length(prepared, span), *(piece.high - piece.low for piece in pieces))
-    windows = prepared.cut(length, pieces).pad_to(*_shape(prepared))
-    return HeldOut(low, high, fit_starts(prepared, windows, values))
 
 
 def direction_text(direction: Mapping[str, float]) -> str:
     """A direction of parameters in words."""
     return ", ".join(f"{share:+.2g} {name}" for name, share in direction.items())
-
-
-#: Maximum growth of an error over a held-out window, in e-folds: its start must still be found.
-HELD_GROWTH = 6.0
-
-
-def window_length(prepared: Prepared, span: Interval) -> float:
-    """Length [s] of the windows that score a span: equal parts, short enough for their starts to be found.
-
-    Errors grow by at most exp(6) over each window. The growth rate is that of the scene along the measured motion, not
-    that of the fit. Shorter windows alone would lower a score, so two fits must be scored with the same windows.
-    """
-    low, high = span
-    return (high - low) / max(1, int(np.ceil(prepared.lyapunov * (high - low) / HELD_GROWTH - 1e-9)))
-
-
-def _shape(prepared: Prepared) -> tuple[int, int]:
-    """Steps and slots that suffice for the fit's windows and those of every held-out span."""
-    windows = prepared.windows
-    longest = max(window_length(prepared, span) for span in prepared.held_out)
-    steps, slots = program_space(prepared.traces, longest, windows.dt)
-    if steps <= windows.steps:
-        return windows.steps, windows.theta.shape[1]
-    return steps, max(windows.theta.shape[1], slots)
-
-
-#: Maximum evaluations for the starts of held-out windows, at each part of them.
-START_ITERATIONS = 30
-
-
-def fit_starts(prepared: Prepared, windows: Windows, values: np.ndarray) -> Solution:
-    """Fit only the starts of windows, on a growing fraction of each."""
-    traces = list(prepared.traces)
-    for i in np.unique(windows.run):  # earlier fitted samples must not affect the smoothing of a held-out start
-        traces[i] = traces[i].between(np.min(windows.begin[windows.run == i]), np.inf)
-    starts = first_starts(prepared.simulator.model_at(values), traces, windows, prepared.sigma)
-    problem = prepared.problem(frozen=np.ones(len(values), bool))
-    problem = replace(problem, windows=windows, simulator=problem.simulator.view_of_starts())
-    # fractions of a held-out window whose angles are used in turn to find its start
-    for part in (0.2, 0.5, 1.0):
-        solution = fit_windows(
-            replace(problem, windows=windows.early(part)), values, starts, iterations=START_ITERATIONS
-        )
-        starts = solution.starts
-    return solution
 
 
 def chi2_per_dof(prepared: Prepared, solution: Solution) -> float:
@@ -110,24 +47,6 @@ LOOSE_JOIN = 0.03
 MOST_LEFT_OUT = 0.03
 #: Statuses that `--accept-misfit` accepts.
 ACCEPTABLE = ("misfit", "model_error")
-
-
-@dataclass(frozen=True)
-class HeldOut:
-    """A stretch of trace that was not fitted; only its starts were, on its own angles."""
-
-    low: float
-    high: float
-    solution: Solution
-
-    @property
-    def windows(self) -> Windows:
-        return self.solution.windows
-
-    @property
-    def rms(self) -> float:
-        """RMS angle error [rad]."""
-        return self.solution.rms
 
 
 @dataclass(frozen=True)

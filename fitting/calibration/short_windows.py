@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from fitting.calibration.likely_cause import fit_short_windows, likely_cause
-from fitting.calibration.preparation import Prepared
+from fitting.calibration.prepared import Prepared
 from fitting.estimate.windows import Span
 from fitting.traces.conventions import Change, changes, late_columns, resting_angles, shift
 from fitting.traces.planar import wrap

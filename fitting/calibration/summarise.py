@@ -8,9 +8,11 @@ from dataclasses import replace
 import numpy as np
 
 from fitting.calibration.disagreement import disagreement_warnings, disagreements
-from fitting.calibration.laws import law_warnings, test_laws
-from fitting.calibration.preparation import Prepared
-from fitting.calibration.result import FitResult, chi2_per_dof, direction_text, score_held_out
+from fitting.calibration.held_out import score_held_out
+from fitting.calibration.law_score_tests import test_laws
+from fitting.calibration.law_tests import law_warnings
+from fitting.calibration.prepared import Prepared
+from fitting.calibration.result import FitResult, chi2_per_dof, direction_text
 from fitting.estimate.residuals import CHI2_RANGE, CORRELATION_FLOOR, Solution
 from fitting.estimate.scene_fit import common_warnings
 from fitting.estimate.shooting import lyapunov

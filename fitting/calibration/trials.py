@@ -21,9 +21,10 @@ from dropper_jax.base.read import ScenePath
 from dropper_jax.run.build import build
 from fitting.calibration.advice import Group, groups, joint_information, wide
 from fitting.calibration.candidate import Candidate
+from fitting.calibration.held_out import score_held_out, window_length
 from fitting.calibration.law_fits import OF_JOINTS, PARTS, part_of, scene_with_law, substeps_of, without_unused_parts
-from fitting.calibration.preparation import Prepared, fitted_parts, program_space
-from fitting.calibration.result import chi2_per_dof, score_held_out, window_length
+from fitting.calibration.prepared import Prepared, fitted_parts, program_space
+from fitting.calibration.result import chi2_per_dof
 from fitting.estimate.least_squares import fit_windows
 from fitting.estimate.loss import Loss
 from fitting.estimate.noise import Noise, lag_one

@@ -11,7 +11,8 @@ from matplotlib.figure import Figure
 
 from dropper_jax.analysis.spectrum import amplitude_spectrum
 from dropper_jax.plots import style
-from fitting.calibration.result import FitResult, HeldOut
+from fitting.calibration.held_out import HeldOut
+from fitting.calibration.result import FitResult
 from fitting.channels.result import ChannelFit
 from fitting.traces.planar import wrap
 

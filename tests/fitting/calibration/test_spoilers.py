@@ -15,7 +15,7 @@ from fitting.calibration.advice import groups, score_candidates, wide
 from fitting.calibration.candidate import Candidate
 from fitting.calibration.fit import estimate
 from fitting.calibration.freeing import promising
-from fitting.calibration.result import window_length
+from fitting.calibration.held_out import window_length
 
 
 @pytest.fixture(scope="module")

@@ -27,7 +27,7 @@ AFTER = 6
 #: Bound of rho, and gain per unit of the remaining misfit above which a jump is tried.
 BOUND = 50.0
 SHOWN = 40.0
-#: Ratio of a window's mean square to the median above which a first fit omits it, and the maximum number of omissions.
+#: Ratio of a window's mean square to the median above which a first fit omits it, and the maximum fraction omitted.
 FAR = 4.0
 FEW = 1 / 3
 #: Deviations of a sample from the mean of its neighbours above which it is an outlier, and the number of outliers above

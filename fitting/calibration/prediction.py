@@ -146,9 +146,9 @@ def _at_times(t: np.ndarray, at: np.ndarray, motion: tuple[Array, Array]) -> np.
 
 
 def _parting(t: np.ndarray, difference: np.ndarray) -> float:
-    """First time [s] from which differences (m, n) [rad], as shortest turns, permanently have an RMS above `PARTED`.
+    """First time [s] at which differences (m, n) [rad], as shortest turns, have an RMS above `PARTED`; else infinite.
 
-    The RMS is averaged over 0.05 s to either side, so that a single wrong sample does not count.
+    The mean square is averaged over 0.05 s to either side, so that a single wrong sample does not count.
     """
     difference = difference - 2 * np.pi * np.round(np.nan_to_num(difference) / (2 * np.pi))
     width = max(1, round(0.1 / max(float(np.median(np.diff(t))), 1e-9)))

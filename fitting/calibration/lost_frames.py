@@ -32,7 +32,7 @@ FAR = 4.0
 FEW = 1 / 3
 #: Deviations of a sample from the mean of its neighbours above which it is an outlier, and the number of outliers above
 #: which they are a kind of noise.
-ALONE = 6.0
+OUTLYING = 6.0
 SEVERAL = 3
 
 
@@ -44,7 +44,7 @@ class Lost(NamedTuple):
     frames: int
 
 
-def alone(solution: Solution) -> int:
+def count_outliers(solution: Solution) -> int:
     """Number of samples that deviate from the residuals on both sides of them: no smooth misfit does that."""
     windows = solution.windows
     # frames that are late move fast links by many times the noise, which the whitened residuals allow for
@@ -56,7 +56,7 @@ def alone(solution: Solution) -> int:
     inner = known[:, 1:-1] & known[:, :-2] & known[:, 2:]
     off = np.abs(residual[:, 1:-1] - 0.5 * (residual[:, :-2] + residual[:, 2:]))
     usual = np.ma.median(np.ma.array(off, mask=~inner), axis=(0, 1)) / 0.6745
-    out = inner & (off > ALONE * np.maximum(np.ma.filled(usual, np.inf), 1e-300))
+    out = inner & (off > OUTLYING * np.maximum(np.ma.filled(usual, np.inf), 1e-300))
     # a neighbour of an outlier deviates half as much
     return int((out & ~np.pad(out, ((0, 0), (1, 0), (0, 0)))[:, :-1]).sum())
 
@@ -102,7 +102,7 @@ def starts_from_previous_windows(solution: Solution, which: np.ndarray) -> Start
     return with_rows(solution.starts, after, Starts(ends[after - 1, :n], ends[after - 1, n:]))
 
 
-def far_off(solution: Solution) -> np.ndarray:
+def windows_far_off(solution: Solution) -> np.ndarray:
     """Windows (K,) whose residuals are far larger than those of most; none if there are many."""
     known = solution.windows.weight > 0
     size = np.sum(np.where(known, solution.errors, 0.0) ** 2, axis=(1, 2)) / np.maximum(known.sum(axis=(1, 2)), 1)

@@ -45,6 +45,10 @@ CORRELATED_MISFIT = 0.1
 LOOSE_JOIN = 0.03
 #: Maximum fraction of the samples that may be left out of a fit with status `ok`.
 MOST_LEFT_OUT = 0.03
+#: Noise [rad] far below an encoder's, as only simulated traces have.
+SIMULATED_NOISE = 5e-6
+#: Number of candidates of `advise` that are listed in the warnings.
+NAMED_CANDIDATES = 3
 #: Statuses that `--accept-misfit` accepts.
 ACCEPTABLE = ("misfit", "model_error")
 
@@ -103,6 +107,7 @@ class FitResult(SceneFit[Problem, Evaluation]):
 
     @property
     def has_errors(self) -> bool:
+        """Whether the parameters have errors: not those of a failed fit, unless its misfit is accepted."""
         return self.status == "ok" or (self.accepted and self.status in ACCEPTABLE)
 
     @property
@@ -174,31 +179,34 @@ class FitResult(SceneFit[Problem, Evaluation]):
             names = self.solution.problem.names
             found.append(f"the law is wrong: the trace shows {freeing_option(wrong, names)}")
         if self.status == "misfit" and self.misses and not self.wrong_file:
-            times = float(np.sqrt(self.chi2_per_dof))
-            advice = "Try --auto-free, state a model_error in [fit], or accept it by --accept-misfit"
-            if self.recordings:
-                advice = (
-                    "Fit each recording alone to find the one that differs; leave out --same-motion for separate runs"
-                )
-            elif self.likely:
-                advice = f"Likeliest cause: {self.likely}, or state a model_error in [fit]"
-            if self.solution.rms < 5e-6 * times:  # noise [rad] far below an encoder's: a simulated trace
-                advice = (
-                    f"The trace has hardly any noise ({self.solution.rms / times:.1g} rad), as a simulated one: the "
-                    f"residuals, {self.solution.rms:.1g} rad RMS, are then errors of two time steps or schemes. "
-                    "State them as model_error, as the tables of `dropper run` do, add a camera's noise "
-                    "(fitting.traces.synthetic.observe) or accept it by --accept-misfit"
-                )
             reason = f"neighbours correlate by {self.uncertainty.correlation_1[0]:.2f}"
             if self.has_unexplained_joins or not self.windows_join:
                 reason = "the windows of the fit do not join to one motion"
+            times = float(np.sqrt(self.chi2_per_dof))
             found.append(
-                f"the residuals are {times:.3g} times the noise and {reason}: the model misses the trace. {advice}"
+                f"the residuals are {times:.3g} times the noise and {reason}: the model misses the trace. "
+                f"{self._advice_on_misfit(self.rms / times)}"
             )
         return "; ".join(filter(None, found))
 
+    def _advice_on_misfit(self, noise: float) -> str:
+        """What to do about residuals that exceed the claimed noise [rad]."""
+        if noise < SIMULATED_NOISE:
+            return (
+                f"The trace has hardly any noise ({noise:.1g} rad), as a simulated one: the residuals, {self.rms:.1g} "
+                "rad RMS, are then errors of two time steps or schemes. State them as model_error, as the tables of "
+                "`dropper run` do, add a camera's noise (fitting.traces.synthetic.observe) or accept it by "
+                "--accept-misfit"
+            )
+        if self.recordings:
+            return "Fit each recording alone to find the one that differs; leave out --same-motion for separate runs"
+        if self.likely:
+            return f"Likeliest cause: {self.likely}, or state a model_error in [fit]"
+        return "Try --auto-free, state a model_error in [fit], or accept it by --accept-misfit"
+
     @property
     def windows(self) -> Windows:
+        """The fitted windows."""
         return self.solution.windows
 
     @property
@@ -279,6 +287,7 @@ class FitResult(SceneFit[Problem, Evaluation]):
         return Combination(DRAG, speed, value, np.sqrt(max(C[0, 0] + speed * C[0, 1], 0.0)))
 
     def note(self, i: int) -> str:
+        """Remarks on parameter i."""
         return ", ".join(filter(None, [super().note(i), self.laws.remark(self.parameters[i].name)]))
 
     def estimates(self) -> dict[str, dict[str, Any]]:
@@ -292,8 +301,7 @@ class FitResult(SceneFit[Problem, Evaluation]):
     def add_advice(self, candidates: list[Candidate]) -> None:
         """Report candidates of `advise`, the first ones worth it as warnings too."""
         self.advice = candidates
-        # number of candidates listed in the warnings
-        self.warnings += [str(candidate) for candidate in candidates if candidate.worth_naming][:3]
+        self.warnings += [str(candidate) for candidate in candidates if candidate.worth_naming][:NAMED_CANDIDATES]
 
     def noise_table(self) -> dict[str, Any]:
         """The noise estimated from the residuals: its kind, and by run and link its size, memory and delay.

@@ -55,12 +55,12 @@ from fitting.parameters.targets import (
 #: Standard deviations of numbers without a prior. A fraction of the value for quantities measured on a bench or
 #: computed from a drawing; angles [rad] for markers that are glued, and encoders set to zero, by eye; a fraction for
 #: clocks.
-SHARE = 0.1
-TURNED = 0.05
-CLOCKS = 0.01
+PRIOR_FRACTION = 0.1
+PRIOR_ANGLE = 0.05
+PRIOR_CLOCK = 0.01
 
 #: Parameters whose derivatives are taken together with those of the starts.
-BESIDE = 4
+TOGETHER = 4
 #: Windows, and lost stretches of frames, that programs reserve space for.
 SLACK = 2
 LOST_STRETCHES = 2
@@ -130,7 +130,7 @@ def candidate_simulator(prepared: Prepared, further: Sequence[Parameter] = ()) -
         more.setdefault(p.name, p)
     lost = [Parameter(f"{LOST}.-.{i}", LostTarget(-1, i), 0.0, unit="s") for i in range(LOST_STRETCHES)]
     simulator = Simulator(
-        model, [*every, *more.values(), *lost], own.stepper, own.release, tangents=own.freedoms + BESIDE
+        model, [*every, *more.values(), *lost], own.stepper, own.release, tangents=own.freedoms + TOGETHER
     )
     simulator.capacity = SLACK * prepared.windows.steps, SLACK * prepared.windows.theta.shape[1]
     return simulator
@@ -323,13 +323,13 @@ def _with_width(model: Model, p: Parameter) -> Parameter:
     """A parameter with the default prior of its kind if none is given; coefficients have none."""
     width = 0.0
     if isinstance(p.where, CameraTarget):
-        width = TURNED
+        width = PRIOR_ANGLE
     elif isinstance(p.where, ClockTarget):
-        width = CLOCKS
+        width = PRIOR_CLOCK
     elif isinstance(p.where, ModelTarget) and p.where.section == "lines":
-        width = SHARE * abs(p.value)
+        width = PRIOR_FRACTION * abs(p.value)
     elif isinstance(p.where, ModelTarget) and p.where.section == "points":
-        width = SHARE * float(np.mean(np.asarray(model.line.length)))
+        width = PRIOR_FRACTION * float(np.mean(np.asarray(model.line.length)))
     if width > 0:
         return replace(p, prior=(p.value, width))
     return p

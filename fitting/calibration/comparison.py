@@ -39,6 +39,7 @@ from fitting.calibration.cross_validation import (
 from fitting.calibration.decision import LACKS, chance, decide, decide_joined, deviation
 from fitting.calibration.estimating import with_residual_noise
 from fitting.calibration.law_fits import (
+    ITERATIONS,
     LADDER,
     PARTS,
     Family,
@@ -64,29 +65,26 @@ from fitting.parameters.parameter import Parameter
 if TYPE_CHECKING:
     from fitting.calibration.result import FitResult
 
-#: Evaluations of separate windows in the widest law's family, and between a law and one that contains it.
-ITERATIONS = 25
+#: Evaluations of joined windows between a law and one that contains it.
 ONWARD = 15
 #: Maximum evaluations of a law started from the end of a larger one, which suffices in the same local minimum.
-#: Maximum number of larger laws to start from, as each may have found a better local minimum.
 NEAR = 8
+#: Maximum number of larger laws to start from, as each may have found a better local minimum.
 TRIES = 3
-#: Cost, in multiples of the fullest law's, above which a law does not justify finer steps; loss of log likelihood, by
-#: the fullest law's covariance, above which no other local minimum can rescue a law.
+#: Cost, in multiples of the fullest law's, above which a law does not justify finer steps.
 FAR = 10.0
+#: Loss of log likelihood, by the fullest law's covariance, above which no other local minimum can rescue a law.
 HOPELESS = 1000.0
 
 
-def compare(
-    result: FitResult, laws: Sequence[str] = tuple(LADDER), iterations: int = ITERATIONS, progress: Progress = silent
-) -> list[Law]:
+def compare(result: FitResult, laws: Sequence[str] = tuple(LADDER), progress: Progress = silent) -> list[Law]:
     """Which damping laws the traces of a fit leave possible; see `compare_laws`.
 
     Raises:
         SceneError: a law of unknown name, or a fit of a number that ties several values of the scene.
     """
     refuse_tied("compare_models", result.parameters)
-    return compare_laws(result.prepared.noisy(result.solution.problem.noise), laws, iterations, progress)
+    return compare_laws(result.prepared.noisy(result.solution.problem.noise), laws, progress)
 
 
 def refuse_tied(option: str, parameters: Sequence[Parameter]) -> None:
@@ -96,9 +94,7 @@ def refuse_tied(option: str, parameters: Sequence[Parameter]) -> None:
         raise SceneError(f"{option}: not with {tied!r} free. Omit it, or free paths of the scene such as b_l")
 
 
-def compare_laws(
-    prepared: Prepared, laws: Sequence[str] = tuple(LADDER), iterations: int = ITERATIONS, progress: Progress = silent
-) -> list[Law]:
+def compare_laws(prepared: Prepared, laws: Sequence[str] = tuple(LADDER), progress: Progress = silent) -> list[Law]:
     """Fit laws to the same windows by `windows`, and report which of them the traces leave possible.
 
     Other free parameters of the fit (inertias, camera) are free in every law. Friction in joints is one number for all,
@@ -111,7 +107,7 @@ def compare_laws(
         if law not in LADDER:
             raise SceneError(f"laws: {law!r} is unknown; {nearest(law, LADDER)}")
     ordered = sorted(laws, key=lambda law: (len(LADDER[law]), list(LADDER).index(law)))
-    fits = LawFits(prepared, ordered, iterations, progress)
+    fits = LawFits(prepared, ordered, progress)
     fullest = fits.fit_fullest()
     memory = fullest.problem.memory
     same = _same_parts(ordered, prepared, fullest)
@@ -147,10 +143,9 @@ class LawFits:
         costs: minus their log likelihoods, in units of independent samples.
     """
 
-    def __init__(self, prepared: Prepared, laws: Sequence[str], iterations: int, progress: Progress) -> None:
+    def __init__(self, prepared: Prepared, laws: Sequence[str], progress: Progress) -> None:
         self.prepared = prepared
         self.laws = laws
-        self.iterations = iterations
         self.progress = progress
         others = [name for name in prepared.names if part_of(name) is None]
         self.families: dict[bool, Family] = {}
@@ -169,7 +164,7 @@ class LawFits:
 
     def fit(self, law: str, inner: list[Solution]) -> Solution:
         """A law fitted from the best of those that it contains."""
-        return fit_law(self.prepared, self.family(law), law, inner, self.iterations)
+        return fit_law(self.prepared, self.family(law), law, inner)
 
     def undetected(self, solution: Solution, dry: bool) -> tuple[str, ...]:
         """Parts of a law, fitted by a family, that the traces could not have shown."""
@@ -237,7 +232,7 @@ class LawFits:
         if not inside.cost < own.cost:
             return
         values = np.array([inside.by_name[p.name] for p in own.problem.parameters])  # the larger one may have more
-        again = fit_windows(own.problem, values, inside.starts, iterations=self.iterations)
+        again = fit_windows(own.problem, values, inside.starts, iterations=ITERATIONS)
         self.solutions[law] = better_fit([own, again])
         for fit in (inside, self.solutions[law]):
             self.costs[law] = min(self.costs[law], fit.cost / fit.problem.memory)
@@ -254,7 +249,7 @@ class LawFits:
         order = sorted(laws, key=lambda law: len(LADDER[law]))
         most = order[-1]
         self.progress(0.95, f"law {most}, joined")
-        begin = fit_law(self.prepared, family, most, [laws[most]], ITERATIONS)
+        begin = fit_law(self.prepared, family, most, [laws[most]])
         widest = fit_shooting(begin, finer=finer_step)
         if widest.status != "ok" or not widest.gap_weight:
             return {}
@@ -273,7 +268,7 @@ class LawFits:
                 level = Objective(problem, widest.gap_weight, intermediate=True)
                 tries.append(descend(level, replace(best, problem=problem), ONWARD))
             if not any(solution.status == "ok" for solution in tries):
-                begin = fit_law(self.prepared, family, law, [laws[law]], ITERATIONS)
+                begin = fit_law(self.prepared, family, law, [laws[law]])
                 tries.append(fit_shooting(begin, choose=False, schedule=schedule))
             joined[law] = better_fit(tries)
             if joined[law].status != "ok":

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -33,18 +32,16 @@ class HeldOut:
         return self.solution.rms
 
 
-def score_held_out(
-    prepared: Prepared, values: np.ndarray, span: Interval, runs: Sequence[int] | None = None
-) -> HeldOut:
-    """A span of some runs, by default of all, with its starts fitted on its own angles and the parameters fixed.
+def score_held_out(prepared: Prepared, values: np.ndarray, span: Interval, run: int | None = None) -> HeldOut:
+    """A span of one run, by default of all, with its starts fitted on its own angles and the parameters fixed.
 
     All windows have one length, which the shortest piece of a run limits. A run with too few frames to determine a
     start is left out, unless all are: windows that short fit any angles.
     """
     low, high = span
     frames = [frames_between(trace, low, high) for trace in prepared.traces]
-    if runs is not None:
-        frames = [count * (i in runs) for i, count in enumerate(frames)]
+    if run is not None:
+        frames = [count * (i == run) for i, count in enumerate(frames)]
     needed = min(fewest_frames(prepared.traces[0].links, prepared.simulator.freedoms), max(frames))
     pieces = []
     for i, trace in enumerate(prepared.traces):

@@ -199,7 +199,11 @@ def without_unused_parts(scene: Scene, given: Scene, free: Sequence[str]) -> Sce
     return Scene.from_dict(table)
 
 
-def fit_law(prepared: Prepared, family: Family, law: str, inner: list[Solution], iterations: int) -> Solution:
+#: Maximum evaluations of separate windows for a law.
+ITERATIONS = 25
+
+
+def fit_law(prepared: Prepared, family: Family, law: str, inner: list[Solution]) -> Solution:
     """A law fitted from the best law that it contains, or from typical coefficients; the better of both."""
     used = family.free_mask(law)
     parameters = family.simulator.parameters
@@ -224,10 +228,10 @@ def fit_law(prepared: Prepared, family: Family, law: str, inner: list[Solution],
         tries.insert(0, np.where(used, [own.get(p.name, 0.0) for p in parameters], 0.0))
     fits: list[Solution] = []
     for values in tries:
-        fit = fit_windows(problem, values, starts, iterations=iterations)
+        fit = fit_windows(problem, values, starts, iterations=ITERATIONS)
         if family.rough < family.substeps and fit.cost < family.enough:
             finer = replace(problem, windows=replace(windows, substeps=family.substeps))
-            fit = fit_windows(finer, fit.values, fit.starts, iterations=iterations)
+            fit = fit_windows(finer, fit.values, fit.starts, iterations=ITERATIONS)
         fits.append(fit)
         # started from a law that it contains it cannot end worse; if it does, other starts are tried
         if fit.status == "ok" and (best is None or fit.cost <= best.cost * (1 + 1e-6)):

@@ -86,11 +86,10 @@ class LawTests:
 
 def holm(probabilities: Sequence[float]) -> list[float]:
     """Probabilities corrected for the number of tests (Holm 1979), in the order of the tests."""
-    corrected = np.empty(len(probabilities))
-    worst = 0.0
-    for i, test in enumerate(np.argsort(probabilities, kind="stable")):
-        worst = max(worst, min(1.0, probabilities[test] * (len(probabilities) - i)))
-        corrected[test] = worst
+    order = np.argsort(probabilities)
+    steps = np.array(probabilities)[order] * np.arange(len(order), 0, -1)
+    corrected = np.empty(len(order))
+    corrected[order] = np.minimum(np.maximum.accumulate(steps), 1.0)
     return corrected.tolist()
 
 

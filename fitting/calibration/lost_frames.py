@@ -29,7 +29,7 @@ BOUND = 50.0
 SHOWN = 40.0
 #: Ratio of a window's mean square to the median above which a first fit omits it, and the maximum fraction omitted.
 FAR = 4.0
-FEW = 1 / 3
+FAR_FRACTION = 1 / 3
 #: Deviations of a sample from the mean of its neighbours above which it is an outlier, and the number of outliers above
 #: which they are a kind of noise.
 OUTLYING = 6.0
@@ -107,7 +107,7 @@ def windows_far_off(solution: Solution) -> np.ndarray:
     known = solution.windows.weight > 0
     size = np.sum(np.where(known, solution.errors, 0.0) ** 2, axis=(1, 2)) / np.maximum(known.sum(axis=(1, 2)), 1)
     off = size > FAR * np.median(size)
-    return off & (off.mean() <= FEW)
+    return off & (off.mean() <= FAR_FRACTION)
 
 
 def _extend_windows(prepared: Prepared, right: np.ndarray) -> Windows:

@@ -93,6 +93,7 @@ def predict(result: FitResult, run: int = 0) -> Prediction | None:
     n = trace.links
     theta, omega = np.split(solution.evaluation.start[first], 2)
     samples = max(float((windows.weight[first] > 0).sum()) / n, 1.0)
+    # signs that differ between links, the same in every call
     aside = result.noise / np.sqrt(samples) * np.sign(np.sin(1.0 + np.arange(n)))
     error = np.where(np.isfinite(result.uncertainty.std_error), result.uncertainty.std_error, 0.0)
     low, high = solution.problem.bounds(values)

@@ -43,8 +43,8 @@ def warnings_of(prepared: Prepared, solution: Solution, u: Uncertainty, chi2: fl
     close = np.argwhere(np.abs(np.triu(u.correlation, 1)) > HARD_TO_DISTINGUISH)
     for i, j in close:
         found.append(f"{names[i]} and {names[j]} are hard to distinguish (correlation {u.correlation[i, j]:.3f})")
-    for name, error, on in zip(names, u.std_error, u.at_bound, strict=True):
-        if not on and error > abs(values[name]) and name.startswith("effects."):
+    for name, error, at_bound in zip(names, u.std_error, u.at_bound, strict=True):
+        if not at_bound and error > abs(values[name]) and name.startswith("effects."):
             found.append(f"{name} is not determined: {values[name]:.3g} with standard error {error:.2g}")
     for run, low, high in prepared.left_out:
         found.append(

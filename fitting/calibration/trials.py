@@ -112,7 +112,7 @@ class Trials:
     def score(self, solution: Solution) -> float:
         """Mean logarithm of the RMS errors [rad] of the windows of all scored stretches."""
         at = self.prepared.with_parameters(solution.problem.parameters, solution.values)
-        held = [score_held_out(at, solution.values, (low, high), [run]).solution for run, low, high in self.spans]
+        held = [score_held_out(at, solution.values, (low, high), run).solution for run, low, high in self.spans]
         known = np.concatenate([(one.windows.weight > 0).sum(axis=(1, 2)) for one in held])
         square = np.concatenate([np.sum(one.errors**2, axis=(1, 2)) for one in held])
         return float(np.mean(0.5 * np.log(np.maximum(square[known > 0] / known[known > 0], 1e-24))))

@@ -15,14 +15,14 @@ from dropper_jax.base.read import Table
 from dropper_jax.cli.given import number
 from dropper_jax.cli.printing import table
 
-#: Model error that a fit to a file may assume, as a fraction of the motion.
-SMALL_ERROR = 0.003
-
 if TYPE_CHECKING:
     from dropper_jax.load.scene import Scene
     from fitting.calibration.result import FitResult
     from fitting.from_file.read_file import FileOptions
     from fitting.traces.trace import Trace
+
+#: Model error that a fit to a file may assume, as a fraction of the motion.
+SMALL_ERROR = 0.003
 
 
 def add_file_options(parser: argparse.ArgumentParser) -> None:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from dropper_jax import load_scene
-from dropper_jax.base.errors import Progress, part_of, silent
+from dropper_jax.base.errors import Progress, part_of
 from dropper_jax.base.markdown import Rows
 from fitting.calibration.fit import fit
 from fitting.calibration.result import FitResult
@@ -55,12 +55,11 @@ FIT_ENDED = 0.91
 
 
 def calibrate_synthetic(
-    folder: str | Path,
-    example: Example = EXAMPLE,
-    progress: Progress = silent,
+    folder: Path,
+    example: Example,
+    progress: Progress,
 ) -> FitResult:
     """Make the traces, fit them together, write traces and report to `folder`."""
-    folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     scenes = [load_scene(name).with_values(example.truth) for name in example.scenes]
     traces = synthetic_traces(

@@ -19,12 +19,12 @@ from scipy.interpolate import CubicSpline
 from study import RESULTS, Found, command, say, store, timed
 
 from fitting import Convention, FitSettings, Trace, prepare
-from fitting.calibration.advice import wide
+from fitting.calibration.advice import candidate_simulator
 from fitting.calibration.candidate import omitted_parameter_bias
 from fitting.calibration.estimating import estimate
 from fitting.calibration.freeing import free_by_advice, with_freed
 from fitting.calibration.lost_windows import with_sound_windows
-from fitting.calibration.preparation import Prepared
+from fitting.calibration.prepared import Prepared
 from fitting.calibration.summarise import summarise
 from fitting.estimate.least_squares import level_of
 from fitting.estimate.noise import Noise
@@ -208,7 +208,7 @@ def one(kind: str, number: int, shared: list[Simulator]) -> Found:
     """One trace, fitted."""
     d, trace = draw(kind, number)
     prepared = prepare(trace, scene(), FREE, settings=SETTINGS, simulator=shared[0] if shared else None)
-    shared[:] = shared or [wide(prepared)]
+    shared[:] = shared or [candidate_simulator(prepared)]
     # as `fit` does first
     prepared = with_sound_windows(with_freed(prepared, [], shared[0]), keep_jumps=True)
     at = free_by_advice(prepared, estimate, "shooting", simulator=shared[0])

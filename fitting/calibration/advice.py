@@ -26,8 +26,8 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.model import Model
 from fitting.calibration.candidate import Candidate
 from fitting.calibration.law_fits import PARTS
-from fitting.calibration.laws import holm
-from fitting.calibration.preparation import Prepared
+from fitting.calibration.law_tests import holm
+from fitting.calibration.prepared import Prepared
 from fitting.calibration.result import FitResult
 from fitting.estimate.factors import invert_spd, solve_spd
 from fitting.estimate.least_squares import level_of
@@ -55,17 +55,27 @@ from fitting.parameters.targets import (
 #: Standard deviations of numbers without a prior. A fraction of the value for quantities measured on a bench or
 #: computed from a drawing; angles [rad] for markers that are glued, and encoders set to zero, by eye; a fraction for
 #: clocks.
-SHARE = 0.1
-TURNED = 0.05
-CLOCKS = 0.01
+PRIOR_FRACTION = 0.1
+PRIOR_ANGLE = 0.05
+PRIOR_CLOCK = 0.01
 
-#: Parameters whose derivatives are taken together with those of the starts; windows that programs reserve space for.
-BESIDE = 4
+#: Parameters whose derivatives are taken together with those of the starts.
+TOGETHER = 4
+#: Windows, and lost stretches of frames, that programs reserve space for.
 SLACK = 2
+LOST_STRETCHES = 2
 
 
-def candidates(model: Model, release: Release | None) -> list[tuple[str, list[str], list[Parameter]]]:
-    """Names of the candidates, the paths that free them, and the numbers at these paths, which the scene has."""
+class PossibleFault(NamedTuple):
+    """Numbers of the scene that may be wrong: a name, the paths that free them, and the numbers at these paths."""
+
+    name: str
+    paths: list[str]
+    parameters: list[Parameter]
+
+
+def candidates(model: Model, release: Release | None) -> list[PossibleFault]:
+    """The candidates whose numbers the scene has."""
     links = model.line.links
     named = [
         ("lengths of links", ["line.0.length"]),
@@ -86,12 +96,12 @@ def candidates(model: Model, release: Release | None) -> list[tuple[str, list[st
         named.append(("masses", ["line.0.mass"]))
     if release is not None:
         named += [(f"start of run {i}", [f"{TIME}.{i}"]) for i in range(release.runs)]
-    found = []
+    faults = []
     for name, paths in named:
         parameters = _existing(model, paths, release)
         if parameters:
-            found.append((name, paths, parameters))
-    return found
+            faults.append(PossibleFault(name, paths, parameters))
+    return faults
 
 
 def _second_end(model: Model) -> list[str]:
@@ -102,26 +112,25 @@ def _second_end(model: Model) -> list[str]:
     return []
 
 
-def wide(prepared: Prepared, further: Sequence[Parameter] = ()) -> Simulator:
+def candidate_simulator(prepared: Prepared, further: Sequence[Parameter] = ()) -> Simulator:
     """A simulator whose programs know the free parameters, those of all candidates and others, with space for lost
     frames."""
     own = prepared.simulator
     model = own.model
     more = {}
-    for _, _, found in candidates(model, own.release):
-        more |= {p.name: p for p in found}
+    for fault in candidates(model, own.release):
+        more |= {p.name: p for p in fault.parameters}
     more |= {p.name: p for p in further}
     for name in prepared.names:
         more.pop(name, None)
-    # number of lost stretches of frames that programs reserve space for
-    lost = [Parameter(f"{LOST}.-.{i}", LostTarget(-1, i), 0.0, unit="s") for i in range(2)]
     if own.knows([*prepared.parameters, *more.values()]):
         return own
     every = [p for p in prepared.parameters if not p.is_lost]
     for p in tested_parameters(model, every):
         more.setdefault(p.name, p)
+    lost = [Parameter(f"{LOST}.-.{i}", LostTarget(-1, i), 0.0, unit="s") for i in range(LOST_STRETCHES)]
     simulator = Simulator(
-        model, [*every, *more.values(), *lost], own.stepper, own.release, tangents=own.freedoms + BESIDE
+        model, [*every, *more.values(), *lost], own.stepper, own.release, tangents=own.freedoms + TOGETHER
     )
     simulator.capacity = SLACK * prepared.windows.steps, SLACK * prepared.windows.theta.shape[1]
     return simulator
@@ -139,7 +148,7 @@ def score_candidates(prepared: Prepared, solution: Solution, simulator: Simulato
     problem = solution.problem
     asked = _not_free(prepared, problem.parameters)
     more = [p for one in asked for p in one.parameters]
-    S, g, data = joint_information(prepared, solution, simulator or wide(prepared), more)
+    S, g, data = joint_information(prepared, solution, simulator or candidate_simulator(prepared), more)
     free = solution.free
     tested = []
     undistinguished = []
@@ -149,22 +158,25 @@ def score_candidates(prepared: Prepared, solution: Solution, simulator: Simulato
             undistinguished.append(Candidate(one.name, one.paths, p=1.0))
         else:
             tested.append((one, change))
-    price = 0.5 * np.log(max(solution.windows.samples / problem.memory, 2.0))
+    penalty = 0.5 * np.log(max(solution.windows.samples / problem.memory, 2.0))
     names = [problem.names[i] for i in free]
     # indistinguishable candidates keep the order of their probabilities
     tested.sort(key=lambda pair: pair[1].p)
     rows = []
     for (one, change), p in zip(tested, holm([change.p for _, change in tested]), strict=True):
         own = [parameter.name for parameter in one.parameters]
-        changes = dict(zip(own, map(float, change.change), strict=True))
-        errors = dict(zip(own, map(float, change.error), strict=True))
-        moves = dict(zip(names, map(float, change.moves), strict=True)) | changes
-        worth = change.gain - price * len(own)  # each number costs some of the gain
+        changes = dict(zip(own, change.change.tolist(), strict=True))
+        errors = dict(zip(own, change.error.tolist(), strict=True))
+        moves = dict(zip(names, change.moves.tolist(), strict=True)) | changes
+        worth = change.gain - penalty * len(own)
         row = Candidate(one.name, one.paths, changes, errors, change.gain, p, worth, moves=moves)
         if row.worth_naming:
-            beside = np.concatenate([free, one.rows])
-            others = [other for other in asked if other is not one and len(other.rows) == len(one.rows)]
-            alike = [other.name for other in others if score_change(S, g, data, beside, other.rows) is None]
+            also_free = np.concatenate([free, one.rows])
+            alike = []
+            for other in asked:
+                same_size = other is not one and len(other.rows) == len(one.rows)
+                if same_size and score_change(S, g, data, also_free, other.rows) is None:
+                    alike.append(other.name)
             row = replace(row, alike=tuple(alike))
         rows.append(row)
     return sorted(rows, key=lambda row: -round(row.worth, 1)) + undistinguished
@@ -204,8 +216,8 @@ def joint_information(
     extended = replace(problem, simulator=simulator.view_of(every), parameters=every, frozen=None, known=known)
     evaluation = extended.evaluate(values, solution.starts)
     system = level_of(extended, solution.gap_weight).system(evaluation, values)
-    still = np.zeros(len(values))
-    step = eliminate(system, 0.0, extended.prior(values), still, still)
+    no_change = np.zeros(len(values))
+    step = eliminate(system, 0.0, extended.prior(values), no_change, no_change)
     prior = prior_of(every, values, known.common)
     data = step.information - prior.curvature
     slope = step.gradient - prior.gradient
@@ -311,13 +323,13 @@ def _with_width(model: Model, p: Parameter) -> Parameter:
     """A parameter with the default prior of its kind if none is given; coefficients have none."""
     width = 0.0
     if isinstance(p.where, CameraTarget):
-        width = TURNED
+        width = PRIOR_ANGLE
     elif isinstance(p.where, ClockTarget):
-        width = CLOCKS
+        width = PRIOR_CLOCK
     elif isinstance(p.where, ModelTarget) and p.where.section == "lines":
-        width = SHARE * abs(p.value)
+        width = PRIOR_FRACTION * abs(p.value)
     elif isinstance(p.where, ModelTarget) and p.where.section == "points":
-        width = SHARE * float(np.mean(np.asarray(model.line.length)))
+        width = PRIOR_FRACTION * float(np.mean(np.asarray(model.line.length)))
     if width > 0:
         return replace(p, prior=(p.value, width))
     return p

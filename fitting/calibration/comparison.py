@@ -20,7 +20,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from itertools import combinations, compress
 from typing import TYPE_CHECKING
 
@@ -28,25 +27,35 @@ import numpy as np
 
 from dropper_jax.base.errors import Progress, SceneError, nearest, silent
 from dropper_jax.base.read import ScenePath
-from fitting.calibration.cross_validation import Fold, Scores, blocks, fair, last_third, other_runs, score
+from fitting.calibration.cross_validation import (
+    Fold,
+    Scores,
+    blocks,
+    last_third,
+    other_runs,
+    score,
+    with_released_fitted,
+)
 from fitting.calibration.decision import LACKS, chance, decide, decide_joined, deviation
+from fitting.calibration.estimating import with_residual_noise
 from fitting.calibration.law_fits import (
+    ITERATIONS,
     LADDER,
     PARTS,
     Family,
     Law,
+    better_fit,
     contains,
     family_of,
     fit_law,
     least_loss,
     part_of,
 )
-from fitting.calibration.preparation import Prepared
+from fitting.calibration.prepared import Prepared
 from fitting.calibration.undetected import dissipated_per_unit, undetected_parts
 from fitting.estimate.factors import solve_spd
-from fitting.estimate.least_squares import Objective, continue_fit, descend, fit_windows
+from fitting.estimate.least_squares import Objective, descend, fit_windows
 from fitting.estimate.noise import lag_one
-from fitting.estimate.residual_noise import fit_with_noise
 from fitting.estimate.residuals import Solution
 from fitting.estimate.shooting import SCHEDULE, fit_shooting
 from fitting.estimate.step_size import finer_step, refine
@@ -56,29 +65,26 @@ from fitting.parameters.parameter import Parameter
 if TYPE_CHECKING:
     from fitting.calibration.result import FitResult
 
-#: Evaluations of separate windows in the widest law's family, and between a law and one that contains it.
-ITERATIONS = 25
+#: Evaluations of joined windows between a law and one that contains it.
 ONWARD = 15
 #: Maximum evaluations of a law started from the end of a larger one, which suffices in the same local minimum.
-#: Maximum number of larger laws to start from, as each may have found a better local minimum.
 NEAR = 8
+#: Maximum number of larger laws to start from, as each may have found a better local minimum.
 TRIES = 3
-#: Cost, in multiples of the fullest law's, above which a law does not justify finer steps; loss of log likelihood, by
-#: the fullest law's covariance, above which no other local minimum can rescue a law.
+#: Cost, in multiples of the fullest law's, above which a law does not justify finer steps.
 FAR = 10.0
+#: Loss of log likelihood, by the fullest law's covariance, above which no other local minimum can rescue a law.
 HOPELESS = 1000.0
 
 
-def compare(
-    result: FitResult, laws: Sequence[str] = tuple(LADDER), iterations: int = ITERATIONS, progress: Progress = silent
-) -> list[Law]:
+def compare(result: FitResult, laws: Sequence[str] = tuple(LADDER), progress: Progress = silent) -> list[Law]:
     """Which damping laws the traces of a fit leave possible; see `compare_laws`.
 
     Raises:
         SceneError: a law of unknown name, or a fit of a number that ties several values of the scene.
     """
     refuse_tied("compare_models", result.parameters)
-    return compare_laws(result.prepared.noisy(result.solution.problem.noise), laws, iterations, progress)
+    return compare_laws(result.prepared.noisy(result.solution.problem.noise), laws, progress)
 
 
 def refuse_tied(option: str, parameters: Sequence[Parameter]) -> None:
@@ -88,9 +94,7 @@ def refuse_tied(option: str, parameters: Sequence[Parameter]) -> None:
         raise SceneError(f"{option}: not with {tied!r} free. Omit it, or free paths of the scene such as b_l")
 
 
-def compare_laws(
-    prepared: Prepared, laws: Sequence[str] = tuple(LADDER), iterations: int = ITERATIONS, progress: Progress = silent
-) -> list[Law]:
+def compare_laws(prepared: Prepared, laws: Sequence[str] = tuple(LADDER), progress: Progress = silent) -> list[Law]:
     """Fit laws to the same windows by `windows`, and report which of them the traces leave possible.
 
     Other free parameters of the fit (inertias, camera) are free in every law. Friction in joints is one number for all,
@@ -103,32 +107,26 @@ def compare_laws(
         if law not in LADDER:
             raise SceneError(f"laws: {law!r} is unknown; {nearest(law, LADDER)}")
     ordered = sorted(laws, key=lambda law: (len(LADDER[law]), list(LADDER).index(law)))
-    fits = LawFits(prepared, ordered, iterations, progress)
-    first = fits.fit_fullest()
-    memory = first.problem.memory
-    same = _same_parts(ordered, prepared, first)
-    fits.fit_others(first, same)
-    folds = fair(blocks(fits.prepared.windows.run), fits.prepared.windows.released)
-    scores = [score(one, folds) for one in fits.found.values()]
-    per_unit = {
-        dry: dissipated_per_unit(fits.prepared, family.simulator, family.owner) for dry, family in fits.families.items()
-    }
-
-    def open_parts(one: Solution, dry: bool) -> tuple[str, ...]:
-        return undetected_parts(one, fits.families[dry].owner, per_unit[dry])
-
+    fits = LawFits(prepared, ordered, progress)
+    fullest = fits.fit_fullest()
+    memory = fullest.problem.memory
+    same = _same_parts(ordered, prepared, fullest)
+    fits.fit_others(fullest, same)
+    folds = with_released_fitted(blocks(fits.prepared.windows.run), fits.prepared.windows.released)
+    scores = [score(solution, folds) for solution in fits.solutions.values()]
     rows = []
     for row in fits.rows(scores):
         alike = tuple(other for other in ordered if other != row.name and _same_law(row.name, other, same))
-        rows.append(replace(row, equals=alike, unseen=open_parts(fits.found[row.name], "dry" in LADDER[row.name])))
-    rows = decide(rows, [replace(one, log_score=one.log_score / memory) for one in scores])
-    left = {row.name: fits.found[row.name] for row in rows if row.possible}
-    if len(left) == 1:
+        unseen = fits.undetected(fits.solutions[row.name], "dry" in LADDER[row.name])
+        rows.append(replace(row, equals=alike, unseen=unseen))
+    rows = decide(rows, [replace(scored, log_score=scored.log_score / memory) for scored in scores])
+    possible = {row.name: fits.solutions[row.name] for row in rows if row.possible}
+    if len(possible) == 1:
         return rows
-    dry = any("dry" in LADDER[law] for law in left)
-    joined = fits.join(left, fits.families[dry])
-    costs = {law: one.cost / memory for law, one in joined.items()}
-    return decide_joined(rows, costs, {law: open_parts(one, dry) for law, one in joined.items()})
+    dry = any("dry" in LADDER[law] for law in possible)
+    joined = fits.join(possible, fits.families[dry])
+    costs = {law: solution.cost / memory for law, solution in joined.items()}
+    return decide_joined(rows, costs, {law: fits.undetected(solution, dry) for law, solution in joined.items()})
 
 
 class LawFits:
@@ -138,24 +136,26 @@ class LawFits:
         laws: from the simplest one on.
 
     Attributes:
-        families: with and without dry friction.
-        found: the laws' fits.
+        families: with (True) and without dry friction.
+        per_unit: energy that a unit of each coefficient of a family dissipates in the measured motion.
+        fullest_fits: fits of the fullest law of each family, by name.
+        solutions: the laws' fits, by name.
         costs: minus their log likelihoods, in units of independent samples.
     """
 
-    def __init__(self, prepared: Prepared, laws: Sequence[str], iterations: int, say: Progress) -> None:
+    def __init__(self, prepared: Prepared, laws: Sequence[str], progress: Progress) -> None:
         self.prepared = prepared
         self.laws = laws
-        self.iterations = iterations
-        self.say = say
+        self.progress = progress
         others = [name for name in prepared.names if part_of(name) is None]
         self.families: dict[bool, Family] = {}
-        for law in laws:
-            dry = "dry" in LADDER[law]
-            if dry not in self.families:
-                self.families[dry] = family_of(prepared, others, dry)
-        self.firsts: dict[str, Solution] = {}
-        self.found: dict[str, Solution] = {}
+        self.per_unit: dict[bool, np.ndarray] = {}
+        for dry in sorted({"dry" in LADDER[law] for law in laws}):
+            family = family_of(prepared, others, dry)
+            self.families[dry] = family
+            self.per_unit[dry] = dissipated_per_unit(prepared, family.simulator, family.owner)
+        self.fullest_fits: dict[str, Solution] = {}
+        self.solutions: dict[str, Solution] = {}
         self.costs: dict[str, float] = {}
 
     def family(self, law: str) -> Family:
@@ -164,28 +164,29 @@ class LawFits:
 
     def fit(self, law: str, inner: list[Solution]) -> Solution:
         """A law fitted from the best of those that it contains."""
-        return fit_law(self.prepared, self.family(law), law, inner, self.iterations)
+        return fit_law(self.prepared, self.family(law), law, inner)
+
+    def undetected(self, solution: Solution, dry: bool) -> tuple[str, ...]:
+        """Parts of a law, fitted by a family, that the traces could not have shown."""
+        return undetected_parts(solution, self.families[dry].owner, self.per_unit[dry])
 
     def fit_fullest(self) -> Solution:
         """The fullest law, whose noise all laws have, and the step size that each family requires."""
-        fullest = self.laws[-1]
-        self.say(0.95, f"law {fullest}: noise")
-        own = self.prepared
-        noisy = partial(fit_with_noise, claimed=own.claimed_windows, floor=own.floor, traces=own.traces)
-        first = refine(noisy(self.fit(fullest, []), again=continue_fit))
-        self.prepared = own.noisy(first.problem.noise)
-        enough = FAR * first.cost
-        self.firsts = {fullest: first}
+        name = self.laws[-1]
+        self.progress(0.95, f"law {name}: noise")
+        fullest = refine(with_residual_noise(self.prepared, self.fit(name, [])))
+        self.prepared = self.prepared.noisy(fullest.problem.noise)
+        self.fullest_fits = {name: fullest}
         for dry, family in self.families.items():
-            self.families[dry] = replace(family, enough=enough)
+            self.families[dry] = replace(family, enough=FAR * fullest.cost)
             law = next(law for law in reversed(self.laws) if ("dry" in LADDER[law]) == dry)
-            if law != fullest:  # otherwise the step error would distinguish the schemes, and so the laws
-                self.firsts[law] = refine(self.fit(law, [first]))
-            substeps = self.firsts[law].windows.substeps
+            if law != name:  # otherwise the step error would distinguish the schemes, and so the laws
+                self.fullest_fits[law] = refine(self.fit(law, [fullest]))
+            substeps = self.fullest_fits[law].windows.substeps
             self.families[dry] = replace(self.families[dry], substeps=substeps)
-        return first
+        return fullest
 
-    def fit_others(self, first: Solution, same: Mapping[str, str]) -> None:
+    def fit_others(self, fullest: Solution, same: Mapping[str, str]) -> None:
         """All laws, each from those that it contains; those that a larger one would refute also from that one.
 
         The cost of windows is non-smooth, most of all for joints that stick and for chaotic chains: the larger law may
@@ -194,47 +195,46 @@ class LawFits:
         larger law.
 
         Args:
-            first: the fullest law.
+            fullest: the fullest law.
             same: parts that act like others, whose laws are left out.
         """
         for i, law in enumerate(self.laws):
             if set(same) & set(LADDER[law]):
                 continue
-            self.say(0.95, f"law {i + 1} of {len(self.laws)}: {law}")
-            inner = [one for name, one in self.found.items() if contains(law, name)]
-            if law in self.firsts:
-                inner.append(self.firsts[law])
-            self.found[law] = self.fit(law, inner)
+            self.progress(0.95, f"law {i + 1} of {len(self.laws)}: {law}")
+            inner = [solution for name, solution in self.solutions.items() if contains(law, name)]
+            if law in self.fullest_fits:
+                inner.append(self.fullest_fits[law])
+            self.solutions[law] = self.fit(law, inner)
         widest = self.family(self.laws[-1])
-        near = [law for law in self.found if least_loss(first, widest, law) < HOPELESS]
-        self.costs = {law: one.cost / one.problem.memory for law, one in self.found.items()}
+        near = [law for law in self.solutions if least_loss(fullest, widest, law) < HOPELESS]
+        self.costs = {law: solution.cost / solution.problem.memory for law, solution in self.solutions.items()}
         for law in reversed(near):
-            more = [name for name in self.found if contains(name, law)]
+            larger_laws = [name for name in self.solutions if contains(name, law)]
             for _ in range(TRIES):
-                against = []
-                for name in more:
+                probability = {}
+                for name in larger_laws:
                     parts = len(LADDER[name]) - len(LADDER[law])
-                    against.append((chance(self.costs[law] - self.costs[name], parts), name))
-                p, larger = min(against, key=lambda pair: pair[0], default=(1.0, ""))
-                if p >= LACKS:
+                    probability[name] = chance(self.costs[law] - self.costs[name], parts)
+                if min(probability.values(), default=1.0) >= LACKS:
                     break
-                more.remove(larger)
+                larger = min(probability, key=probability.__getitem__)
+                larger_laws.remove(larger)
                 self.fit_from_larger(law, larger)
 
     def fit_from_larger(self, law: str, larger: str) -> None:
         """A law fitted again from the end of a larger one, without the other parts of that one."""
-        one = self.found[law]
-        near = self.found[larger]
+        own = self.solutions[law]
+        start = self.solutions[larger]
         used = self.family(larger).free_mask(law)
-        inside = fit_windows(
-            replace(near.problem, frozen=~used), np.where(used, near.values, 0.0), near.starts, iterations=NEAR
-        )
-        if not inside.cost < one.cost:
+        problem = replace(start.problem, frozen=~used)
+        inside = fit_windows(problem, np.where(used, start.values, 0.0), start.starts, iterations=NEAR)
+        if not inside.cost < own.cost:
             return
-        values = np.array([inside.by_name[p.name] for p in one.problem.parameters])  # the larger one may have more
-        again = fit_windows(one.problem, values, inside.starts, iterations=self.iterations)
-        self.found[law] = min(one, again, key=lambda fit: (fit.status != "ok", fit.cost))
-        for fit in (inside, self.found[law]):
+        values = np.array([inside.by_name[p.name] for p in own.problem.parameters])  # the larger one may have more
+        again = fit_windows(own.problem, values, inside.starts, iterations=ITERATIONS)
+        self.solutions[law] = better_fit([own, again])
+        for fit in (inside, self.solutions[law]):
             self.costs[law] = min(self.costs[law], fit.cost / fit.problem.memory)
 
     def join(self, laws: Mapping[str, Solution], family: Family) -> dict[str, Solution]:
@@ -248,40 +248,41 @@ class LawFits:
             return {}
         order = sorted(laws, key=lambda law: len(LADDER[law]))
         most = order[-1]
-        self.say(0.95, f"law {most}, joined")
-        begin = fit_law(self.prepared, family, most, [laws[most]], ITERATIONS)
+        self.progress(0.95, f"law {most}, joined")
+        begin = fit_law(self.prepared, family, most, [laws[most]])
         widest = fit_shooting(begin, finer=finer_step)
         if widest.status != "ok" or not widest.gap_weight:
             return {}
         family = replace(family, substeps=widest.windows.substeps)
         schedule = [weight for weight in SCHEDULE if weight >= widest.gap_weight]
-        found: dict[str, Solution] = {}
+        joined: dict[str, Solution] = {}
         for law in order:
-            self.say(0.95, f"law {law}, joined")
-            inner = sorted((one for name, one in found.items() if contains(law, name)), key=lambda one: one.cost)
+            self.progress(0.95, f"law {law}, joined")
+            inner = [solution for name, solution in joined.items() if contains(law, name)]
             tries = []
             if law == most:
                 tries.append(widest)
-            for best in inner[:1]:  # its additional parts start at zero
+            if inner:  # the additional parts start at zero
+                best = min(inner, key=lambda solution: solution.cost)
                 problem = replace(best.problem, frozen=~family.free_mask(law))
                 level = Objective(problem, widest.gap_weight, intermediate=True)
                 tries.append(descend(level, replace(best, problem=problem), ONWARD))
-            if not any(one.status == "ok" for one in tries):
-                begin = fit_law(self.prepared, family, law, [laws[law]], ITERATIONS)
+            if not any(solution.status == "ok" for solution in tries):
+                begin = fit_law(self.prepared, family, law, [laws[law]])
                 tries.append(fit_shooting(begin, choose=False, schedule=schedule))
-            found[law] = min(tries, key=lambda one: (one.status != "ok", one.cost))
-        if all(one.status == "ok" for one in found.values()):
-            return found
-        return {}
+            joined[law] = better_fit(tries)
+            if joined[law].status != "ok":
+                return {}
+        return joined
 
     def rows(self, scores: Sequence[Scores]) -> list[Law]:
         """The laws' rows before any decision."""
         rows: list[Law] = []
         windows = self.prepared.windows
-        ahead = fair(last_third(windows.begin, windows.run), windows.released)
-        elsewhere = fair(other_runs(windows.run), windows.released)
+        ahead = with_released_fitted(last_third(windows.begin, windows.run), windows.released)
+        elsewhere = with_released_fitted(other_runs(windows.run), windows.released)
         errors = errors_to_best(scores)
-        for (law, one), scored, error in zip(self.found.items(), scores, errors, strict=True):
+        for (law, solution), scored, error in zip(self.solutions.items(), scores, errors, strict=True):
             family = self.family(law)
             used = family.free_mask(law)
             owned = np.array([part is not None for part in family.owner])
@@ -291,19 +292,19 @@ class LawFits:
             row = Law(
                 name=law,
                 coefficients=int((used & owned).sum()),
-                rms=one.rms,
+                rms=solution.rms,
                 held_out=scored.rms,
                 held_out_error=float(error),
-                status=one.status,
-                values=dict(compress(one.by_name.items(), used)),
+                status=solution.status,
+                values=dict(compress(solution.by_name.items(), used)),
                 free=int(used.sum()),
                 cost=least,
-                unreached=remaining_decrease(one) / one.problem.memory,
-                extrapolated=_predicted_rms(one, ahead),
-                other_run=_predicted_rms(one, elsewhere),
+                unreached=remaining_decrease(solution) / solution.problem.memory,
+                extrapolated=_predicted_rms(solution, ahead),
+                other_run=_predicted_rms(solution, elsewhere),
             )
             rows.append(row)
-        return with_bic(rows, [one.evaluation.residual for one in self.found.values()], windows)
+        return with_bic(rows, [solution.evaluation.residual for solution in self.solutions.values()], windows)
 
 
 def _predicted_rms(solution: Solution, folds: list[Fold]) -> float:
@@ -323,21 +324,24 @@ def errors_to_best(scores: Sequence[Scores]) -> np.ndarray:
     return error / max(2 * rms[best], 1e-300)
 
 
+#: Cosine of two coefficients' derivatives above which they count as one; drag is weighted within a step, joints not.
+SAME_COSINE = 1 - 1e-4
+
+
 def _same_parts(laws: Sequence[str], prepared: Prepared, first: Solution) -> dict[str, str]:
     """Parts of one coefficient that act like another, which replaces them; a part that the fit already has stays."""
     owner = [part_of(name) for name in first.problem.names]
-    wanted = {part for law in laws for part in LADDER[law] if owner.count(part) == 1}
+    single = {part for law in laws for part in LADDER[law] if owner.count(part) == 1}
     asked = {part_of(name) for name in prepared.names}
     columns = first.evaluation.jacobian[..., first.problem.freedoms :].reshape(-1, len(owner))
     unit = columns / np.maximum(np.sqrt(np.sum(columns**2, axis=0)), 1e-300)
-    found: dict[str, str] = {}
-    parts = sorted(wanted, key=lambda part: (part not in asked, list(PARTS).index(part)))
-    for kept, other in combinations(parts, 2):
-        # cosine of two coefficients' derivatives above which they count as one; drag is weighted within a step, joints
-        # not
-        if kept not in found and abs(unit[:, owner.index(kept)] @ unit[:, owner.index(other)]) >= (1 - 1e-4):
-            found[other] = kept
-    return found
+    same: dict[str, str] = {}
+    parts = sorted(single, key=lambda part: (part not in asked, list(PARTS).index(part)))
+    for part, other in combinations(parts, 2):
+        cosine = abs(unit[:, owner.index(part)] @ unit[:, owner.index(other)])
+        if part not in same and cosine >= SAME_COSINE:
+            same[other] = part
+    return same
 
 
 def _same_law(law: str, other: str, same: Mapping[str, str]) -> bool:

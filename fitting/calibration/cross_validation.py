@@ -88,7 +88,7 @@ def other_runs(run: np.ndarray) -> list[Fold]:
     return []
 
 
-def fair(folds: list[Fold], released: np.ndarray) -> list[Fold]:
+def with_released_fitted(folds: list[Fold], released: np.ndarray) -> list[Fold]:
     """The folds with windows that start from the model (K,) always fitted: only they determine the release time."""
     return [(scored & ~released, used | released) for scored, used in folds]
 

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fitting.calibration.preparation import Prepared
+from fitting.calibration.prepared import Prepared
 from fitting.estimate.residuals import Solution
 
 #: Stretches of time in which deviations are averaged.
 STRETCHES = 10
-#: Standard errors of such a mean above which a recording disagrees: one in 4000 links by chance.
+#: Standard errors of such a mean above which a recording disagrees: of normal noise one link in 170 000.
 DISAGREES = 5.0
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dropper_jax.base.errors import Progress, SceneError, nearest, part_of, silent
-from fitting.calibration.preparation import Prepared
+from fitting.calibration.prepared import Prepared
 from fitting.estimate.least_squares import continue_fit, fit_windows
 from fitting.estimate.loss import LEAST_SQUARES, Loss, initial_loss
 from fitting.estimate.residual_noise import fit_with_noise, pose_again
@@ -19,6 +19,9 @@ from fitting.estimate.step_size import finer_step, refine
 
 if TYPE_CHECKING:
     from fitting.estimate.descent import GradientDescent
+
+
+METHODS = ("windows", "shooting", "gradient")
 
 
 @dataclass(frozen=True)
@@ -43,9 +46,6 @@ class Method:
             raise SceneError(f"iterations: {self.iterations} is too small; allowed: at least 1")
 
 
-METHODS = ("windows", "shooting", "gradient")
-
-
 def as_method(given: Method | GradientDescent | str) -> Method:
     """The method that a caller means.
 
@@ -57,6 +57,11 @@ def as_method(given: Method | GradientDescent | str) -> Method:
     if isinstance(given, str):
         return Method(given)
     return Method("gradient", descent=given)
+
+
+def with_residual_noise(prepared: Prepared, solution: Solution) -> Solution:
+    """A fit repeated until its noise is that of its own residuals."""
+    return fit_with_noise(solution, continue_fit, prepared.claimed_windows, prepared.floor, prepared.traces)
 
 
 def estimate(
@@ -73,8 +78,8 @@ def estimate(
 
         # only the steps differ: windows, noise, gap weight and time step are the default ones
         by_gradient = replace(prepared, descent=method.descent or GradientDescent())
-        found = estimate(by_gradient, replace(method, name="shooting"), loss, progress, frozen)
-        return replace(found, problem=replace(found.problem, descent=None))
+        solution = estimate(by_gradient, replace(method, name="shooting"), loss, progress, frozen)
+        return replace(solution, problem=replace(solution.problem, descent=None))
     share = 0.5 if method.name == "shooting" else 0.9
     solution = fit_windows(
         prepared.problem(initial_loss(loss), frozen),
@@ -85,20 +90,15 @@ def estimate(
     )
     if solution.status != "ok":
         return solution
-    own_noise = partial(fit_with_noise, claimed=prepared.claimed_windows, floor=prepared.floor, traces=prepared.traces)
     last = part_of(progress, 0.95, 0.95)
     refined = partial(refine, progress=last)
-    solution = own_noise(solution, again=continue_fit)
+    solution = with_residual_noise(prepared, solution)
     if solution.problem.loss != loss:
         there = replace(solution.problem, loss=loss)
-        solution = own_noise(continue_fit(pose_again(solution, there, solution.evaluation)), again=continue_fit)
+        solution = with_residual_noise(prepared, continue_fit(pose_again(solution, there, solution.evaluation)))
     if method.name == "windows":
         return refined(solution)
-    joined = fit_shooting(
-        solution,
-        finer=finer_step,
-        progress=part_of(progress, 0.55, 0.95),
-    )
+    joined = fit_shooting(solution, finer=finer_step, progress=part_of(progress, 0.55, 0.95))
     if joined.status != "ok":
         return joined
-    return solve_to_end(refined(own_noise(joined, again=continue_fit)), last)
+    return solve_to_end(refined(with_residual_noise(prepared, joined)), last)

@@ -16,10 +16,13 @@ from fitting.calibration.comparison import refuse_tied
 from fitting.calibration.estimating import Method, as_method, estimate
 from fitting.calibration.freeing import MOST_FREED, free_by_advice
 from fitting.calibration.kicks import without_kicks
-from fitting.calibration.laws import QUADRATIC, LawTest, with_law
+from fitting.calibration.law_fits import with_law
+from fitting.calibration.law_score_tests import QUADRATIC
+from fitting.calibration.law_tests import LawTest
 from fitting.calibration.likely_cause import free_too
 from fitting.calibration.lost_windows import FIRST, with_sound_windows
-from fitting.calibration.preparation import AUTOMATIC, FitSettings, Prepared, TracesLike, prepare
+from fitting.calibration.preparation import AUTOMATIC, FitSettings, TracesLike, prepare
+from fitting.calibration.prepared import Prepared
 from fitting.calibration.result import FitResult
 from fitting.calibration.short_windows import SUSPECT, name_wrong_file
 from fitting.calibration.spans import Interval
@@ -93,7 +96,7 @@ def fit(
         left = max(method.iterations - prepared.iterations, min(method.iterations - 1, FIRST), 1)
     solution = estimate(prepared, replace(method, iterations=left), loss, progress)
     solution.iterations += prepared.iterations
-    result = explain(summarise(prepared, method.name, solution), whole)
+    result = with_wrong_file(summarise(prepared, method.name, solution), whole)
     if free is None and not settings.fixed and (whole.scene.fit is None or not whole.scene.fit.free):
         result = complete_law(result, method, loss, progress)
     if result.status == "misfit" and not result.wrong_file and method.name != "gradient":
@@ -123,12 +126,12 @@ def fit_and_free(
     loss = as_loss(loss)
     whole = prepare(traces, scene, free, progress=progress, **options)
     refuse_tied("auto_free", whole.parameters)
+    if any(trace.recordings for trace in whole.traces):
+        raise SceneError("auto-free: only for separate runs. Fit recordings of one motion without it, with --advice")
 
     def again(prepared: Prepared, method: str, loss: Loss, *, frozen: np.ndarray | None = None) -> Solution:
         return estimate(prepared, replace(chosen, name=method), loss, progress, frozen)
 
-    if any(trace.recordings for trace in whole.traces):
-        raise SceneError("auto-free: only for separate runs. Fit recordings of one motion without it, with --advice")
     sound = with_sound_windows(whole, loss, chosen.iterations, progress, keep_jumps=True)
     kicks: list[Candidate] = []
     if sound.left_out or sound.windows.count > whole.windows.count:  # some windows were lost
@@ -138,19 +141,19 @@ def fit_and_free(
     joined = "shooting"
     if chosen.name != "gradient":
         joined = chosen.name
-    at = free_by_advice(sound, again, joined, loss, progress=progress)
-    freed: list[Candidate | LawTest] = [*kicks, *at.names]
-    doubt = omitted_parameter_bias([*kicks, *at.names], at.prepared.parameters)
-    prepared = at.prepared
-    solution = at.solution
+    end = free_by_advice(sound, again, joined, loss, progress=progress)
+    freed = [*kicks, *end.names]
+    doubt = omitted_parameter_bias(freed, end.prepared.parameters)
+    prepared = end.prepared
+    solution = end.solution
     if chosen.name == "gradient":
-        solution = again(prepared, "gradient", at.loss)
+        solution = again(prepared, "gradient", end.loss)
     known = replace(prepared.known, doubt=doubt)
     solution.problem = replace(solution.problem, known=known)
     solution.iterations += prepared.iterations
     result = summarise(replace(prepared, known=known), chosen.name, solution)
-    result = explain(free_laws(result, chosen, at.loss, freed, progress), whole)
-    result.add_advice(at.found)
+    result = with_wrong_file(free_laws(result, chosen, end.loss, freed, progress), whole)
+    result.add_advice(end.found)
     progress(1.0, result.status)
     return result
 
@@ -168,14 +171,14 @@ def free_laws(
         result: of a fit by this method and loss.
         freed: what was freed before.
     """
-    found = list(freed)
-    while result.status == "model_error" and len(found) < MOST_FREED:
+    all_freed = list(freed)
+    while result.status == "model_error" and len(all_freed) < MOST_FREED:
         wrong = result.laws.wrong
         if wrong is None or not wrong.free:
             break
-        found.append(wrong)
+        all_freed.append(wrong)
         result = fit_with_force(result, wrong, method, loss, progress)
-    result.freed = found
+    result.freed = all_freed
     return result
 
 
@@ -185,7 +188,7 @@ def fit_with_force(result: FitResult, test: LawTest, method: Method, loss: Loss,
     return summarise(law, method.name, estimate(law, method, loss, progress))
 
 
-#: Forces that a misfit frees in turn, and how many of them are tried.
+#: Maximum number of forces that a misfit frees in turn.
 MOST_TRIED = 2
 
 
@@ -200,18 +203,18 @@ def complete_law(result: FitResult, method: Method, loss: Loss, progress: Progre
         return result
     order = sorted((test for test in result.laws.tests if test.free), key=lambda test: test.name != QUADRATIC)
     for test in order[:MOST_TRIED]:
-        found = fit_with_force(result, test, method, loss, progress)
-        if found.status == "ok":
-            found.freed = [test]
-            found.warnings.append(
+        wider = fit_with_force(result, test, method, loss, progress)
+        if wider.status == "ok":
+            wider.freed = [test]
+            wider.warnings.append(
                 f"the scene's damping misses the trace: {test.name} ({', '.join(test.free)}) was freed too; "
                 "--fixed, --free or [fit] keep the law"
             )
-            return found
+            return wider
     return result
 
 
-def explain(result: FitResult, prepared: Prepared) -> FitResult:
+def with_wrong_file(result: FitResult, prepared: Prepared) -> FitResult:
     """The result with the mistake in the traces that explains a misfit, if there is one.
 
     Args:

@@ -19,10 +19,17 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from dropper_jax.base.errors import Progress, silent
-from fitting.calibration.advice import score_candidates, wide
+from fitting.calibration.advice import candidate_simulator, score_candidates
 from fitting.calibration.candidate import OR, WORTH, Candidate
-from fitting.calibration.lost_frames import SEVERAL, alone, far_off, lost_frames, starts_from_previous_windows
-from fitting.calibration.preparation import Prepared, at_frames
+from fitting.calibration.lost_frames import (
+    SEVERAL,
+    count_outliers,
+    lost_frames,
+    starts_from_previous_windows,
+    windows_far_off,
+)
+from fitting.calibration.preparation import at_frames
+from fitting.calibration.prepared import Prepared
 from fitting.calibration.trials import WRONG, free_groups, is_model_wrong
 from fitting.estimate.least_squares import fit_windows
 from fitting.estimate.loss import LEAST_SQUARES, Loss, StudentT
@@ -45,10 +52,9 @@ LEAST_LOST = 0.7
 
 
 def with_freed(prepared: Prepared, paths: Sequence[str], simulator: Simulator, value: float | None = None) -> Prepared:
-    """The preparation with more free parameters."""
-    old = prepared.names
+    """The preparation with more free parameters, which start from `value` or from the scene's own."""
     more = resolve(prepared.simulator.model, paths, release=prepared.simulator.release)
-    more = [p for p in at_frames(more, prepared.traces) if p.name not in old]
+    more = [p for p in at_frames(more, prepared.traces) if p.name not in prepared.names]
     own = [p.value for p in more]
     if value is not None:
         own = [value] * len(more)
@@ -92,7 +98,7 @@ class Freeing:
         prepared: with all freed parameters.
         solution: its solution.
         loss: used for the fit.
-        fit: an estimator.
+        fit: an estimator: `fit(prepared, method, loss)`, with `frozen` parameters.
         simulator: knows the numbers of all candidates.
         names: freed candidates, in order.
         found: results of the score tests for the rest.
@@ -117,8 +123,8 @@ class Freeing:
     @property
     def score(self) -> float:
         """Log likelihood minus the penalty for the number of parameters (Schwarz 1978)."""
-        price = 0.5 * np.log(max(self.solution.windows.samples, 2))
-        return likelihood(self.solution) - price * len(self.prepared.parameters)
+        penalty = 0.5 * np.log(max(self.solution.windows.samples, 2))
+        return likelihood(self.solution) - penalty * len(self.prepared.parameters)
 
     def is_wrong(self, limit: float = WRONG) -> bool:
         """Whether a smooth misfit far above the noise is left."""
@@ -135,13 +141,13 @@ class Freeing:
                 short = fit_windows(problem, prepared.values, prepared.starts, iterations=SHORT_FIT)
                 if not is_model_wrong(prepared, short):
                     tries.append(candidate)
-        one = replace(self, names=list(self.names), refused=set())
-        one.free_best(tries)
-        if not tries or one.is_wrong():
+        freed = replace(self, names=list(self.names), refused=set())
+        freed.free_best(tries)
+        if not tries or freed.is_wrong():
             return False
-        self.prepared = one.prepared
-        self.solution = one.solution
-        self.names = one.names
+        self.prepared = freed.prepared
+        self.solution = freed.solution
+        self.names = freed.names
         return True
 
     def free_groups(self, method: str) -> None:
@@ -160,15 +166,15 @@ class Freeing:
         fits = []
         for candidate in tries:
             prepared = with_freed(self.end, candidate.free, self.simulator)
-            one = replace(self, prepared=prepared, solution=self.fit(prepared, "windows", self.loss))
-            gain = likelihood(one.solution) - likelihood(self.solution)
-            if one.solution.status == "ok" and gain >= WORTH:
-                fits.append((replace(candidate, gain=gain), one))
+            freed = replace(self, prepared=prepared, solution=self.fit(prepared, "windows", self.loss))
+            gain = likelihood(freed.solution) - likelihood(self.solution)
+            if freed.solution.status == "ok" and gain >= WORTH:
+                fits.append((replace(candidate, gain=gain), freed))
             else:
                 self.refused.add(candidate.name)
         if not fits:
             return
-        most = max(one.score for _, one in fits)
+        most = max(freed.score for _, freed in fits)
         near = [pair for pair in fits if pair[1].score > most - MARGIN]
         # indistinguishable candidates keep their order
         near.sort(key=lambda pair: (len(pair[1].solution.values), -round(pair[1].score - self.score)))
@@ -178,9 +184,9 @@ class Freeing:
             names = best.prepared.names
             back = _back(best.prepared, best.solution, names[k:])
             doubt = {}
-            for other, one in others:
-                moved = map(float, one.solution.values[:k] - best.solution.values[:k])
-                doubt[other.name] = dict(zip(names[:k], moved, strict=True)) | back
+            for other, freed in others:
+                moved = freed.solution.values[:k] - best.solution.values[:k]
+                doubt[other.name] = dict(zip(names[:k], moved.tolist(), strict=True)) | back
             candidate = replace(candidate, name=OR.join(c.name for c, _ in near), doubt=doubt)
             self.refused.update(doubt)
         self.prepared = best.prepared
@@ -189,7 +195,7 @@ class Freeing:
 
     def free_outliers(self) -> None:
         """Student's loss if there are isolated outliers."""
-        count = alone(self.solution)
+        count = count_outliers(self.solution)
         if self.loss != LEAST_SQUARES or count < SEVERAL:
             return
         prepared = self.end
@@ -252,7 +258,7 @@ class Freeing:
 
     def fit_without_far_off(self) -> Solution:
         """A fit without the windows that contain a jump: their misfit would be taken for damping and for noise."""
-        off = far_off(self.solution)
+        off = windows_far_off(self.solution)
         if not off.any():
             return self.solution
         prepared = replace(self.prepared, windows=self.prepared.windows.without_samples(off))
@@ -319,7 +325,7 @@ def free_by_advice(
         method: used for the last fits.
         simulator: must know the numbers of all candidates, such as that of an earlier call on the same scene.
     """
-    simulator = simulator or wide(prepared)
+    simulator = simulator or candidate_simulator(prepared)
     prepared = with_freed(prepared, [], simulator)
     at = Freeing(prepared, fit(prepared, "windows", loss), loss, fit, simulator, progress)
     at.free_jumps()

@@ -19,11 +19,11 @@ import numpy as np
 
 from fitting.calibration.candidate import Candidate
 from fitting.calibration.lost_frames import starts_from_previous_windows
-from fitting.calibration.preparation import Prepared
+from fitting.calibration.prepared import Prepared
 from fitting.estimate.least_squares import fit_starts
 from fitting.estimate.loss import LEAST_SQUARES, Loss
 from fitting.estimate.residuals import Solution
-from fitting.estimate.windows import Starts, Windows, pick, with_rows
+from fitting.estimate.windows import Span, Starts, Windows, pick, with_rows
 from fitting.traces.planar import wrap
 
 #: Fraction of the windows that a search starts with and must leave: a kick early in a run may disturb most of them.
@@ -82,7 +82,7 @@ def without_kicks(
             what = "is disturbed, or moves out of its plane, from"
         words = f" about {kick.time:.2f} s: windows from {kick.begin:.3g} to {last:.3g} s left out"
         candidates.append(Candidate(f"{prepared.traces[kick.run].name} {what}{words}"))
-        removed.append((kick.run, kick.begin, last))
+        removed.append(Span(kick.run, kick.begin, last))
         if kick.begin < windows.begin[kick.windows[0]]:
             windows = windows.end_early(kick.windows[0] - 1, kick.begin)
     fewer = replace(prepared, windows=windows.exclude(off), starts=pick(clean.starts, ~off), begin=clean.values)

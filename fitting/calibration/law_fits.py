@@ -12,12 +12,13 @@ from dropper_jax.base.json_values import Json, jsonable
 from dropper_jax.base.read import ScenePath
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.build import build
-from fitting.calibration.preparation import STEPS_PER_PERIOD, Prepared
+from fitting.calibration.prepared import STEPS_PER_PERIOD, Prepared
 from fitting.estimate.factors import eliminate_rows
 from fitting.estimate.least_squares import fit_windows
 from fitting.estimate.residuals import Solution
 from fitting.estimate.simulator import Simulator, choose_stepper
 from fitting.estimate.windows import first_starts
+from fitting.parameters.missing_forces import tested_parameters
 from fitting.parameters.parameter import given_effect, names_in_scene, with_zero_damping
 from fitting.parameters.paths import resolve
 
@@ -80,10 +81,12 @@ class Law:
         return jsonable(found)
 
 
+#: The coefficients of linear and of quadratic drag.
+DRAG = ("effects.linear_damping.b_l", "effects.quadratic_damping.b_q")
 #: Every damping coefficient that a law may use.
 PARTS = {
-    "linear": "effects.linear_damping.b_l",
-    "quadratic": "effects.quadratic_damping.b_q",
+    "linear": DRAG[0],
+    "quadratic": DRAG[1],
     "joint viscous": "effects.joint_friction.viscous",
     "dry": "effects.joint_friction.dry",
 }
@@ -128,12 +131,12 @@ class Family:
 def family_of(prepared: Prepared, others: list[str], dry: bool) -> Family:
     """A family with every coefficient of the laws with or without dry friction."""
     names = _paths_of_law(dry)
-    each = []
+    separate = []
     for part in OF_JOINTS:
         listed = np.ndim(given_effect(prepared.scene, PARTS[part])) > 0
         if listed or any(name.startswith(PARTS[part] + ".") for name in prepared.names):
-            each.append(part)
-    model, _ = build(scene_with_law(prepared.scene, dry, dict.fromkeys(OF_JOINTS, 0.0), each))
+            separate.append(part)
+    model, _ = build(scene_with_law(prepared.scene, dry, dict.fromkeys(OF_JOINTS, 0.0), separate))
     release = prepared.simulator.release
     same = {p.name: p for p in prepared.parameters if p.name in others}
     known = names_in_scene(same.values())
@@ -153,27 +156,27 @@ def substeps_of(prepared: Prepared, simulator: Simulator) -> int:
     return max(1, int(np.ceil(finer * prepared.windows.substeps - 1e-9)))
 
 
-def scene_with_law(scene: Scene, dry: bool, friction: Mapping[str, float | None], each: Sequence[str]) -> Scene:
+def scene_with_law(scene: Scene, dry: bool, friction: Mapping[str, float], separate: Sequence[str]) -> Scene:
     """The scene with every part of a damping law, with or without dry friction; missing parts are 0.
 
     Args:
-        friction: values of the friction coefficients of the joints; None keeps those of the scene.
-        each: coefficients that every joint has separately.
+        friction: values of parts of the joints; the others keep those of the scene.
+        separate: parts of which every joint has a coefficient of its own.
     """
     table = scene.to_dict()
-    found = table["effects"].setdefault("joint_friction", {})
+    fields = table["effects"].setdefault("joint_friction", {})
     joints = len(scene.lines[0].length) + 1
     for part in OF_JOINTS:
         field = ScenePath(PARTS[part]).key
         value = friction.get(part)
         if value is None:
-            value = found.get(field) or 0.0
-        if part in each and not isinstance(value, list):
+            value = fields.get(field) or 0.0
+        if part in separate and not isinstance(value, list):
             value = [value] * joints
-        found[field] = value
-    found.setdefault("axis", [0.0, 1.0, 0.0])
+        fields[field] = value
+    fields.setdefault("axis", [0.0, 1.0, 0.0])
     if not dry:
-        found.pop("dry", None)
+        fields.pop("dry", None)
     return with_zero_damping(Scene.from_dict(table), _paths_of_law(dry))
 
 
@@ -184,18 +187,23 @@ def _paths_of_law(dry: bool) -> list[str]:
 
 def without_unused_parts(scene: Scene, given: Scene, free: Sequence[str]) -> Scene:
     """The scene without parts of a damping law that are neither `given` nor free: they are 0."""
+    coefficients = {ScenePath(path).key for path in PARTS.values()}
     table = scene.to_dict()
     for path in PARTS.values():
         _, effect, field = path.split(".")
         fields = table["effects"].get(effect, {})
         if given_effect(given, path) is None and not any(name.startswith(path) for name in free):
             fields.pop(field, None)
-        if effect not in given.effects and not any(part.split(".")[2] in fields for part in PARTS.values()):
-            table["effects"].pop(effect, None)  # an axis alone does not define friction
+        if effect not in given.effects and not fields.keys() & coefficients:  # an axis alone does not define friction
+            table["effects"].pop(effect, None)
     return Scene.from_dict(table)
 
 
-def fit_law(prepared: Prepared, family: Family, law: str, inner: list[Solution], iterations: int) -> Solution:
+#: Maximum evaluations of separate windows for a law.
+ITERATIONS = 25
+
+
+def fit_law(prepared: Prepared, family: Family, law: str, inner: list[Solution]) -> Solution:
     """A law fitted from the best law that it contains, or from typical coefficients; the better of both."""
     used = family.free_mask(law)
     parameters = family.simulator.parameters
@@ -218,24 +226,50 @@ def fit_law(prepared: Prepared, family: Family, law: str, inner: list[Solution],
         starts = best.starts
         own = best.by_name
         tries.insert(0, np.where(used, [own.get(p.name, 0.0) for p in parameters], 0.0))
-    found: list[Solution] = []
+    fits: list[Solution] = []
     for values in tries:
-        one = fit_windows(problem, values, starts, iterations=iterations)
-        if family.rough < family.substeps and one.cost < family.enough:
+        fit = fit_windows(problem, values, starts, iterations=ITERATIONS)
+        if family.rough < family.substeps and fit.cost < family.enough:
             finer = replace(problem, windows=replace(windows, substeps=family.substeps))
-            one = fit_windows(finer, one.values, one.starts, iterations=iterations)
-        found.append(one)
+            fit = fit_windows(finer, fit.values, fit.starts, iterations=ITERATIONS)
+        fits.append(fit)
         # started from a law that it contains it cannot end worse; if it does, other starts are tried
-        if one.status == "ok" and (best is None or one.cost <= best.cost * (1 + 1e-6)):
+        if fit.status == "ok" and (best is None or fit.cost <= best.cost * (1 + 1e-6)):
             break
-    return min(found, key=lambda one: (one.status != "ok", one.cost))
+    return better_fit(fits)
+
+
+def better_fit(fits: Sequence[Solution]) -> Solution:
+    """The fit of minimum cost, of those that converged if any did."""
+    return min(fits, key=lambda fit: (fit.status != "ok", fit.cost))
 
 
 def least_loss(full: Solution, family: Family, law: str) -> float:
-    """Loss of log likelihood for the coefficients c that a law lacks of a larger one: c' (C_cc)^-1 c / 2."""
+    """Loss of log likelihood by the coefficients c (covariance C) that a law lacks of a larger one: c' C^-1 c/2."""
     free = ~full.problem.held_mask
     used = family.free_mask(law)
     lacks = np.flatnonzero(free & ~used)
     c = full.values[lacks]
-    left = eliminate_rows(full.information, np.flatnonzero(free & used), lacks)
-    return 0.5 * float(c @ left @ c) / full.problem.memory
+    inverse = eliminate_rows(full.information, np.flatnonzero(free & used), lacks)
+    return 0.5 * float(c @ inverse @ c) / full.problem.memory
+
+
+def with_law(prepared: Prepared, paths: Sequence[str], solution: Solution) -> Prepared:
+    """The preparation with further parts of the law free, from the end of a fit without them."""
+    scene = with_zero_damping(prepared.scene, paths)
+    model, _ = build(scene)
+    old = {p.name: p for p in prepared.parameters}
+    release = prepared.simulator.release
+    resolved = {p.name: p for p in resolve(model, [*names_in_scene(prepared.parameters), *paths], release=release)}
+    parameters = []
+    for name, p in old.items():
+        if name in resolved:
+            p = replace(p, where=resolved[name].where)
+        parameters.append(p)
+    parameters += [p for name, p in resolved.items() if name not in old]
+    stepper = choose_stepper(model, solver=scene.run.solver)
+    simulator = Simulator(model, parameters, stepper, release, more=tested_parameters(model, parameters))
+    windows = replace(prepared.windows, substeps=substeps_of(prepared, simulator))
+    own = [p.value for p in parameters if p.name not in old]
+    changed = replace(prepared, scene=scene, windows=windows, starts=solution.starts)
+    return changed.with_parameters(parameters, np.append(solution.values, own), simulator)

@@ -19,9 +19,9 @@ from typing import NamedTuple
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from fitting.calibration.advice import candidates, wide
+from fitting.calibration.advice import candidate_simulator, candidates
 from fitting.calibration.freeing import with_freed
-from fitting.calibration.preparation import Prepared
+from fitting.calibration.prepared import Prepared
 from fitting.estimate.least_squares import fit_windows
 from fitting.estimate.release import TIME
 from fitting.estimate.windows import Span, first_starts
@@ -127,7 +127,7 @@ def likely_cause(prepared: Prepared, pieces: Sequence[Span]) -> Cause:
 def _wrong_number(prepared: Prepared, pieces: Sequence[Span], given: float) -> Cause | None:
     """The number of the scene that explains most if it is free."""
     free = prepared.names
-    simulator = wide(prepared)
+    simulator = candidate_simulator(prepared)
     best = max(LEAVES * given, EXPLAINED)
     cause = None
     for name, paths, _ in candidates(prepared.simulator.model, prepared.simulator.release):

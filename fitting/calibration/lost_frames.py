@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fitting.calibration.preparation import Prepared
+from fitting.calibration.prepared import Prepared
 from fitting.estimate.residuals import Solution
 from fitting.estimate.windows import Starts, Windows, fill, pick, with_rows
 from fitting.traces.planar import wrap
@@ -27,12 +27,12 @@ AFTER = 6
 #: Bound of rho, and gain per unit of the remaining misfit above which a jump is tried.
 BOUND = 50.0
 SHOWN = 40.0
-#: Ratio of a window's mean square to the median above which a first fit omits it, and the maximum number of omissions.
+#: Ratio of a window's mean square to the median above which a first fit omits it, and the maximum fraction omitted.
 FAR = 4.0
-FEW = 1 / 3
+FAR_FRACTION = 1 / 3
 #: Deviations of a sample from the mean of its neighbours above which it is an outlier, and the number of outliers above
 #: which they are a kind of noise.
-ALONE = 6.0
+OUTLYING = 6.0
 SEVERAL = 3
 
 
@@ -44,7 +44,7 @@ class Lost(NamedTuple):
     frames: int
 
 
-def alone(solution: Solution) -> int:
+def count_outliers(solution: Solution) -> int:
     """Number of samples that deviate from the residuals on both sides of them: no smooth misfit does that."""
     windows = solution.windows
     # frames that are late move fast links by many times the noise, which the whitened residuals allow for
@@ -56,7 +56,7 @@ def alone(solution: Solution) -> int:
     inner = known[:, 1:-1] & known[:, :-2] & known[:, 2:]
     off = np.abs(residual[:, 1:-1] - 0.5 * (residual[:, :-2] + residual[:, 2:]))
     usual = np.ma.median(np.ma.array(off, mask=~inner), axis=(0, 1)) / 0.6745
-    out = inner & (off > ALONE * np.maximum(np.ma.filled(usual, np.inf), 1e-300))
+    out = inner & (off > OUTLYING * np.maximum(np.ma.filled(usual, np.inf), 1e-300))
     # a neighbour of an outlier deviates half as much
     return int((out & ~np.pad(out, ((0, 0), (1, 0), (0, 0)))[:, :-1]).sum())
 
@@ -102,12 +102,12 @@ def starts_from_previous_windows(solution: Solution, which: np.ndarray) -> Start
     return with_rows(solution.starts, after, Starts(ends[after - 1, :n], ends[after - 1, n:]))
 
 
-def far_off(solution: Solution) -> np.ndarray:
+def windows_far_off(solution: Solution) -> np.ndarray:
     """Windows (K,) whose residuals are far larger than those of most; none if there are many."""
     known = solution.windows.weight > 0
     size = np.sum(np.where(known, solution.errors, 0.0) ** 2, axis=(1, 2)) / np.maximum(known.sum(axis=(1, 2)), 1)
     off = size > FAR * np.median(size)
-    return off & (off.mean() <= FEW)
+    return off & (off.mean() <= FAR_FRACTION)
 
 
 def _extend_windows(prepared: Prepared, right: np.ndarray) -> Windows:

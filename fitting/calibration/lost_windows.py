@@ -20,7 +20,7 @@ from scipy.special import chdtri
 
 from dropper_jax.base.errors import Progress, part_of, silent
 from fitting.calibration.lost_frames import lost_frames, starts_from_previous_windows
-from fitting.calibration.preparation import Prepared
+from fitting.calibration.prepared import Prepared
 from fitting.estimate.least_squares import fit_starts, fit_windows, window_costs
 from fitting.estimate.loss import LEAST_SQUARES, Loss, initial_loss
 from fitting.estimate.noise import Noise

@@ -32,6 +32,8 @@ from fitting.estimate.windows import pick
 from fitting.parameters.names import full_names
 from fitting.traces.synthetic import Camera, observe, simulate_truth
 
+#: Rounds of the search for the windows' starts on a trace without noise.
+START_ROUNDS = 4
 #: Relative change of a gap weight for a central difference of log|H|: its error is below 1e-4 of a gap.
 NEAR = 0.01
 
@@ -93,7 +95,7 @@ def plan(
     if gap_weight is not None:
         _check_positive("gap_weight", [gap_weight], "")
     _check_positive("rate", [rate], " Hz")
-    found = []
+    plans = []
     for i, source in enumerate(scenes):
         scene = load_scene(source)
         names = full_names(scene, free, "free")
@@ -111,17 +113,16 @@ def plan(
             trace = replace(trace, se=np.full_like(trace.theta, noise))
             prepared = prepare([trace], scene, names)
             held = prepared.problem(frozen=np.ones(len(prepared.values), bool))
-            # rounds of the search for the windows' starts on a trace without noise
-            there = fit_windows(held, prepared.values, prepared.starts, iterations=4)
-            there = replace(there, problem=prepared.problem())
+            solution = fit_windows(held, prepared.values, prepared.starts, iterations=START_ROUNDS)
+            solution = replace(solution, problem=prepared.problem())
             for duration in durations:
-                errors, weight = _errors(there, duration, gap_weight)
-                by_name = dict(zip(there.by_name, map(float, errors), strict=True))
-                mine = [e for name, e in by_name.items() if f"{name}.".startswith(stems)]
-                score = float(np.mean(np.log(mine)))
-                found.append(Planned(scene.name, duration, noise, by_name, score, weight))
+                errors, weight = _errors(solution, duration, gap_weight)
+                by_name = dict(zip(solution.by_name, errors.tolist(), strict=True))
+                requested_errors = [error for name, error in by_name.items() if f"{name}.".startswith(stems)]
+                score = float(np.mean(np.log(requested_errors)))
+                plans.append(Planned(scene.name, duration, noise, by_name, score, weight))
     progress(1.0, "ok")
-    return sorted(found, key=lambda row: row.score)
+    return sorted(plans, key=lambda row: row.score)
 
 
 def _check_positive(key: str, numbers: Sequence[float], unit: str) -> None:
@@ -140,9 +141,9 @@ def _errors(solution: Solution, duration: float, gap_weight: float | None) -> tu
     if late.all():
         raise SceneError(f"duration: {duration:g} s is shorter than a window; allowed: at least {windows.length:.3g} s")
     problem = replace(solution.problem, windows=windows.exclude(late))
-    few = replace(solution, problem=problem, evaluation=pick(solution.evaluation, ~late))
-    weight = gap_weight or _expected_weight(few)
-    return np.sqrt(np.diag(invert_spd(at_weight(few, weight).information))), weight
+    early = replace(solution, problem=problem, evaluation=pick(solution.evaluation, ~late))
+    weight = gap_weight or _expected_weight(early)
+    return np.sqrt(np.diag(invert_spd(at_weight(early, weight).information))), weight
 
 
 def at_weight(solution: Solution, weight: float) -> Step:
@@ -170,13 +171,13 @@ def _expected_weight(solution: Solution) -> float:
     return next(w for w, each in zip(SCHEDULE, evidence, strict=True) if each >= max(evidence) - SAME_EVIDENCE)
 
 
-def rows(found: Sequence[Planned]) -> Rows:
+def rows(plans: Sequence[Planned]) -> Rows:
     """The table as text, with a heading."""
-    head = [f"standard error of {name.removeprefix('effects.')}" for name in found[0].std_error]
+    head = [f"standard error of {name.removeprefix('effects.')}" for name in plans[0].std_error]
     table = [("release", "duration [s]", "noise [rad]", *head, "gap weight", "times the best")]
-    for row in found:
+    for row in plans:
         errors = cells(row.std_error.values(), ".3g")
-        times = np.exp(row.score - found[0].score)
+        times = np.exp(row.score - plans[0].score)
         first = text_row("{0.scene}|{0.duration:g}|{0.noise:g}", row)
         table.append((*first, *errors, *text_row("{0.gap_weight:.2g}|{1:.2f}", row, times)))
     return table

@@ -93,6 +93,7 @@ def predict(result: FitResult, run: int = 0) -> Prediction | None:
     n = trace.links
     theta, omega = np.split(solution.evaluation.start[first], 2)
     samples = max(float((windows.weight[first] > 0).sum()) / n, 1.0)
+    # signs that differ between links, the same in every call
     aside = result.noise / np.sqrt(samples) * np.sign(np.sin(1.0 + np.arange(n)))
     error = np.where(np.isfinite(result.uncertainty.std_error), result.uncertainty.std_error, 0.0)
     low, high = solution.problem.bounds(values)
@@ -146,9 +147,9 @@ def _at_times(t: np.ndarray, at: np.ndarray, motion: tuple[Array, Array]) -> np.
 
 
 def _parting(t: np.ndarray, difference: np.ndarray) -> float:
-    """First time [s] from which differences (m, n) [rad], as shortest turns, permanently have an RMS above `PARTED`.
+    """First time [s] at which differences (m, n) [rad], as shortest turns, have an RMS above `PARTED`; else infinite.
 
-    The RMS is averaged over 0.05 s to either side, so that a single wrong sample does not count.
+    The mean square is averaged over 0.05 s to either side, so that a single wrong sample does not count.
     """
     difference = difference - 2 * np.pi * np.round(np.nan_to_num(difference) / (2 * np.pi))
     width = max(1, round(0.1 / max(float(np.median(np.diff(t))), 1e-9)))

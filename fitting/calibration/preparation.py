@@ -15,6 +15,7 @@ from dropper_jax.base.errors import Progress, SceneError, nearest, silent
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model
 from dropper_jax.run.build import SceneLike, build
+from fitting.calibration.prepared import STEPS_PER_PERIOD, Prepared, Samples, fitted_parts, program_space
 from fitting.calibration.spans import (
     Interval,
     advice_on_rest,
@@ -25,18 +26,13 @@ from fitting.calibration.spans import (
     without_held_starts,
 )
 from fitting.calibration.wrong_files import refuse_rising_energy, refuse_wrong_file
-from fitting.estimate.loss import LEAST_SQUARES, Loss
-from fitting.estimate.noise import Noise
 from fitting.estimate.normal_equations import Evaluation
 from fitting.estimate.release import Release, release_of
-from fitting.estimate.residuals import Descent, Problem, Solution
-from fitting.estimate.rest import Rest, rests
+from fitting.estimate.rest import rests
 from fitting.estimate.shooting import lyapunov, transitions
 from fitting.estimate.simulator import Simulator, choose_stepper
 from fitting.estimate.windows import (
     SHORTEST_PART,
-    Piece,
-    Span,
     Starts,
     Windows,
     cut,
@@ -51,9 +47,9 @@ from fitting.parameters.names import by_full_path, default_free, default_rig, fu
 from fitting.parameters.of_scene import free_of_traces
 from fitting.parameters.parameter import Bounds, Parameter, Priors, StartValues, adjust_parameters, with_zero_damping
 from fitting.parameters.recordings import SharedMotion, convention_distance, merge_recordings, stated_errors
-from fitting.parameters.rig_priors import JointPrior, rig_priors
+from fitting.parameters.rig_priors import rig_priors
 from fitting.parameters.targets import RECORDING, LostTarget
-from fitting.traces.conventions import check_scale, resting_angles, settle_convention
+from fitting.traces.conventions import check_scale, settle_convention
 from fitting.traces.noise import noise
 from fitting.traces.planar import check_planar, pendulum_period
 from fitting.traces.trace import Convention, Trace, as_trace, convention
@@ -114,39 +110,6 @@ AUTOMATIC = FitSettings()
 
 
 @dataclass(frozen=True)
-class Samples:
-    """The samples of the traces that are fitted.
-
-    Attributes:
-        traces: in the model's convention; their standard errors include the model error.
-        spans: of the fitted samples.
-        sigma: noise of each run's links (n,) [rad].
-        held_out: (from, to) [s] that are scored.
-        rest: poses at rest.
-        period: of the shortest link as a pendulum [s].
-        warnings: for the user.
-    """
-
-    traces: list[Trace]
-    spans: list[Span]
-    sigma: list[np.ndarray]
-    held_out: tuple[Interval, ...]
-    rest: Rest | None
-    period: float
-    warnings: tuple[str, ...]
-
-    @property
-    def observed(self) -> list[Trace]:
-        """The traces without held-out samples, which affect nothing, not even the first guess of a start."""
-        return fitted_parts(self.traces, self.spans)
-
-    @property
-    def interval(self) -> float:
-        """Longest sampling interval of the traces [s]."""
-        return max(trace.interval for trace in self.traces)
-
-
-@dataclass(frozen=True)
 class WindowPlan:
     """Sizes of the windows: time step [s], maximum length [s], steps of the short ones that are joined."""
 
@@ -161,166 +124,16 @@ def at_frames(parameters: Sequence[Parameter], traces: Sequence[Trace]) -> tuple
     Raises:
         SceneError: an unknown run, or a frame without a predecessor.
     """
-    found = list(parameters)
-    for i, p in enumerate(found):
+    timed = list(parameters)
+    for i, p in enumerate(timed):
         if isinstance(p.where, LostTarget):
             if p.where.run >= len(traces):
                 raise SceneError(f"free: {p.name!r}: unknown run; allowed: 0 to {len(traces) - 1}")
             t = traces[p.where.run].t
             if not 0 < p.where.frame < len(t):
                 raise SceneError(f"free: {p.name!r}: unknown frame; allowed: 1 to {len(t) - 1}")
-            found[i] = replace(p, where=replace(p.where, time=float(t[p.where.frame])))
-    return tuple(found)
-
-
-def fitted_parts(traces: Sequence[Trace], spans: Sequence[Span]) -> list[Trace]:
-    """The traces with every sample outside the spans (run, from, to) [s] marked as missing."""
-    found = []
-    for i, trace in enumerate(traces):
-        mine = [span for span in spans if span.run == i]
-        recordings = tuple(_part(one, mine) for one in trace.recordings)
-        found.append(replace(_part(trace, mine), recordings=recordings))
-    return found
-
-
-def _part(trace: Trace, spans: Sequence[Span]) -> Trace:
-    """A trace with every sample outside the spans, of any run, marked as missing."""
-    inside = np.zeros(len(trace.t), bool)
-    for span in spans:
-        inside |= (trace.t >= span.low - 1e-9) & (trace.t < span.high - 1e-9)
-    return replace(trace, theta=np.where(inside[:, None], trace.theta, np.nan))
-
-
-#: Steps per period of the shortest link as a pendulum, by the scheme's order: 1/120 s for the lab dropper (error after
-#: 1 s 1.6e-5 rad) at order 4; second order takes more; a fit that needs finer steps halves it.
-#: Schemes with error control save at least this often, for the cubics between.
-STEPS_PER_PERIOD = {8: 38, 5: 38, 4: 75, 2: 200}
-
-
-@dataclass(frozen=True)
-class Prepared(Samples):
-    """Everything that an estimator needs: the result of `prepare`.
-
-    Attributes:
-        left_out: (run, from, to) of windows that are not fitted because no start explains them.
-        breaks: (run, time) where the motion jumps, so that windows are not joined there.
-        iterations: evaluations used so far.
-        first_noise: noise at the start of a fit, if links are missed by different multiples of their claimed noise.
-    """
-
-    scene: Scene
-    parameters: tuple[Parameter, ...]
-    simulator: Simulator
-    windows: Windows
-    starts: Starts
-    lyapunov: float
-    started: float
-    compiled_before: float
-    noise: Noise | None = None
-    known: JointPrior = JointPrior()
-    begin: np.ndarray | None = None
-    left_out: tuple[Span, ...] = ()
-    breaks: tuple[tuple[int, float], ...] = ()
-    iterations: int = 0
-    first_noise: Noise | None = None
-    descent: Descent | None = None
-
-    def problem(self, loss: Loss = LEAST_SQUARES, frozen: np.ndarray | None = None) -> Problem:
-        """The minimisation problem."""
-        return Problem(
-            simulator=self.simulator,
-            windows=self.first_windows,
-            parameters=self.parameters,
-            loss=loss,
-            frozen=frozen,
-            noise=self.noise or self.first_noise,
-            known=self.known,
-            rest=self.rest,
-            descent=self.descent,
-        )
-
-    @property
-    def first_windows(self) -> Windows:
-        """The windows with the noise that a fit starts with."""
-        if self.noise is not None or self.first_noise is None:
-            return self.windows
-        return self.first_noise.apply_to(self.windows, self.traces)
-
-    def claimed_windows(self, point: Solution) -> Windows:
-        """The windows with the noise that the traces claim, and a solution's steps."""
-        return replace(self.windows, substeps=point.windows.substeps)
-
-    def noisy(self, noise: Noise | None) -> Prepared:
-        """The preparation with the noise estimated by a fit, if any: in the windows and in all that are cut later."""
-        if noise is None:
-            return self
-        return replace(self, windows=noise.apply_to(self.windows, self.traces), noise=noise)
-
-    def cut(self, length: float, pieces: Sequence[Span]) -> Windows:
-        """Windows of `length` [s] of these (run, from, to), of the same substeps and noise."""
-        return self._as_fitted(cut(self.traces, length, self.windows.dt, self.sigma, pieces))
-
-    def _as_fitted(self, windows: Windows) -> Windows:
-        """Windows with the substeps and the noise of the fitted ones."""
-        windows = replace(windows, substeps=self.windows.substeps)
-        if self.noise is None:
-            return windows
-        return self.noise.apply_to(windows, self.traces)
-
-    def with_pieces(self, pieces: Sequence[Piece]) -> Prepared:
-        """The preparation cut into other windows, with the known noise, and with starts from the samples."""
-        windows = fill(self.traces, pieces, self.windows.dt, self.sigma)
-        if self.simulator.release is not None:
-            windows = self.simulator.release.mark(windows, self.traces)
-        found = replace(self, windows=self._as_fitted(windows))
-        return replace(found, starts=found.starts_from_samples())
-
-    def with_parameters(
-        self, parameters: Sequence[Parameter], begin: np.ndarray, simulator: Simulator | None = None
-    ) -> Prepared:
-        """The preparation with other free parameters, from values (k,); the simulator's programs must know them."""
-        simulator = simulator or self.simulator
-        every, known = rig_priors(self.scene, simulator.model, parameters)
-        return replace(self, parameters=every, known=known, simulator=simulator.view_of(every), begin=begin)
-
-    def starting_at(self, solution: Solution) -> Prepared:
-        """The preparation, started from the end of a fit."""
-        return replace(self, begin=solution.values, starts=solution.starts)
-
-    def starts_from_samples(self) -> Starts:
-        """Starts of the windows from their samples alone."""
-        return first_starts(self.simulator.model, self.traces, self.windows, self.sigma)
-
-    @property
-    def floor(self) -> np.ndarray:
-        """Minimum noise of every run and link relative to the claimed one (R, n): the sensor's rounding."""
-        fit = self.scene.fit
-        rounding = 0.0
-        if fit is not None:
-            rounding = fit.resolution("angle") / np.sqrt(12)
-        claimed = []
-        for s, trace in zip(self.sigma, self.traces, strict=True):
-            if trace.se is not None:
-                s = np.sqrt(np.nanmean(trace.se**2, axis=0))
-            claimed.append(s)
-        return np.maximum(rounding / np.array(claimed), 1e-9)
-
-    @property
-    def names(self) -> list[str]:
-        """Names of the free parameters."""
-        return [p.name for p in self.parameters]
-
-    @property
-    def order(self) -> int:
-        """Order of the scheme for which the windows' step was chosen."""
-        return self.simulator.stepper.integrator.order
-
-    @property
-    def values(self) -> np.ndarray:
-        """Start of the parameters (k,): their start values, or the end of an earlier fit."""
-        if self.begin is not None:
-            return self.begin
-        return np.array([p.value for p in self.parameters])
+            timed[i] = replace(p, where=replace(p.where, time=float(t[p.where.frame])))
+    return tuple(timed)
 
 
 def prepare(
@@ -385,9 +198,9 @@ def prepare(
     if release is not None:
         values = release.guess(lambda *at: simulator(*at).residual, simulator.parameters, windows, starts, values)
         parameters = tuple(replace(p, value=float(v)) for p, v in zip(simulator.parameters, values, strict=True))
-    warnings = (*notes, *samples.warnings)
+    samples = replace(samples, warnings=(*notes, *samples.warnings))
     return Prepared(
-        **vars(replace(samples, warnings=warnings)),
+        **vars(samples),
         scene=scene,
         parameters=parameters,
         simulator=simulator,
@@ -458,17 +271,17 @@ def read_traces(
     for trace in read:
         check_scale(trace, model, asked)
         notes += refuse_wrong_file(trace, model, asked, free)
-    found = []
+    in_model = []
     for trace in read:
         distance = None
-        if settings.same_motion and found:
-            distance = partial(convention_distance, found[0])
+        if settings.same_motion and in_model:
+            distance = partial(convention_distance, in_model[0])
         converted, more = settle_convention(trace, model, asked, distance)
-        found.append(converted)
+        in_model.append(converted)
         notes += more
     if settings.dt is not None:
-        check_step(found, settings.dt)
-    return found, notes
+        check_step(in_model, settings.dt)
+    return in_model, notes
 
 
 def some_of(parameters: Sequence[Parameter], names: Sequence[str]) -> tuple[Parameter, ...]:
@@ -511,8 +324,7 @@ def choose_samples(
     slowest = pendulum_period(np.sum(length))
     period = pendulum_period(length)
     if not released:
-        seen = fitted_parts(traces, spans)
-        spans, more = without_held_starts(spans, seen, sigma, slowest, lambda: resting_angles(model))
+        spans, more = without_held_starts(spans, fitted_parts(traces, spans), sigma, slowest, model)
         notes += more
     for i, trace in enumerate(traces):
         if mine := [(low, high) for run, low, high in spans if run == i]:
@@ -573,11 +385,6 @@ def program_capacity(samples: Samples, plan: WindowPlan) -> tuple[int, int]:
     return program_space(samples.traces, length, plan.dt)
 
 
-def program_space(traces: Sequence[Trace], length: float, dt: float) -> tuple[int, int]:
-    """Steps and sample slots of windows of this length [s]."""
-    return int(length / dt + 1e-6), int(length / min(trace.interval for trace in traces) + 1.5)
-
-
 def windows_along_motion(
     samples: Samples, simulator: Simulator, release: Release | None, plan: WindowPlan, values: np.ndarray
 ) -> tuple[Windows, Starts, float]:
@@ -588,11 +395,11 @@ def windows_along_motion(
     """
     model = simulator.model
     sigma = samples.sigma
-    seen = samples.observed
+    fitted = samples.fitted
     windows = cut(samples.traces, plan.short * plan.dt, plan.dt, sigma, samples.spans)
     if release is not None:
         windows = release.mark(windows, samples.traces)
-    starts = first_starts(model, seen, windows, sigma)
+    starts = first_starts(model, fitted, windows, sigma)
     # subdivisions of a step in which the fastest link of nearly all windows turns by at most `TURN`
     fastest = float(np.quantile(np.abs(starts.omega).max(axis=1), FASTEST))
     halvings = max(0, int(np.ceil(np.log2(max(plan.dt * fastest / TURN, 1e-9)))))
@@ -605,4 +412,4 @@ def windows_along_motion(
     if release is not None:
         windows = release.mark(windows, samples.traces)
         simulator.parameters = release.bound_times(simulator.parameters, windows)
-    return windows, first_starts(model, seen, windows, sigma), rate
+    return windows, first_starts(model, fitted, windows, sigma), rate

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -13,86 +13,23 @@ from dropper_jax.model import Model
 from fitting.calibration.candidate import Candidate
 from fitting.calibration.decision import verdict
 from fitting.calibration.disagreement import Disagreement
-from fitting.calibration.law_fits import Law
-from fitting.calibration.laws import DRAG, LawTest, LawTests, freeing_option
-from fitting.calibration.preparation import Prepared, program_space
-from fitting.calibration.spans import Interval
-from fitting.estimate.least_squares import fit_windows
+from fitting.calibration.held_out import HeldOut
+from fitting.calibration.law_fits import DRAG, Law
+from fitting.calibration.law_tests import LawTest, LawTests, freeing_option
+from fitting.calibration.prepared import Prepared
 from fitting.estimate.noise import Noise, mean_by_run
 from fitting.estimate.normal_equations import Evaluation
 from fitting.estimate.residuals import Problem, Solution
 from fitting.estimate.scene_fit import SceneFit
 from fitting.estimate.shooting import SCHEDULE
 from fitting.estimate.uncertainty import degrees_of_freedom
-from fitting.estimate.windows import Span, Windows, first_starts
+from fitting.estimate.windows import Span, Windows
 from fitting.traces.trace import Trace
-
-
-def score_held_out(
-    prepared: Prepared, values: np.ndarray, span: Interval, runs: Sequence[int] | None = None
-) -> HeldOut:
-    """RMS angle error [rad] on a span of some runs, by default of all; starts are fitted on the span's own angles, the
-    parameters are fixed."""
-    low, high = span
-    pieces = []
-    for i, trace in enumerate(prepared.traces):
-        part = trace.between(low, high)
-        if (runs is None or i in runs) and len(part.t) > 2:
-            end = min(high, float(part.t[-1]) + trace.interval)
-            pieces.append(Span(i, max(low, float(part.t[0])), end))
-    length = min(window_length(prepared, span), *(piece.high - piece.low for piece in pieces))
-    windows = prepared.cut(length, pieces).pad_to(*_shape(prepared))
-    return HeldOut(low, high, fit_starts(prepared, windows, values))
 
 
 def direction_text(direction: Mapping[str, float]) -> str:
     """A direction of parameters in words."""
     return ", ".join(f"{share:+.2g} {name}" for name, share in direction.items())
-
-
-#: Maximum growth of an error over a held-out window, in e-folds: its start must still be found.
-HELD_GROWTH = 6.0
-
-
-def window_length(prepared: Prepared, span: Interval) -> float:
-    """Length [s] of the windows that score a span: equal parts, short enough for their starts to be found.
-
-    Errors grow by at most exp(6) over each window. The growth rate is that of the scene along the measured motion, not
-    that of the fit. Shorter windows alone would lower a score, so two fits must be scored with the same windows.
-    """
-    low, high = span
-    return (high - low) / max(1, int(np.ceil(prepared.lyapunov * (high - low) / HELD_GROWTH - 1e-9)))
-
-
-def _shape(prepared: Prepared) -> tuple[int, int]:
-    """Steps and slots that suffice for the fit's windows and those of every held-out span."""
-    windows = prepared.windows
-    longest = max(window_length(prepared, span) for span in prepared.held_out)
-    steps, slots = program_space(prepared.traces, longest, windows.dt)
-    if steps <= windows.steps:
-        return windows.steps, windows.theta.shape[1]
-    return steps, max(windows.theta.shape[1], slots)
-
-
-#: Maximum evaluations for the starts of held-out windows, at each part of them.
-START_ITERATIONS = 30
-
-
-def fit_starts(prepared: Prepared, windows: Windows, values: np.ndarray) -> Solution:
-    """Fit only the starts of windows, on a growing fraction of each."""
-    traces = list(prepared.traces)
-    for i in np.unique(windows.run):  # earlier fitted samples must not affect the smoothing of a held-out start
-        traces[i] = traces[i].between(np.min(windows.begin[windows.run == i]), np.inf)
-    starts = first_starts(prepared.simulator.model_at(values), traces, windows, prepared.sigma)
-    problem = prepared.problem(frozen=np.ones(len(values), bool))
-    problem = replace(problem, windows=windows, simulator=problem.simulator.view_of_starts())
-    # fractions of a held-out window whose angles are used in turn to find its start
-    for part in (0.2, 0.5, 1.0):
-        solution = fit_windows(
-            replace(problem, windows=windows.early(part)), values, starts, iterations=START_ITERATIONS
-        )
-        starts = solution.starts
-    return solution
 
 
 def chi2_per_dof(prepared: Prepared, solution: Solution) -> float:
@@ -108,26 +45,12 @@ CORRELATED_MISFIT = 0.1
 LOOSE_JOIN = 0.03
 #: Maximum fraction of the samples that may be left out of a fit with status `ok`.
 MOST_LEFT_OUT = 0.03
+#: Noise [rad] far below an encoder's, as only simulated traces have.
+SIMULATED_NOISE = 5e-6
+#: Number of candidates of `advise` that are listed in the warnings.
+NAMED_CANDIDATES = 3
 #: Statuses that `--accept-misfit` accepts.
 ACCEPTABLE = ("misfit", "model_error")
-
-
-@dataclass(frozen=True)
-class HeldOut:
-    """A stretch of trace that was not fitted; only its starts were, on its own angles."""
-
-    low: float
-    high: float
-    solution: Solution
-
-    @property
-    def windows(self) -> Windows:
-        return self.solution.windows
-
-    @property
-    def rms(self) -> float:
-        """RMS angle error [rad]."""
-        return self.solution.rms
 
 
 @dataclass(frozen=True)
@@ -184,6 +107,7 @@ class FitResult(SceneFit[Problem, Evaluation]):
 
     @property
     def has_errors(self) -> bool:
+        """Whether the parameters have errors: not those of a failed fit, unless its misfit is accepted."""
         return self.status == "ok" or (self.accepted and self.status in ACCEPTABLE)
 
     @property
@@ -255,31 +179,34 @@ class FitResult(SceneFit[Problem, Evaluation]):
             names = self.solution.problem.names
             found.append(f"the law is wrong: the trace shows {freeing_option(wrong, names)}")
         if self.status == "misfit" and self.misses and not self.wrong_file:
-            times = float(np.sqrt(self.chi2_per_dof))
-            advice = "Try --auto-free, state a model_error in [fit], or accept it by --accept-misfit"
-            if self.recordings:
-                advice = (
-                    "Fit each recording alone to find the one that differs; leave out --same-motion for separate runs"
-                )
-            elif self.likely:
-                advice = f"Likeliest cause: {self.likely}, or state a model_error in [fit]"
-            if self.solution.rms < 5e-6 * times:  # noise [rad] far below an encoder's: a simulated trace
-                advice = (
-                    f"The trace has hardly any noise ({self.solution.rms / times:.1g} rad), as a simulated one: the "
-                    f"residuals, {self.solution.rms:.1g} rad RMS, are then errors of two time steps or schemes. "
-                    "State them as model_error, as the tables of `dropper run` do, add a camera's noise "
-                    "(fitting.traces.synthetic.observe) or accept it by --accept-misfit"
-                )
             reason = f"neighbours correlate by {self.uncertainty.correlation_1[0]:.2f}"
             if self.has_unexplained_joins or not self.windows_join:
                 reason = "the windows of the fit do not join to one motion"
+            times = float(np.sqrt(self.chi2_per_dof))
             found.append(
-                f"the residuals are {times:.3g} times the noise and {reason}: the model misses the trace. {advice}"
+                f"the residuals are {times:.3g} times the noise and {reason}: the model misses the trace. "
+                f"{self._advice_on_misfit(self.rms / times)}"
             )
         return "; ".join(filter(None, found))
 
+    def _advice_on_misfit(self, noise: float) -> str:
+        """What to do about residuals that exceed the claimed noise [rad]."""
+        if noise < SIMULATED_NOISE:
+            return (
+                f"The trace has hardly any noise ({noise:.1g} rad), as a simulated one: the residuals, {self.rms:.1g} "
+                "rad RMS, are then errors of two time steps or schemes. State them as model_error, as the tables of "
+                "`dropper run` do, add a camera's noise (fitting.traces.synthetic.observe) or accept it by "
+                "--accept-misfit"
+            )
+        if self.recordings:
+            return "Fit each recording alone to find the one that differs; leave out --same-motion for separate runs"
+        if self.likely:
+            return f"Likeliest cause: {self.likely}, or state a model_error in [fit]"
+        return "Try --auto-free, state a model_error in [fit], or accept it by --accept-misfit"
+
     @property
     def windows(self) -> Windows:
+        """The fitted windows."""
         return self.solution.windows
 
     @property
@@ -360,6 +287,7 @@ class FitResult(SceneFit[Problem, Evaluation]):
         return Combination(DRAG, speed, value, np.sqrt(max(C[0, 0] + speed * C[0, 1], 0.0)))
 
     def note(self, i: int) -> str:
+        """Remarks on parameter i."""
         return ", ".join(filter(None, [super().note(i), self.laws.remark(self.parameters[i].name)]))
 
     def estimates(self) -> dict[str, dict[str, Any]]:
@@ -373,8 +301,7 @@ class FitResult(SceneFit[Problem, Evaluation]):
     def add_advice(self, candidates: list[Candidate]) -> None:
         """Report candidates of `advise`, the first ones worth it as warnings too."""
         self.advice = candidates
-        # number of candidates listed in the warnings
-        self.warnings += [str(candidate) for candidate in candidates if candidate.worth_naming][:3]
+        self.warnings += [str(candidate) for candidate in candidates if candidate.worth_naming][:NAMED_CANDIDATES]
 
     def noise_table(self) -> dict[str, Any]:
         """The noise estimated from the residuals: its kind, and by run and link its size, memory and delay.

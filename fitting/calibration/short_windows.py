@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from fitting.calibration.likely_cause import fit_short_windows, likely_cause
-from fitting.calibration.preparation import Prepared
+from fitting.calibration.prepared import Prepared
 from fitting.estimate.windows import Span
 from fitting.traces.conventions import Change, changes, late_columns, resting_angles, shift
 from fitting.traces.planar import wrap
@@ -34,8 +34,6 @@ OTHER_RIG = 3e-3
 SHORT = 8
 PART = 0.35
 FRAMES = 6
-
-
 #: Maximum chi-square per sample of a reported change: right ones give 0.5 to 4.
 LARGEST_CHI_SQUARE = 9.0
 
@@ -53,8 +51,9 @@ def name_wrong_file(prepared: Prepared) -> str:
         return ""
     name = ", ".join(trace.name for trace in prepared.traces)
     size = f"short windows miss the angles by {np.sqrt(given):.0f} times their noise as given"
-    groups = [*changes(links), *_resting_shifts(prepared)], [*late_columns(links, SOME_LATE)]
-    for group in groups:  # the second one is large, and its mistakes are rare
+    frequent = [*changes(links), *_resting_shifts(prepared)]
+    rare = list(late_columns(links, SOME_LATE))
+    for group in (frequent, rare):
         tried = []
         for change in group:
             traces = [_apply_change(trace, change) for trace in prepared.traces]
@@ -68,7 +67,6 @@ def name_wrong_file(prepared: Prepared) -> str:
             )
     if not found.part > OTHER_RIG:
         return ""
-
     cause = likely_cause(prepared, pieces)
     return f"{name}: {size}; likeliest cause: {cause.words}; {cause.remedy}"
 

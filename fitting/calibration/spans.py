@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
+from dropper_jax.model import Model
 from fitting.estimate.rest import FEWEST as FEWEST_AT_REST
 from fitting.estimate.windows import Span
-from fitting.traces import planar
+from fitting.traces.conventions import resting_angles
+from fitting.traces.planar import wrap
 from fitting.traces.trace import Trace
 
 #: From, to [s].
@@ -33,16 +35,21 @@ def check_spans(traces: Sequence[Trace], spans: Sequence[Interval], option: str 
     Raises:
         SceneError: a span is empty, overlaps another or lies outside every trace.
     """
-    found = sorted((float(low), float(high)) for low, high in spans)
-    for i, (low, high) in enumerate(found):
+    ordered = sorted((float(low), float(high)) for low, high in spans)
+    for i, (low, high) in enumerate(ordered):
         text = f"{option}: {low:g}:{high:g}"
         if not low < high:
             raise SceneError(f"{text} is empty; allowed: lo < hi")
-        if i and low < found[i - 1][1] - 1e-9:
-            raise SceneError(f"{text} overlaps {found[i - 1][0]:g}:{found[i - 1][1]:g}. Use separate spans")
-        if not any(len(trace.between(low, high).t) > 2 for trace in traces):
+        if i and low < ordered[i - 1][1] - 1e-9:
+            raise SceneError(f"{text} overlaps {ordered[i - 1][0]:g}:{ordered[i - 1][1]:g}. Use separate spans")
+        if not any(frames_between(trace, low, high) > 2 for trace in traces):
             raise SceneError(f"{text} contains no samples; allowed: {traces[0].t[0]:g} to {traces[0].t[-1]:g} s")
-    return tuple(found)
+    return tuple(ordered)
+
+
+def frames_between(trace: Trace, low: float, high: float) -> int:
+    """Number of frames from `low` to `high` [s] in which an angle is measured."""
+    return int(np.isfinite(trace.between(low, high).theta).any(axis=1).sum())
 
 
 def fitted_spans(
@@ -56,7 +63,7 @@ def fitted_spans(
     Raises:
         SceneError: nothing remains.
     """
-    found = []
+    spans = []
     for i, trace in enumerate(traces):
         low = float(trace.t[0])
         if begin is not None:
@@ -66,11 +73,11 @@ def fitted_spans(
             last = min(last, until)
         for start, end in [*held_out, (last, last)]:
             if low < min(start, last):
-                found.append(Span(i, low, min(start, last)))
+                spans.append(Span(i, low, min(start, last)))
             low = max(low, end)
-    if not found:
+    if not spans:
         raise SceneError("from, until, held-out: nothing remains to fit. Use spans that leave part of the trace")
-    return found
+    return spans
 
 
 def without_held_starts(
@@ -78,7 +85,7 @@ def without_held_starts(
     traces: Sequence[Trace],
     sigma: Sequence[np.ndarray],
     slowest: float,
-    pose: Callable[[], np.ndarray],
+    model: Model,
 ) -> tuple[list[Span], list[str]]:
     """The fitted spans of traces without the still stretch before a release, and a note on each stretch left out.
 
@@ -86,22 +93,22 @@ def without_held_starts(
         traces: the samples of every run that may be fitted, the rest missing.
         sigma: noise of each run's links (n,) [rad].
         slowest: period [s] of the line as one pendulum.
-        pose: gives the angles (n,) [rad] at rest; only called if a trace starts still.
+        model: of the line, whose ends hold it.
     """
-    found = list(spans)
+    shortened = list(spans)
     notes = []
     for i, trace in enumerate(traces):
-        begin = held_start(trace, sigma[i], slowest, pose)
+        begin = held_start(trace, sigma[i], slowest, model)
         if begin is None:
             continue
-        for j, span in enumerate(found):
+        for j, span in enumerate(shortened):
             if span.run == i:
-                found[j] = span._replace(low=max(span.low, begin))
+                shortened[j] = span._replace(low=max(span.low, begin))
         notes.append(
             f"{trace.name} is held still until {begin:.3g} s, in a pose that its own ends do not hold: the fit "
             "starts there"
         )
-    return [span for span in found if span.low < span.high], notes
+    return [span for span in shortened if span.low < span.high], notes
 
 
 #: Relative change of a step that rounded times of samples may cause.
@@ -136,24 +143,24 @@ def still_spans(trace: Trace, sigma: np.ndarray, slowest: float) -> list[Interva
     the mean of five neighbouring frames stays within five of its standard deviations, at least 2 mrad, of its value at
     that end of the trace. `sigma` (n,) [rad] is the noise of a frame.
     """
-    found: list[Interval] = []
+    spans: list[Interval] = []
     known = np.flatnonzero(np.isfinite(trace.theta).any(axis=1))
     if not len(known):
-        return found
+        return spans
     whole = slice(known[0], known[-1] + 1)
-    for way, periods in ((1, FIRST_PERIODS), (-1, LAST_PERIODS)):
-        times = trace.t[whole][::way]
-        count = still_frames(times, trace.theta[whole][::way], sigma)
+    for direction, periods in ((1, FIRST_PERIODS), (-1, LAST_PERIODS)):
+        times = trace.t[whole][::direction]
+        count = still_frames(times, trace.theta[whole][::direction], sigma)
         shortest = max(SHORTEST, periods * slowest)
         if count >= max(FEWEST_AT_REST, 2 * WIDTH) and abs(times[count - 1] - times[0]) >= shortest:
             low, high = sorted((float(times[0]), float(times[count - 1])))
-            found.append((low, high))
-    return list(dict.fromkeys(found))
+            spans.append((low, high))
+    return list(dict.fromkeys(spans))
 
 
 def still_frames(t: np.ndarray, theta: np.ndarray, sigma: np.ndarray) -> int:
     """Number of still frames at the start of (k, n), up to the first pause of `SHORTEST` without samples."""
-    least = len(theta)
+    fewest = len(theta)
     for column, size in zip(theta.T, sigma, strict=False):  # the noise of further recordings follows
         known = np.flatnonzero(np.isfinite(column))
         pause = np.abs(np.diff(t[known], prepend=t[0])) > SHORTEST
@@ -168,8 +175,8 @@ def still_frames(t: np.ndarray, theta: np.ndarray, sigma: np.ndarray) -> int:
         still = known[-1] + 1
         if len(moves):
             still = known[moves[0] + 1]
-        least = min(least, int(still))
-    return least
+        fewest = min(fewest, int(still))
+    return fewest
 
 
 #: Angle [rad] between a still pose and equilibrium above which something else must hold the line: errors of 1 % in
@@ -177,19 +184,18 @@ def still_frames(t: np.ndarray, theta: np.ndarray, sigma: np.ndarray) -> int:
 HELD_ANGLE = 0.1
 
 
-def held_start(trace: Trace, sigma: np.ndarray, slowest: float, pose: Callable[[], np.ndarray]) -> float | None:
+def held_start(trace: Trace, sigma: np.ndarray, slowest: float, model: Model) -> float | None:
     """Time [s] from which the line moves, if something other than its own ends holds it still before.
 
-    `pose()` (n,) [rad] is the equilibrium. The frames of the running mean that contain the motion are omitted: the line
-    may be released in any of them.
+    It is then not in the model's equilibrium. The frames of the running mean that contain the motion are omitted: the
+    line may be released in any of them.
     """
     spans = still_spans(trace, sigma, slowest)
     known = np.flatnonzero(np.isfinite(trace.theta).any(axis=1))
     if not spans or spans[0][0] > trace.t[known[0]]:
         return None
     still = trace.between(spans[0][0], spans[0][1] + 1e-6)
-    off = planar.wrap(np.nanmedian(still.theta, axis=0) - pose())
-
+    off = wrap(np.nanmedian(still.theta, axis=0) - resting_angles(model))
     later = known[trace.t[known] > spans[0][1]][WIDTH:]
     if len(later) and np.abs(off).max() > HELD_ANGLE:
         return float(trace.t[later[0]])
@@ -198,11 +204,11 @@ def held_start(trace: Trace, sigma: np.ndarray, slowest: float, pose: Callable[[
 
 def advice_on_rest(trace: Trace, sigma: np.ndarray, slowest: float) -> list[str]:
     """A line for each stretch at rest that a fit could use as a pose but does not."""
-    found = []
+    lines = []
     for low, high in still_spans(trace, sigma, slowest):
-        found.append(
+        lines.append(
             f"{trace.name} is at rest from {low:.3g} to {high:.3g} s. "
             f"Use --rest {np.ceil(100 * low) / 100:g}:{np.floor(100 * high) / 100:g} to fit that pose as well: it "
             "determines the rig's numbers, if only the scene's own hooks hold the line then"
         )
-    return found
+    return lines

@@ -8,9 +8,11 @@ from dataclasses import replace
 import numpy as np
 
 from fitting.calibration.disagreement import disagreement_warnings, disagreements
-from fitting.calibration.laws import law_warnings, test_laws
-from fitting.calibration.preparation import Prepared
-from fitting.calibration.result import FitResult, chi2_per_dof, direction_text, score_held_out
+from fitting.calibration.held_out import score_held_out
+from fitting.calibration.law_score_tests import test_laws
+from fitting.calibration.law_tests import law_warnings
+from fitting.calibration.prepared import Prepared
+from fitting.calibration.result import FitResult, chi2_per_dof, direction_text
 from fitting.estimate.residuals import CHI2_RANGE, CORRELATION_FLOOR, Solution
 from fitting.estimate.scene_fit import common_warnings
 from fitting.estimate.shooting import lyapunov
@@ -41,8 +43,8 @@ def warnings_of(prepared: Prepared, solution: Solution, u: Uncertainty, chi2: fl
     close = np.argwhere(np.abs(np.triu(u.correlation, 1)) > HARD_TO_DISTINGUISH)
     for i, j in close:
         found.append(f"{names[i]} and {names[j]} are hard to distinguish (correlation {u.correlation[i, j]:.3f})")
-    for name, error, on in zip(names, u.std_error, u.at_bound, strict=True):
-        if not on and error > abs(values[name]) and name.startswith("effects."):
+    for name, error, at_bound in zip(names, u.std_error, u.at_bound, strict=True):
+        if not at_bound and error > abs(values[name]) and name.startswith("effects."):
             found.append(f"{name} is not determined: {values[name]:.3g} with standard error {error:.2g}")
     for run, low, high in prepared.left_out:
         found.append(

@@ -13,12 +13,13 @@ from jax import Array
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.run.build import SceneLike
-from fitting.calibration.preparation import Prepared, TracesLike, prepare
+from fitting.calibration.preparation import TracesLike, prepare
+from fitting.calibration.prepared import Prepared
 from fitting.estimate.simulator import Simulator
 from fitting.estimate.window_run import run_window
 from fitting.estimate.windows import Starts
-from fitting.parameters.observation import lost_frames
 from fitting.parameters.parameter import with_parameter_values
+from fitting.parameters.targets import LOST
 from fitting.traces import planar
 
 #: Gauss-Newton steps of the windows for one value with optimal starts: from the first starts, four leave 0.01 of
@@ -236,16 +237,21 @@ def loss_of_trace(
 
     Args:
         traces, scene, free: as of `fit`.
-        **options: of `prepare`: `start`, `bounds`, `priors`, `until`, `settings`.
+        **options: of `prepare`: `start`, `bounds`, `priors`, `until`, `held_out`, `settings`.
 
     Returns:
         The loss, with `params` and `scale` to start from.
 
     Raises:
-        SceneError: what `prepare` rejects, and parameters of a release or of lost frames, whose windows have no start.
+        SceneError: what `prepare` rejects; parameters of a release or of lost frames, and a static start, whose windows
+            have no start; poses at rest, which this loss does not have.
     """
     prepared = prepare(traces, scene, free, **options)
-    if prepared.simulator.release is not None or lost_frames(prepared.parameters):
-        name = next(name for name in prepared.names if name.startswith(("release.", "clock.lost")))
-        raise SceneError(f"free: {name!r} cannot be part of this loss. Use parameters of the model, or `fit`")
+    for name in prepared.names:
+        if name.startswith(("release.", LOST)):
+            raise SceneError(f"free: {name!r} cannot be part of this loss. Use parameters of the model, or `fit`")
+    if prepared.simulator.release is not None:
+        raise SceneError("static_start: cannot be part of this loss. Leave it out, or use `fit`")
+    if prepared.rest is not None:
+        raise SceneError("rest: poses at rest cannot be part of this loss. Leave them out, or use `fit`")
     return TraceLoss(prepared)

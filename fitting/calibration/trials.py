@@ -19,11 +19,12 @@ import numpy as np
 from dropper_jax.base.errors import Progress, silent
 from dropper_jax.base.read import ScenePath
 from dropper_jax.run.build import build
-from fitting.calibration.advice import Group, groups, joint_information, wide
+from fitting.calibration.advice import Group, candidate_simulator, groups, joint_information
 from fitting.calibration.candidate import Candidate
+from fitting.calibration.held_out import score_held_out, window_length
 from fitting.calibration.law_fits import OF_JOINTS, PARTS, part_of, scene_with_law, substeps_of, without_unused_parts
-from fitting.calibration.preparation import Prepared, fitted_parts, program_space
-from fitting.calibration.result import chi2_per_dof, score_held_out, window_length
+from fitting.calibration.prepared import Prepared, fitted_parts, program_space
+from fitting.calibration.result import chi2_per_dof
 from fitting.estimate.least_squares import fit_windows
 from fitting.estimate.loss import Loss
 from fitting.estimate.noise import Noise, lag_one
@@ -69,9 +70,17 @@ class Trials:
     Args:
         prepared: with a simulator that knows the parameters of all trials.
         loss: of the fits.
+        solution: of all windows.
+        windows: the solution's, with the noise that the traces claim.
+
+    Attributes:
+        spans: the scored stretches.
+        used: windows (K,) bool that are fitted.
+        claimed: these windows with the noise that the traces claim.
+        noise: by the misfit of the last solution that `weigh` was given.
     """
 
-    def __init__(self, prepared: Prepared, loss: Loss) -> None:
+    def __init__(self, prepared: Prepared, loss: Loss, solution: Solution, windows: Windows) -> None:
         scored = scored_windows(prepared)
         self.spans = stretches(prepared, scored)
         self.used = ~scored
@@ -80,6 +89,7 @@ class Trials:
         inside = fitted_parts(prepared.traces, list(fitted))
         self.prepared = replace(prepared, traces=inside, held_out=tuple((low, high) for _, low, high in self.spans))
         self.claimed = prepared.windows.pick(self.used)
+        self.weigh(solution, windows)
 
     def weigh(self, solution: Solution, claimed: Windows) -> None:
         """Weight each link by its misfit and each sample by the memory of the noise, so that priors count.
@@ -90,19 +100,19 @@ class Trials:
         known = claimed.weight > 0
         noise = Noise.of_misfit(solution.errors * claimed.weight, known, claimed.run, self.prepared.floor)
         self.noise = replace(noise, factor=noise.factor * np.sqrt(memory_of(solution)))
-        self.windows = self.noise.apply_to(self.claimed, self.prepared.traces)
         self.prepared = replace(self.prepared, noise=self.noise)
 
     def fit(self, parameters: Sequence[Parameter], values: np.ndarray, starts: Starts) -> Solution:
         """A short fit of the windows that are not scored, with the noise of the last misfit."""
         at = self.prepared.with_parameters(parameters, values)
-        problem = at.problem(self.loss).with_noise(self.noise, self.windows, values)
+        windows = self.noise.apply_to(self.claimed, self.prepared.traces)
+        problem = at.problem(self.loss).with_noise(self.noise, windows, values)
         return fit_windows(problem, values, starts, iterations=TRIAL_ITERATIONS)
 
     def score(self, solution: Solution) -> float:
         """Mean logarithm of the RMS errors [rad] of the windows of all scored stretches."""
         at = self.prepared.with_parameters(solution.problem.parameters, solution.values)
-        held = [score_held_out(at, solution.values, (low, high), [run]).solution for run, low, high in self.spans]
+        held = [score_held_out(at, solution.values, (low, high), run).solution for run, low, high in self.spans]
         known = np.concatenate([(one.windows.weight > 0).sum(axis=(1, 2)) for one in held])
         square = np.concatenate([np.sum(one.errors**2, axis=(1, 2)) for one in held])
         return float(np.mean(0.5 * np.log(np.maximum(square[known > 0] / known[known > 0], 1e-24))))
@@ -180,22 +190,21 @@ def free_groups(
     prepared, shared = with_full_law(prepared, solution)
     found = groups(prepared.simulator.model, prepared.parameters, shared)
     zero = [replace(p, value=0.0) for p in shared]
-    simulator = wide(prepared, [*_parameters_of(found), *zero])
-    trials = Trials(replace(prepared, simulator=simulator), loss)
+    simulator = candidate_simulator(prepared, [*_parameters_of(found), *zero])
+    trials = Trials(replace(prepared, simulator=simulator), loss, solution, before.windows)
     if not (trials.spans and trials.used.any()):  # no windows to score, or none to fit
         return None
     # the programs also run the windows that score the stretches
     longest = max(window_length(prepared, (low, high)) for _, low, high in trials.spans)
     steps, slots = program_space(prepared.traces, longest, prepared.windows.dt)
     simulator.capacity = max(simulator.capacity[0], steps), max(simulator.capacity[1], slots)
-    trials.weigh(solution, before.windows)
     progress(0.5, "testing what may be wrong: unchanged model")
     base = trials.fit(prepared.parameters, solution.values, pick(solution.starts, trials.used))
     first = trials.score(base)
     search = Search(trials, effective(trials, base, found), base)
     progress(0.55, "testing what may be wrong: everything free")
     search.free_all()
-    if not search.least < first - np.log1p(NEEDED):
+    if not search.lowest < first - np.log1p(NEEDED):
         return None
     search.free_late(search.fix_needless(progress), progress)
     if not search.free:
@@ -224,7 +233,7 @@ class Search:
 
     Attributes:
         values: of every number at the end of the last fit in which it was free.
-        free, best, least: free groups, their fit, and the smallest score so far.
+        free, best, lowest: free groups, their fit, and the smallest score so far.
         needed: by name of a group, the factor of the held-out error without it.
     """
 
@@ -239,7 +248,7 @@ class Search:
         self.values = self.start | values
         self.free: list[Group] = []
         self.best = base
-        self.least = np.inf
+        self.lowest = np.inf
         self.needed: dict[str, float] = {}
 
     def fit(self, free: Sequence[Group]) -> Solution:
@@ -257,7 +266,7 @@ class Search:
             self.trials.weigh(self.best, self.trials.claimed)
             self.best = self.fit(self.groups)
         self.free = list(self.groups)
-        self.least = self.trials.score(self.best)
+        self.lowest = self.trials.score(self.best)
 
     def fix_needless(self, progress: Progress) -> dict[Group, float]:
         """Fix every group without which the score is not worse; returns them and the smallest score at that time."""
@@ -270,18 +279,18 @@ class Search:
             fewer = [other for other in self.free if other is not group]
             less = self.fit(fewer)
             now = self.trials.score(less)
-            if now < self.least + np.log1p(NEEDED):
+            if now < self.lowest + np.log1p(NEEDED):
                 self.free = fewer
                 self.best = less
-                self.least = min(self.least, now)
-                fixed[group] = self.least
+                self.lowest = min(self.lowest, now)
+                fixed[group] = self.lowest
             else:
-                self.needed[group.name] = float(np.exp(now - self.least))
+                self.needed[group.name] = float(np.exp(now - self.lowest))
         return fixed
 
     def free_late(self, fixed: dict[Group, float], progress: Progress) -> None:
         """Free again, the best first, what was fixed while others held the fit far from its minimum."""
-        late = [group for group, then in fixed.items() if self.least < then - np.log1p(NEEDED)]
+        late = [group for group, then in fixed.items() if self.lowest < then - np.log1p(NEEDED)]
         while late:
             self.values |= self.best.by_name
             for p in _parameters_of(late):
@@ -290,13 +299,13 @@ class Search:
             tries = [self.fit([*self.free, group]) for group in late]
             scores = [self.trials.score(one) for one in tries]
             k = int(np.argmin(scores))
-            if not scores[k] < self.least - np.log1p(NEEDED):
+            if not scores[k] < self.lowest - np.log1p(NEEDED):
                 return
             group = late.pop(k)
-            self.needed[group.name] = float(np.exp(self.least - scores[k]))
+            self.needed[group.name] = float(np.exp(self.lowest - scores[k]))
             self.free.append(group)
             self.best = tries[k]
-            self.least = scores[k]
+            self.lowest = scores[k]
 
 
 def _parameters_of(groups: Sequence[Group]) -> list[Parameter]:

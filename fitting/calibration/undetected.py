@@ -22,7 +22,7 @@ from scipy.special import ndtri
 
 from dropper_jax.model import Law, Model
 from dropper_jax.model.slots import Force
-from fitting.calibration.preparation import Prepared
+from fitting.calibration.prepared import Prepared
 from fitting.estimate.factors import solve_spd
 from fitting.estimate.residuals import Solution
 from fitting.estimate.simulator import Simulator

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 
@@ -78,30 +79,42 @@ def refuse_wrong_file(trace: Trace, model: Model, requested: Convention, free: S
         return []
     moves = any(part in name for name in free for part in GEOMETRY)
     plain = [*changes(trace.links), *late_columns(trace.links, range(1, LATE + 1)), *units(named)]
-    tried = [(change, at) for at in allowed for change in plain]
+    tried = [TriedChange(change, at) for at in allowed for change in plain]
     if not moves:  # free parameters may cause the shift of the angles
-        tried += [(change, at) for at in allowed for change in _closing_shifts(model, rows, at)]
+        tried += [TriedChange(change, at) for at in allowed for change in _closing_shifts(model, rows, at)]
     for at in every:
         if at not in allowed:
             words = f"angles count as zero={at.zero}, sign={at.sign}"
-            tried.append((Change(words, f"--zero {at.zero} --sign={at.sign}", lambda theta: theta), at))
-    tried = [(_opening(model, at.in_model(change.apply(rows))), change, at) for change, at in tried]
-    best = min(left for left, _, _ in tried)
+            tried.append(TriedChange(Change(words, f"--zero {at.zero} --sign={at.sign}", lambda theta: theta), at))
+    openings = np.array([_opening(model, one.angles(rows)) for one in tried])
+    smallest = float(openings.min())
     apart = f"the links at their angles end {given * _reach(model):.2g} m from the second hook"
-    if best < min(OPEN, CLOSES * given):
+    if smallest < min(OPEN, CLOSES * given):
         # of changes that close equally well, the one with links that hang as at rest
-        alike = [one for one in tried if one[0] < 1.5 * best + 1e-3]
+        alike = np.flatnonzero(openings < 1.5 * smallest + 1e-3)
         rest = resting_angles(model)
-        off = [round(off_rest(at.in_model(change.apply(rows)), rest), 2) for _, change, at in alike]
-        left, change, _ = alike[int(np.argmin(off))]
-        words = f"{change.mistake}, as it seems: {apart} as given, {left * _reach(model):.2g} m without this mistake"
+        best = min(alike, key=lambda i: round(off_rest(tried[i].angles(rows), rest), 2))
+        fix = tried[best].change.fix
+        remaining = openings[best] * _reach(model)
+        words = f"{tried[best].change.mistake}, as it seems: {apart} as given, {remaining:.2g} m without this mistake"
         if given <= TOO_OPEN:  # a camera rolled by 2 degrees opens them as far, and a fit may free its roll
-            return [f"{trace.name}: {words}: {change.fix}, or free what opens them (--auto-free)"]
-        raise SceneError(f"{trace.name}: {words}. To correct it: {change.fix}")
+            return [f"{trace.name}: {words}: {fix}, or free what opens them (--auto-free)"]
+        raise SceneError(f"{trace.name}: {words}. To correct it: {fix}")
     if given > TOO_OPEN and not moves:
         cause = _open_cause(model, own.in_model(rows), free)
         raise SceneError(f"{trace.name}: {apart} in the median frame; likeliest cause: {cause}")
     return [f"{trace.name}: {apart} in the median frame: check lengths, hooks and the zeros of the angles"]
+
+
+class TriedChange(NamedTuple):
+    """A change of a file, and the convention in which its angles are then counted."""
+
+    change: Change
+    convention: Convention
+
+    def angles(self, rows: np.ndarray) -> np.ndarray:
+        """The file's angles (k, n) [rad], changed, in the model's convention."""
+        return self.convention.in_model(self.change.apply(rows))
 
 
 def _open_cause(model: Model, theta: np.ndarray, free: Sequence[str]) -> str:

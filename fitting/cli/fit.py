@@ -166,6 +166,7 @@ def check_intervals(args: argparse.Namespace, scene: Scene) -> None:
     """Reject intervals of parameters that are not free, and a bootstrap of one draw, before anything is fitted."""
     from fitting.estimate.bootstrap import check_draws
     from fitting.parameters.names import default_free, default_rig
+    from fitting.parameters.targets import RECORDING
 
     if args.bootstrap is not None:
         check_draws(args.bootstrap)
@@ -178,6 +179,8 @@ def check_intervals(args: argparse.Namespace, scene: Scene) -> None:
             free = [*free, *default_rig(scene)]
     known = [_full_path(scene, name, "free") for name in (*free, *args.own)]
     for name in args.profile:
+        if args.same_motion and name.startswith(f"{RECORDING}."):
+            continue  # known once the files are read
         own = name
         if not name.startswith(OF_DATA):
             own = name.partition("@")[0]  # without its run

@@ -15,14 +15,14 @@ from dropper_jax.base.read import Table
 from dropper_jax.cli.given import number
 from dropper_jax.cli.printing import table
 
-#: Model error that a fit to a file may assume, as a fraction of the motion.
-SMALL_ERROR = 0.003
-
 if TYPE_CHECKING:
     from dropper_jax.load.scene import Scene
     from fitting.calibration.result import FitResult
     from fitting.from_file.read_file import FileOptions
     from fitting.traces.trace import Trace
+
+#: Model error that a fit to a file may assume, as a fraction of the motion.
+SMALL_ERROR = 0.003
 
 
 def add_file_options(parser: argparse.ArgumentParser) -> None:
@@ -82,7 +82,11 @@ def is_trace_file(file: str, partial: bool) -> bool:
 
 
 def traces_for(args: argparse.Namespace, scene: Scene) -> tuple[list[str | Trace], list[str]]:
-    """The files for a scene: those of other programs as traces, and how they were read."""
+    """The files for a scene: those of other programs as traces, and how they were read.
+
+    Raises:
+        SceneError: options that only a fit without a scene has, or a unit for files of both kinds.
+    """
     from fitting.from_file.read_file import read_measured
 
     given = given_of(args)
@@ -98,6 +102,9 @@ def traces_for(args: argparse.Namespace, scene: Scene) -> tuple[list[str | Trace
         measured = read_measured(file, given, scene.lines[0].links)
         found.append(measured.trace)
         notes += [f"{measured.trace.name}: {note}" for note in measured.notes]
+    named = [file for file in found if isinstance(file, str)]
+    if notes and named and args.unit is not None:
+        raise SceneError(f"--unit: not for {named[0]!r} and files of other programs. State it there: # unit=rad or deg")
     return found, notes
 
 
@@ -116,10 +123,13 @@ def column_names(text: str | None) -> dict[str, str] | None:
     """Columns of a file by name, of `time=timestamp,theta_1=angle`."""
     if text is None:
         return None
-    pairs = [part.partition("=") for part in text.split(",")]
-    if wrong := next((name for name, _, column in pairs if not (name.strip() and column.strip())), None):
-        raise SceneError(f"--columns: {wrong!r} has no column; allowed: time=COLUMN,theta_1=COLUMN,...")
-    return {name.strip(): column.strip() for name, _, column in pairs}
+    columns = {}
+    for part in text.split(","):
+        name, _, column = (word.strip() for word in part.partition("="))
+        if not (name and column):
+            raise SceneError(f"--columns: {part!r} is not NAME=COLUMN; allowed: time=COLUMN,theta_1=COLUMN,...")
+        columns[name] = column
+    return columns
 
 
 def fit_files(args: argparse.Namespace, shared: Table, say: Progress) -> tuple[FitResult, Table, str]:

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from fitting.estimate.loss import Loss
 
 
+#: Those of `fitting.calibration.estimating`, which imports JAX.
 METHODS = ("windows", "shooting", "gradient")
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from dropper_jax.cli.given import read_numbers, split_names
+from dropper_jax.cli.given import number, read_numbers, split_names
 from dropper_jax.cli.options import add_effects, add_examples, add_json, add_quiet, register_effects
 from dropper_jax.cli.outputs import add_out, deliver
 from dropper_jax.cli.printing import progress, table
@@ -27,9 +27,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--duration", default="8,16,48", metavar="S,...", help="of the traces [s] (default: 8,16,48)")
     parser.add_argument("--noise", default="0.005", metavar="RAD,...", help="of the angles [rad] (default: 0.005)")
-    parser.add_argument("--rate", default="60", metavar="HZ", help="frames per second (default: 60)")
+    parser.add_argument("--rate", type=number, default=60.0, metavar="HZ", help="frames per second (default: 60)")
     parser.add_argument(
         "--gap-weight",
+        type=number,
         metavar="W",
         help="model error of the rig, as a fit reports it (default: the value expected for a correct model)",
     )
@@ -43,17 +44,14 @@ def run(args: argparse.Namespace) -> int:
     from fitting.calibration.plan import plan, rows
 
     register_effects(args)
-    gap_weight = None
-    if args.gap_weight is not None:
-        gap_weight = _numbers("gap-weight", args.gap_weight)[0]
     found = plan(
         args.scenes,
         args.free,
         durations=_numbers("duration", args.duration),
         noises=_numbers("noise", args.noise),
         requested=args.wanted,
-        gap_weight=gap_weight,
-        rate=_numbers("rate", args.rate)[0],
+        gap_weight=args.gap_weight,
+        rate=args.rate,
         progress=progress(args.quiet),
     )
     return deliver(
@@ -65,4 +63,5 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _numbers(option: str, text: str) -> list[float]:
+    """The numbers of a list, separated by commas."""
     return read_numbers(text, f"--{option}", "is not a list of numbers; allowed: such as 8,16,48")

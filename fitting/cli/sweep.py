@@ -36,6 +36,8 @@ OVERRIDES = ("integrator", "solver", "dt", "duration", "dtype")
 DEFAULT_QUANTITIES = ("tension_max", "tension_mean", "tension_min", "angle_max", "excursion", "energy_final")
 #: Tables of a scene whose values cannot be parameters of a fit.
 NOT_FITTED = ("start", "point", "sea")
+#: Cases of a device at a time, with a trace.
+CHUNK_WITH_TRACE = 8
 #: Maximum number of cases in a printed table.
 MOST_ROWS = 15
 HOST_COUNT = "xla_force_host_platform_device_count"
@@ -146,10 +148,11 @@ def run(args: argparse.Namespace) -> int:
 def _options(args: argparse.Namespace) -> Table:
     """Options of a sweep with and without a trace."""
     quantities = None
-    chunk = args.chunk or None
+    chunk = args.chunk
     if args.trace:
         quantities = []
-        chunk = args.chunk or 8
+        if chunk is None:
+            chunk = CHUNK_WITH_TRACE
     if args.quantities:
         quantities = args.quantities.split(",")
     return {
@@ -307,12 +310,15 @@ def text(found: Table, results: str = "") -> str:
 
 
 def _score_table(trace: Table) -> str:
-    """The cases with the best head, and the fit: RMS angle error and distance of spectra of each part."""
+    """The cases with the best head, and the fit: RMS angle error and distance of spectra of each part.
+
+    Cases that failed have no score and are left out.
+    """
     spans = trace["parts_s"]
     cases = [case for case in trace["cases"] if case["head"]["angle_rms_rad"] is not None]
     cases.sort(key=lambda case: case["head"]["angle_rms_rad"])
     fit = trace.get("fit")
-    names = [path.rsplit(".", 1)[-1] for path in cases[0]["values"]]
+    names = [path.rsplit(".", 1)[-1] for path in trace["cases"][0]["values"]]
     for part in spans:
         names += [part, f"{part} spectrum"]
     rows = [names]

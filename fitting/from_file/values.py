@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dropper_jax.base.constants import GRAVITY
-from fitting.calibration.laws import DRAG
+from fitting.calibration.law_fits import DRAG
 from fitting.calibration.result import FitResult
 from fitting.from_file.read_file import MeasuredFile
 from fitting.report.tables import significant

@@ -1,4 +1,4 @@
-"""Forces that a scene lacks, each of size zero: the directions along which `laws` tests a fit.
+"""Forces that a scene lacks, each of size zero: the directions along which `law_score_tests` tests a fit.
 
 A model with them moves exactly as without them. Only derivatives by their sizes see the forces: they cost nothing in
 the steps themselves, and once per step in its derivatives.

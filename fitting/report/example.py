@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from dropper_jax import load_scene
-from dropper_jax.base.errors import Progress, part_of, silent
+from dropper_jax.base.errors import Progress, part_of
 from dropper_jax.base.markdown import Rows
 from fitting.calibration.fit import fit
 from fitting.calibration.result import FitResult
@@ -49,25 +49,24 @@ class Example:
 
 
 EXAMPLE = Example()
+#: Fractions of the progress at which the traces are made, and the fit has ended.
+TRACES_MADE = 0.4
+FIT_ENDED = 0.91
 
 
 def calibrate_synthetic(
-    folder: str | Path,
-    example: Example = EXAMPLE,
-    progress: Progress = silent,
+    folder: Path,
+    example: Example,
+    progress: Progress,
 ) -> FitResult:
     """Make the traces, fit them together, write traces and report to `folder`."""
-    # fractions of the progress at which the traces are made, and the fit has ended
-    making = 0.4
-    fitted = 0.91
-    folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     scenes = [load_scene(name).with_values(example.truth) for name in example.scenes]
     traces = synthetic_traces(
         scenes,
         example.duration,
         Camera(angle_noise=example.noise),
-        progress=part_of(progress, 0.0, making),
+        progress=part_of(progress, 0.0, TRACES_MADE),
     )
     for trace in traces:
         write_trace(folder / f"{trace.name}.csv", trace)
@@ -76,10 +75,10 @@ def calibrate_synthetic(
         example.scenes[0],
         list(example.truth),
         start=example.start,
-        progress=part_of(progress, making, fitted),
+        progress=part_of(progress, TRACES_MADE, FIT_ENDED),
     )
     result.warnings.insert(0, LABEL)
-    progress(fitted, "report")
+    progress(FIT_ENDED, "report")
     write_report(result, folder)
     progress(1.0, result.status)
     return result

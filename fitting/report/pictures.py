@@ -11,7 +11,8 @@ from matplotlib.figure import Figure
 
 from dropper_jax.analysis.spectrum import amplitude_spectrum
 from dropper_jax.plots import style
-from fitting.calibration.result import FitResult, HeldOut
+from fitting.calibration.held_out import HeldOut
+from fitting.calibration.result import FitResult
 from fitting.channels.result import ChannelFit
 from fitting.traces.planar import wrap
 
@@ -21,13 +22,13 @@ MOST_LINKS_DRAWN = 9
 
 def fit_over_trace(result: FitResult | HeldOut, run: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Times (m,), measured angles, NaN if missing, and simulated ones (m, n) [rad] of one run's windows in order."""
-    w = result.windows
-    mine = w.run == run
-    known = w.weight[mine] > 0
+    windows = result.windows
+    mine = windows.run == run
+    known = windows.weight[mine] > 0
     used = known.any(axis=2)
-    measured = w.theta[mine][used]
+    measured = windows.theta[mine][used]
     simulated = measured + wrap(result.solution.evaluation.theta[mine][used] - measured)
-    t = w.times()[mine][used]
+    t = windows.times()[mine][used]
     order = np.argsort(t, kind="stable")  # recordings of one motion follow each other in a window
     return t[order], np.where(known[used], measured, np.nan)[order], simulated[order]
 
@@ -183,11 +184,13 @@ def descent(result: FitResult) -> Figure:
 PICTURES = {"traces": traces, "residuals": residuals, "spectra": spectra, "phase_space": phase_space}
 
 
+#: Maximum number of columns of channels in one picture.
+MOST_COLUMNS = 6
+
+
 @style.plot_style()
 def channel_picture(result: ChannelFit, run: int, path: str | Path) -> Path:
     """Measured samples, the fitted run, and residuals in units of the noise, of a run's first columns."""
-    # maximum number of columns drawn in one picture
-    most_columns = 6
     problem = result.solution.problem
     e = result.solution.evaluation
     panels = []
@@ -203,10 +206,10 @@ def channel_picture(result: ChannelFit, run: int, path: str | Path) -> Path:
         off = t[known], -deviations[block, : known.sum(), 0]
         if r == run:
             panels.append((f"{label} [{channel.measures}]", t, values[:, j], e.shown[r][c][:, j], off))
-    left_out = len(panels) - most_columns
-    panels = panels[:most_columns]
+    left_out = len(panels) - MOST_COLUMNS
+    panels = panels[:MOST_COLUMNS]
     figure = style.new_figure(9.0, 1.0 + 1.7 * len(panels))
-    axes = np.atleast_2d(figure.subplots(len(panels), 2, sharex=True, width_ratios=(3, 1), squeeze=False))
+    axes = figure.subplots(len(panels), 2, sharex=True, width_ratios=(3, 1), squeeze=False)
     for (label, t, measured, shown, off), (over, beside) in zip(panels, axes, strict=True):
         over.plot(t, measured, ".", ms=2, color=style.SECOND, label="measured")
         over.plot(t, shown, "-", lw=0.9, color=style.DARK, label="fitted")

@@ -33,8 +33,8 @@ from fitting.report.tables import (
 from fitting.traces.noise import column_medians
 from fitting.traces.trace import Trace
 
-#: The thesis' parts of a trace [s].
-TRACE_PARTS = (("head", 0.0, 12.0), ("middle", 12.0, 25.0), ("tail", 25.0, 50.0))
+#: Parts of a trace [s]: those of the thesis, whose traces end at 50 s.
+TRACE_PARTS = (("head", -np.inf, 12.0), ("middle", 12.0, 25.0), ("tail", 25.0, np.inf))
 
 
 def write_report(result: FitResult, folder: str | Path) -> list[Path]:
@@ -202,7 +202,7 @@ def part_rows(result: FitResult) -> Rows:
             square = (measured[inside] - simulated[inside]) ** 2
             each = np.sqrt(np.ma.masked_invalid(square).mean(axis=0).filled(np.nan))  # NaN of a link without samples
             cells = [f"{x:.3g}" for x in (*each, np.sqrt(np.nanmean(square)))]
-            rows.append((trace.name, f"{name} {low:g}-{min(high, t[-1]):.3g} s", *cells))
+            rows.append((trace.name, f"{name} {max(low, t[0]):.3g}-{min(high, t[-1]):.3g} s", *cells))
     return rows
 
 

@@ -10,7 +10,7 @@ from dropper_jax.base.markdown import Rows, cells, text_row
 from fitting.calibration.candidate import Candidate
 from fitting.calibration.disagreement import STRETCHES, Disagreement
 from fitting.calibration.law_fits import Law
-from fitting.calibration.laws import LawTests
+from fitting.calibration.law_tests import LawTests
 from fitting.calibration.result import FitResult
 from fitting.estimate.scene_fit import SceneFit
 
@@ -51,17 +51,22 @@ def named_rows(corner: str, columns: Sequence[str], names: Sequence[str], number
     return rows
 
 
+#: Maximum number of links whose noise is listed.
+MOST_SIZES = 8
+
+
 def noise_text(result: FitResult) -> str:
     """Size and kind of the noise estimated from the residuals."""
-    found = result.noise_table()
-    sizes = np.ravel(found["sigma_rad"])
-    text = ", ".join([f"{x:.2g}" for x in sizes[:8]] + ["..."] * (len(sizes) > 8))
-    kind = {
-        "white": "",
-        "correlated": f"; a sample keeps {np.mean(found.get('kept', 0)):.2g} of the previous one",
-        "jitter": f"; frame times have errors of {np.mean(found.get('delay_s', 0)) * 1e3:.2g} ms",
-    }
-    return f"{text} rad by link{kind[found['kind']]}"
+    noise = result.noise_table()
+    sizes = [f"{size:.2g}" for size in np.ravel(noise["sigma_rad"])]
+    if len(sizes) > MOST_SIZES:
+        sizes = [*sizes[:MOST_SIZES], "..."]
+    text = f"{', '.join(sizes)} rad by link"
+    if noise["kind"] == "correlated":
+        return f"{text}; a sample keeps {np.mean(noise['kept']):.2g} of the previous one"
+    if noise["kind"] == "jitter":
+        return f"{text}; frame times have errors of {np.mean(noise['delay_s']) * 1e3:.2g} ms"
+    return text
 
 
 def significant(value: float, error: float) -> int:

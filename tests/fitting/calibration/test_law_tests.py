@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import wrong_laws as study
 
-from fitting.calibration.laws import with_law
+from fitting.calibration.law_fits import with_law
 from fitting.parameters.missing_forces import UNITS
 
 #: Dry friction [N m] of 0.3 % of a rod's weight times its length.

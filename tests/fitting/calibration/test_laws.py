@@ -219,8 +219,8 @@ def test_a_law_stuck_in_a_wrong_valley_is_fitted_again_from_a_larger_one(law, ef
     scene, trace = rod_trace({effect: {field: truth, **more}}, 4.0, 240, 2e-3)
     honest = comparison.fit_law
 
-    def stuck(prepared, family, name, inner, iterations):
-        found = honest(prepared, family, name, inner, iterations)
+    def stuck(prepared, family, name, inner):
+        found = honest(prepared, family, name, inner)
         if name == law:
             values = 0.3 * found.values
             evaluation = found.problem.evaluate(values, found.starts)

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from fitting.calibration.lost_frames import alone, best_jump
+from fitting.calibration.lost_frames import best_jump, count_outliers
 
 
 def swinging(count):
@@ -31,7 +31,7 @@ def test_samples_that_stand_out_alone_are_counted_and_smooth_misfits_are_not():
     rng = np.random.default_rng(1)
     errors = rng.standard_normal((6, 80, 2)) + 20 * np.sin(np.arange(80) / 12)[None, :, None]
     solution = SimpleNamespace(errors=errors, windows=SimpleNamespace(weight=np.ones_like(errors), jitter=None))
-    assert alone(solution) == 0
+    assert count_outliers(solution) == 0
     for k, s, j in ((0, 10, 0), (3, 50, 1), (5, 40, 0), (5, 60, 1)):
         errors[k, s, j] += 25
-    assert alone(solution) == 4
+    assert count_outliers(solution) == 4

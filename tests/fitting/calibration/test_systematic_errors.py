@@ -11,11 +11,11 @@ from scipy.interpolate import CubicSpline
 import dropper_jax as dj
 from dropper_jax import build_model
 from fitting import Convention, FitSettings, StudentT, Trace, fit, fit_and_free, prepare
-from fitting.calibration.advice import groups, score_candidates, wide
+from fitting.calibration.advice import candidate_simulator, groups, score_candidates
 from fitting.calibration.candidate import Candidate
 from fitting.calibration.fit import estimate
 from fitting.calibration.freeing import promising
-from fitting.calibration.result import window_length
+from fitting.calibration.held_out import window_length
 
 
 @pytest.fixture(scope="module")
@@ -24,7 +24,7 @@ def everything():
     found = []
 
     def make(prepared):
-        found[:] = found or [wide(prepared)]
+        found[:] = found or [candidate_simulator(prepared)]
         return found[0]
 
     return make

@@ -3,6 +3,7 @@
 import re
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import jax
 import jax.numpy as jnp
@@ -161,3 +162,12 @@ def test_its_step_is_that_of_the_dense_solver(program):
     r, v, _ = program["step"](model, start.r, start.v, jnp.zeros(3))
     np.testing.assert_allclose(r, ours.r, atol=1e-12)
     np.testing.assert_allclose(v, ours.v, atol=1e-9)
+
+
+def test_a_static_start_and_poses_at_rest_are_refused(monkeypatch, prepared, refusal):
+    """Windows of a release have no start of their own, and a pose at rest would be left out silently."""
+    released = replace(prepared, simulator=SimpleNamespace(release=object()))
+    resting = replace(prepared, rest=object())
+    for given, words in ((released, "static_start: cannot be part of this loss"), (resting, "rest: poses at rest")):
+        monkeypatch.setattr("fitting.calibration.trace_loss.prepare", lambda *_, given=given: given)
+        assert words in refusal(loss_of_trace, "run.csv", "scene.toml")

@@ -12,7 +12,7 @@ import dropper_jax as dj
 from dropper_jax import SceneError
 from fitting import Camera, FitSettings, Trace, observe, prepare, simulate_truth
 from fitting.calibration.comparison import compare_laws
-from fitting.calibration.cross_validation import blocks, fair
+from fitting.calibration.cross_validation import blocks, with_released_fitted
 from fitting.calibration.fit import estimate
 from fitting.calibration.summarise import summarise
 
@@ -126,7 +126,7 @@ def test_laws_are_compared_with_the_release_free_in_each(ready):
 def test_the_laws_are_not_judged_on_windows_that_the_model_starts():
     """Two runs with four windows each."""
     released = np.arange(8) % 4 == 0
-    folds = fair(blocks(np.arange(8) // 4), released)
+    folds = with_released_fitted(blocks(np.arange(8) // 4), released)
     assert all(not scored[released].any() and used[released].all() for scored, used in folds)
     assert np.all(sum(scored.astype(int) for scored, _ in folds) == ~released)
 

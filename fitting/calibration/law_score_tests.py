@@ -28,7 +28,7 @@ forces explain no more.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import compress
 from typing import NamedTuple
 
@@ -36,29 +36,22 @@ import numpy as np
 from scipy.linalg import LinAlgError
 from scipy.special import ndtri, stdtr
 
-from dropper_jax.base.json_values import Json
-from dropper_jax.run.build import build
-from fitting.calibration.law_fits import substeps_of
-from fitting.calibration.preparation import Prepared
+from fitting.calibration.law_fits import DRAG, PARTS
+from fitting.calibration.law_tests import LEVEL, SHARE, LawTest, LawTests, holm
+from fitting.calibration.prepared import Prepared
 from fitting.estimate.blocks import Pieces, block_of, jackknife, pieces
 from fitting.estimate.factors import eliminate_rows, solve_spd
 from fitting.estimate.least_squares import level_of
 from fitting.estimate.normal_equations import Evaluation, Prior, eliminate, move_along
 from fitting.estimate.residuals import Residuals, Solution
 from fitting.estimate.shooting import SCHEDULE, loosest_of
-from fitting.estimate.simulator import Simulator, choose_stepper
 from fitting.estimate.uncertainty import Uncertainty
 from fitting.parameters.missing_forces import tested_parameters
-from fitting.parameters.names import free_option
-from fitting.parameters.parameter import Parameter, given_effect, names_in_scene, with_zero_damping
-from fitting.parameters.paths import resolve
-from fitting.parameters.targets import CAMERA, RECORDING
+from fitting.parameters.parameter import Parameter, given_effect
+from fitting.parameters.targets import CAMERA
 
-#: Probability of a candidate's t, over the whole family, below which the law counts as wrong.
-LEVEL = 0.01
-#: Change of a reported value by the candidate that matters: in its standard errors, and as a fraction of the value.
+#: Change of a reported value by the candidate that matters, in its standard errors; also at least `SHARE` of the value.
 ERRORS = 2.0
-SHARE = 0.05
 #: Correlation of two candidates above which they are one.
 ALIKE = 0.98
 #: Fraction of a candidate's information, in separate windows, that must remain once the free parameters are accounted
@@ -76,8 +69,7 @@ FEWEST = 3
 NOISE_DEGREES = 10
 #: Maximum number of candidates that are freed in the linear model, one after another.
 MOST = 3
-#: Coefficients that a law keeps constant, and what they are tested to change with.
-DRAG = ("effects.linear_damping.b_l", "effects.quadratic_damping.b_q")
+#: What the coefficients of drag are tested to change with.
 ALONG = ("time", "amplitude")
 
 
@@ -103,106 +95,28 @@ class Suspect:
 
 
 QUADRATIC = "quadratic drag"
-#: Names of the forces and the paths that free them.
+#: Names of the forces and the paths that free them, by their kind in `missing_forces`.
 FORCES = {
-    "linear": ("linear drag", "effects.linear_damping.b_l"),
-    "quadratic": (QUADRATIC, "effects.quadratic_damping.b_q"),
-    "viscous": ("viscous friction in the joints", "effects.joint_friction.viscous"),
-    "dry": ("dry friction in the joints", "effects.joint_friction.dry"),
+    "linear": ("linear drag", PARTS["linear"]),
+    "quadratic": (QUADRATIC, PARTS["quadratic"]),
+    "viscous": ("viscous friction in the joints", PARTS["joint viscous"]),
+    "dry": ("dry friction in the joints", PARTS["dry"]),
     "springs": ("springs in the joints", "effects.bending.EI"),
     "added_mass": ("added mass, or another gravity or clock", "clock.rate"),
 }
 
 
-@dataclass(frozen=True)
-class LawTest:
-    """A candidate's test.
-
-    Attributes:
-        name: in words.
-        free: paths that free it.
-        change: its size to first order.
-        error: standard error of that.
-        t: their ratio.
-        p: probability of such a t if the law is right, over all candidates.
-        moves: by free parameter, its change to first order if the candidate is freed, with those shown before it.
-        gain: in log evidence.
-        matters: whether a reported value changes by more than its errors and 5 %.
-        alike: names of other significant forces that the traces cannot distinguish from it.
-    """
-
-    name: str
-    free: tuple[str, ...]
-    change: float
-    error: float
-    t: float
-    p: float
-    moves: dict[str, float]
-    gain: float
-    matters: bool
-    alike: tuple[str, ...] = ()
-
-    def to_json(self) -> Json:
-        """Plain values."""
-        return asdict(self)
-
-
-@dataclass(frozen=True)
-class LawTests:
-    """All tests of a fit: candidates that are shown, each with those before it free, then the others.
-
-    Attributes:
-        tests: of candidates that the traces distinguish from the free parameters, forces first.
-        included, reducing: by free parameter, forces that may be a part of its value, or make it too low, as the motion
-            does not distinguish them.
-    """
-
-    tests: tuple[LawTest, ...] = ()
-    included: dict[str, tuple[str, ...]] = field(default_factory=dict)
-    reducing: dict[str, tuple[str, ...]] = field(default_factory=dict)
-
-    def remark(self, name: str) -> str:
-        """What a value may include, or be too low by; empty if it is that of one force."""
-        remarks = []
-        if name in self.included:
-            remarks.append(f"may include {' and '.join(self.included[name])}")
-        if name in self.reducing:
-            remarks.append(f"may be too low because of {' and '.join(self.reducing[name])}")
-        return ", ".join(remarks)
-
-    @property
-    def significant(self) -> list[LawTest]:
-        """Candidates that the traces show, whether they matter or not."""
-        return [test for test in self.tests if test.p < LEVEL]
-
-    @property
-    def wrong(self) -> LawTest | None:
-        """The candidate that explains most, if the law is wrong."""
-        return next((test for test in self.significant if test.matters), None)
-
-
-def holm(probabilities: Sequence[float]) -> list[float]:
-    """Probabilities over all of several tests (Holm 1979), in the order of the tests."""
-    found = np.empty(len(probabilities))
-    worst = 0.0
-    for i, test in enumerate(np.argsort(probabilities, kind="stable")):
-        worst = max(worst, min(1.0, probabilities[test] * (len(probabilities) - i)))
-        found[test] = worst
-    return found.tolist()
-
-
 def test_laws(prepared: Prepared, solution: Solution, u: Uncertainty) -> LawTests:
     """Test every candidate at the end of a fit with these errors."""
     problem = solution.problem
-    free = solution.problem.parameters
     suspects = _suspects(prepared, problem)
     simulated = [s.parameter for s in suspects if s.of is None]
     if not problem.simulator.knows(simulated):
         return LawTests()
-    view = problem.simulator.view_of([*free, *simulated])
-    wide = replace(problem, simulator=view, parameters=(*free, *simulated), frozen=None)
+    every = (*problem.parameters, *simulated)
+    extended = replace(problem, simulator=problem.simulator.view_of(every), parameters=every, frozen=None)
     values = np.concatenate([solution.values, np.zeros(len(simulated))])
-    evaluation = wide.evaluate(values, solution.starts)
+    evaluation = extended.evaluate(values, solution.starts)
     if not np.isfinite(evaluation.jacobian).all():
         return LawTests()
     evaluation = _with_changes(solution, evaluation, [s for s in suspects if s.of is not None])
@@ -210,36 +124,37 @@ def test_laws(prepared: Prepared, solution: Solution, u: Uncertainty) -> LawTest
     own = problem.prior(solution.values)  # without knowledge of the candidates
     more = evaluation.jacobian.shape[-1] - problem.freedoms - len(solution.values)
     prior = Prior(own.cost, np.pad(own.gradient, (0, more)), np.pad(own.curvature, (0, more)))
-    still = np.zeros(len(prior.gradient))
+    no_change = np.zeros(len(prior.gradient))
     system = level_of(problem, None).system(evaluation, solution.values)
-    separate = eliminate(system, 0.0, prior, still, still).information
+    separate = eliminate(system, 0.0, prior, no_change, no_change).information
     levels = _levels(solution, evaluation, prior, scale)
     free = np.flatnonzero(~problem.held_mask & ~u.at_bound)
-    return Judge(solution, u, suspects, levels, separate, free, scale).judge()
+    return ScoreTests(solution, u, suspects, levels, separate, free, scale).run()
 
 
 def _suspects(prepared: Prepared, problem: Residuals) -> list[Suspect]:
     """Candidates that are not free, and changes of the free coefficients of drag, in the order of the derivatives."""
-    names = list(compress(problem.names, ~problem.held_mask))
-    found = []
+    free = list(compress(problem.names, ~problem.held_mask))
+    suspects = []
     for p in tested_parameters(prepared.simulator.model, problem.parameters):
         name, path = FORCES.get(p.where.field, ("a roll of the camera", CAMERA))
-        if any(one.startswith(path) for one in names):
+        if any(free_name.startswith(path) for free_name in free):
             continue
         lacks = path.startswith("effects.") and not np.any(given_effect(prepared.scene, path))
-        found.append(Suspect(name, (path,), p, grows=lacks))
+        suspects.append(Suspect(name, (path,), p, grows=lacks))
     for i, p in enumerate(problem.parameters):
-        if p.name in DRAG and p.name in names:
+        if p.name in DRAG and p.name in free:
             short = p.name.rsplit(".", 1)[1]
-            found += [Suspect(f"a {short} that changes with {along}", (), p, of=i, along=along) for along in ALONG]
-    return found
+            for along in ALONG:
+                suspects.append(Suspect(f"a {short} that changes with {along}", (), p, of=i, along=along))
+    return suspects
 
 
 def _with_changes(solution: Solution, evaluation: Evaluation, changes: Sequence[Suspect]) -> Evaluation:
     """The evaluation with derivatives by changes of coefficients, in units of their spread over the windows."""
     windows = solution.windows
     m2 = solution.problem.freedoms
-    series = dict(zip(ALONG, (0.5 * (windows.begin + windows.ends), _rates(solution)), strict=True))
+    series = {"time": 0.5 * (windows.begin + windows.ends), "amplitude": _rates(solution)}
     for suspect in changes:
         along = series[suspect.along]
         factor = (along - along.mean()) / max(float(np.std(along)), 1e-300)
@@ -285,27 +200,27 @@ class Level(NamedTuple):
 def _levels(solution: Solution, evaluation: Evaluation, prior: Prior, scale: float) -> list[Level]:
     """The linear model at the gap weight of the fit and at all tighter ones."""
     every = np.arange(len(prior.gradient))
-    still = np.zeros(len(every))
+    no_change = np.zeros(len(every))
     weights = [solution.gap_weight]
     if solution.gap_weight:
         weights += [weight for weight in SCHEDULE if weight < solution.gap_weight]
-    found = []
+    levels = []
     for weight in weights:
         level = level_of(solution.problem, weight)
         try:
-            step = eliminate(level.system(evaluation, solution.values), 0.0, prior, still, still)
+            step = eliminate(level.system(evaluation, solution.values), 0.0, prior, no_change, no_change)
         except LinAlgError:  # tight joins of a chaotic motion exhaust the digits
             break
         gain = step.predicted - level.cost(evaluation, solution.values)
-        there = move_along(evaluation, step.dz)
-        at = replace(solution, evaluation=there, eliminated=step.eliminated, gap_weight=weight)
+        moved = move_along(evaluation, step.dz)
+        at_weight = replace(solution, evaluation=moved, eliminated=step.eliminated, gap_weight=weight)
         evidence = gain / scale - level.log_volume(step)
-        found.append(Level(step.information, step.gradient, evidence, pieces(at, every)))
-    return found
+        levels.append(Level(step.information, step.gradient, evidence, pieces(at_weight, every)))
+    return levels
 
 
-class Row(NamedTuple):
-    """A test with the number of its suspect and the level where it was made."""
+class SuspectTest(NamedTuple):
+    """A test with the number of its suspect and the level at which it was made."""
 
     test: LawTest
     suspect: int
@@ -313,12 +228,12 @@ class Row(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Judge:
-    """Tests candidates of one fit.
+class ScoreTests:
+    """The tests of all suspects of one fit.
 
     Attributes:
         levels: linear models at several gap weights.
-        separate: information of separate windows.
+        separate: information of separate windows, by all parameters and suspects.
         free: numbers of the free parameters that are not at a bound.
         scale: variance of the noise and its memory.
     """
@@ -331,51 +246,56 @@ class Judge:
     free: np.ndarray
     scale: float
 
-    def judge(self) -> LawTests:
-        """The tests of all candidates."""
+    def run(self) -> LawTests:
+        """The tests of all suspects; the force of largest gain is freed as long as one is shown."""
         candidates = len(self.solution.values) + np.arange(len(self.suspects))
-        rest = np.diag(eliminate_rows(self.separate, self.free, candidates))
-        alone = rest / np.maximum(np.diag(self.separate)[candidates], 1e-300)
-        included: dict[str, tuple[str, ...]] = {}
-        reducing: dict[str, tuple[str, ...]] = {}
-
-        def hide(name: str, signs: np.ndarray) -> None:
-            for j in np.flatnonzero(signs):
-                table = included if signs[j] > 0 else reducing
-                parameter = self.solution.problem.names[self.free[j]]
-                table[parameter] = (*table.get(parameter, ()), name)
-
-        left = []
+        remaining = np.diag(eliminate_rows(self.separate, self.free, candidates))
+        own_fraction = remaining / np.maximum(np.diag(self.separate)[candidates], 1e-300)
+        hidden: list[tuple[str, np.ndarray]] = []
+        untested = []
         for i, suspect in enumerate(self.suspects):
-            if alone[i] > REMAINS:
-                left.append(i)
+            if own_fraction[i] > REMAINS:
+                untested.append(i)
             elif suspect.grows:
-                hide(suspect.name, self._likeness(candidates[i]))
+                hidden.append((suspect.name, self._likeness(candidates[i])))
         shown: list[LawTest] = []
         given = self.free
         while True:
-            rows = self.test(left, given)
-            first = next((row for row in rows if row.test.p < LEVEL), None)
+            tests = self.test(untested, given)
+            first = next((one for one in tests if one.test.p < LEVEL), None)
             if first is None or len(shown) == MOST:
                 break
-            shown.append(replace(first.test, alike=self.alike(first, rows, given)))
+            shown.append(replace(first.test, alike=self.alike(first, tests, given)))
             given = np.append(given, candidates[first.suspect])
-            left.remove(first.suspect)
-        for row in rows:
-            if self.suspects[row.suspect].grows:
-                hide(row.test.name, self._hiding(row, given))
-        return LawTests((*shown, *(row.test for row in rows)), included, reducing)
+            untested.remove(first.suspect)
+        for one in tests:
+            if self.suspects[one.suspect].grows:
+                hidden.append((one.test.name, self._hiding(one, given)))
+        others = (one.test for one in tests)
+        return LawTests((*shown, *others), self._by_parameter(hidden, 1), self._by_parameter(hidden, -1))
 
-    def test(self, left: Sequence[int], given: np.ndarray) -> list[Row]:
+    def _by_parameter(self, hidden: Sequence[tuple[str, np.ndarray]], sign: int) -> dict[str, tuple[str, ...]]:
+        """Names of forces by the free parameters that change with this sign; `hidden`: their names and all signs."""
+        forces: dict[str, tuple[str, ...]] = {}
+        for force, signs in hidden:
+            for j in np.flatnonzero(signs == sign):
+                parameter = self.solution.problem.names[self.free[j]]
+                forces[parameter] = (*forces.get(parameter, ()), force)
+        return forces
+
+    def test(self, suspects: Sequence[int], given: np.ndarray) -> list[SuspectTest]:
         """Tests of these suspects with the given parameters and candidates free: forces first, by decreasing gain."""
         without = max((level.evidence_with(given, self.scale) for level in self.levels), default=-np.inf)
-        rows = [row for i in left if (row := self._test_one(i, given, without)) is not None]
-        rows.sort(key=lambda row: row.test.p)
-        over_family = holm([row.test.p for row in rows])
-        rows = [row._replace(test=replace(row.test, p=p)) for row, p in zip(rows, over_family, strict=True)]
-        return sorted(rows, key=lambda row: (not row.test.free, -row.test.gain))
+        tests = []
+        for i in suspects:
+            found = self._test_one(i, given, without)
+            if found is not None:
+                tests.append(found)
+        over_family = holm([one.test.p for one in tests])
+        tests = [one._replace(test=replace(one.test, p=p)) for one, p in zip(tests, over_family, strict=True)]
+        return sorted(tests, key=lambda one: (not one.test.free, -one.test.gain))
 
-    def _test_one(self, i: int, given: np.ndarray, without: float) -> Row | None:
+    def _test_one(self, i: int, given: np.ndarray, without: float) -> SuspectTest | None:
         """The test of a suspect at the gap weight that the evidence allows with it; None with too few blocks.
 
         Args:
@@ -406,28 +326,28 @@ class Judge:
             off = np.where(self.free == suspect.of, np.maximum(off, abs(change)), off)
         matters = bool(np.any(off > self._noticed(ERRORS)))
         gain = max(evidence) - without
-        return Row(LawTest(suspect.name, suspect.free, change, error, t, p, moves, gain, matters), i, level)
+        return SuspectTest(LawTest(suspect.name, suspect.free, change, error, t, p, moves, gain, matters), i, level)
 
     def _noticed(self, errors: float) -> np.ndarray:
         """Changes of the free parameters that exceed this number of their errors and a fraction of them."""
         values = np.abs(self.solution.values[self.free])
         return np.maximum(errors * self.u.std_error[self.free], SHARE * values)
 
-    def alike(self, row: Row, rows: Sequence[Row], given: np.ndarray) -> tuple[str, ...]:
+    def alike(self, shown: SuspectTest, tests: Sequence[SuspectTest], given: np.ndarray) -> tuple[str, ...]:
         """Names of other forces that are shown and that the traces cannot distinguish from one."""
-        others = [one for one in rows if one is not row and one.test.free and one.test.p < LEVEL]
-        numbers = len(self.solution.values) + np.array([row.suspect, *(one.suspect for one in others)])
-        rest = eliminate_rows(row.level.information, given, numbers)
-        size = np.sqrt(np.maximum(np.diag(rest), 1e-300))
-        like = np.abs(rest[0, 1:]) / (size[0] * size[1:])
-        return tuple(one.test.name for one, much in zip(others, like, strict=True) if much > ALIKE)
+        others = [one for one in tests if one is not shown and one.test.free and one.test.p < LEVEL]
+        numbers = len(self.solution.values) + np.array([shown.suspect, *(one.suspect for one in others)])
+        remaining = eliminate_rows(shown.level.information, given, numbers)
+        size = np.sqrt(np.maximum(np.diag(remaining), 1e-300))
+        correlation = np.abs(remaining[0, 1:]) / (size[0] * size[1:])
+        return tuple(one.test.name for one, value in zip(others, correlation, strict=True) if value > ALIKE)
 
-    def _hiding(self, row: Row, given: np.ndarray) -> np.ndarray:
+    def _hiding(self, tested: SuspectTest, given: np.ndarray) -> np.ndarray:
         """Signs of the changes of the free parameters that matter, by a force as large as the traces do not exclude."""
-        mine = len(self.solution.values) + row.suspect
-        information = row.level.information
+        mine = len(self.solution.values) + tested.suspect
+        information = tested.level.information
         slope = solve_spd(information[np.ix_(given, given)], information[given, mine])[: len(self.free)]
-        largest = max(row.test.change, 0.0) + float(ndtri(EXCLUDED)) * row.test.error
+        largest = max(tested.test.change, 0.0) + float(ndtri(EXCLUDED)) * tested.test.error
         return np.sign(slope) * (np.abs(slope) * largest > self._noticed(HIDDEN))
 
     def _likeness(self, mine: int) -> np.ndarray:
@@ -452,55 +372,9 @@ def _one_step(level: Level, chosen: np.ndarray, scale: float) -> tuple[np.ndarra
     length = block_of(after, information)
     count = len(after.run)
     blocks = [np.arange(i, min(i + length, count)) for i in range(0, count, length)]
-    least = scale * np.diag(solve_spd(information, np.eye(len(chosen))))
+    by_noise = scale * np.diag(solve_spd(information, np.eye(len(chosen))))
     scatter = jackknife(after, blocks, information)
     degrees = len(blocks) - len(chosen)
     share = NOISE_DEGREES / (NOISE_DEGREES + max(degrees, 0))
-    variance = share * least + (1 - share) * np.diag(scatter)
-    return moved, np.sqrt(np.maximum(variance, least)), degrees
-
-
-def freeing_option(test: LawTest, names: Sequence[str]) -> str:
-    """A significant candidate in words, and what to do: free it beside the free parameters of these names."""
-    words = f"{' or '.join([test.name, *test.alike])}, which the scene lacks (t = {test.t:.1f}, p = {test.p:.1g})"
-    if not test.free:
-        return f"{words}; no force of the list explains it. Fit parts of the trace (--until) to see the change"
-    use = f"{words}. Use {free_option(names, test.free)}"
-    if any(name.startswith(f"{RECORDING}.") for name in names):  # --auto-free needs separate runs
-        return use
-    return f"{use}, or --auto-free"
-
-
-def law_warnings(laws: LawTests) -> list[str]:
-    """One line on a significant candidate that changes no value by much, and on candidates in a coefficient."""
-    found = []
-    for name in dict.fromkeys([*laws.included, *laws.reducing]):
-        found.append(f"{name} {laws.remark(name)}: this motion does not distinguish them")
-    if laws.significant and laws.wrong is None:
-        small = laws.significant[0]
-        found.append(
-            f"the trace shows {small.name} (t = {small.t:.1f}, p = {small.p:.1g}), which changes no value by more than "
-            f"its errors and {SHARE:.0%}"
-        )
-    return found
-
-
-def with_law(prepared: Prepared, paths: Sequence[str], solution: Solution) -> Prepared:
-    """The preparation with further parts of the law free, from the end of a fit without them."""
-    scene = with_zero_damping(prepared.scene, paths)
-    model, _ = build(scene)
-    old = {p.name: p for p in prepared.parameters}
-    release = prepared.simulator.release
-    resolved = {p.name: p for p in resolve(model, [*names_in_scene(prepared.parameters), *paths], release=release)}
-    parameters = []
-    for name, p in old.items():
-        if name in resolved:
-            p = replace(p, where=resolved[name].where)
-        parameters.append(p)
-    parameters += [p for name, p in resolved.items() if name not in old]
-    stepper = choose_stepper(model, solver=scene.run.solver)
-    simulator = Simulator(model, parameters, stepper, release, more=tested_parameters(model, parameters))
-    windows = replace(prepared.windows, substeps=substeps_of(prepared, simulator))
-    own = [p.value for p in parameters if p.name not in old]
-    changed = replace(prepared, scene=scene, windows=windows, starts=solution.starts)
-    return changed.with_parameters(parameters, np.append(solution.values, own), simulator)
+    variance = share * by_noise + (1 - share) * np.diag(scatter)
+    return moved, np.sqrt(np.maximum(variance, by_noise)), degrees

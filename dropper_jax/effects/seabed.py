@@ -14,7 +14,6 @@ from dropper_jax.base.springs import REST, lag, mean_positive_part, never_more
 from dropper_jax.model import ContactArea, Effect, Kinematics
 from dropper_jax.scene import SceneData
 
-
 #: Part of a cell, on either side of a grid line, over which one slope of the seabed blends into the next.
 ROUNDED = 0.02
 

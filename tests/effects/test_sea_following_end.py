@@ -2,6 +2,7 @@
 
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 import dropper_jax as dj
 from dropper_jax import build_model
@@ -19,3 +20,17 @@ def test_an_end_that_follows_the_sea_moves_with_the_water_at_the_surface(hanging
     np.testing.assert_allclose(ends.start[2], model.sea.elevation(place, t)[0], atol=1e-12)
     np.testing.assert_allclose(ends.velocities[0], model.sea.at(place, t).velocity[0], atol=1e-12)
     assert np.all(np.asarray(model.ends(jnp.array(0.0)).start) == 0.0)
+
+
+@pytest.mark.parametrize(
+    ("factors", "message"),
+    [
+        ({"heave": [0.0, 1.0], "omega": [2.0, 1.0]}, "sea_following_end.omega: needs at least one number, each above"),
+        ({"heave": [0.0, 1.0]}, "heave: has 2 values; allowed: one number, or a list with `omega`"),
+        ({"heave": [1.0], "omega": [1.0, 2.0]}, "heave: has 1 values; allowed: one number, or 2 as `omega`"),
+    ],
+)
+def test_factors_over_frequencies_that_do_not_rise_or_match_are_refused(factors, message, hanging, refusal):
+    waves = {"kind": "regular", "amplitude": 1.0, "period": 7.0}
+    scene = hanging({"weight": {}, "sea_following_end": {"point": "top", **factors}}, {"waves": waves, "ramp": 2.0})
+    assert message in refusal(dj.load_scene, scene)

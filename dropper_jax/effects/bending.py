@@ -145,8 +145,8 @@ class Bending(Effect):
                 path = [graph.first[link], graph.last[link]]
                 pair_links.append(link)
                 paths.append(path if is_last else path[::-1])  # towards the joint
-            links.append([pair_links])
-            nodes.append([[*paths[0], paths[1][0]]])
+            links.append(np.array([pair_links]))
+            nodes.append(np.array([[*paths[0], paths[1][0]]]))
         first, second = np.concatenate(links).T
         return first, second, np.concatenate(nodes)
 

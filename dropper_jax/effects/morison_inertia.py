@@ -97,18 +97,15 @@ class MorisonInertia(_InertiaForce):
 
     @classmethod
     def build(cls, values: Values, scene: SceneData) -> Effect:
-        can = values["can"]
+        arguments = {key: values[key] for key in ("can", "cat", "fluid_acceleration", "added_mass")}
         if values["coefficients"] != "given":  # until the flow is known
-            can = np.ones(scene.line.links)
-        cat = values["cat"]
-        if can is None and cat is None:
+            arguments["can"] = np.ones(scene.line.links)
+        if arguments["can"] is None and arguments["cat"] is None:
             return FroudeKrylov(fluid_acceleration=values["fluid_acceleration"])
-        return cls(
-            can=0.0 if can is None else can,
-            cat=0.0 if cat is None else cat,
-            fluid_acceleration=values["fluid_acceleration"],
-            added_mass=values["added_mass"],
-        )
+        for key in ("can", "cat"):
+            if arguments[key] is None:
+                arguments[key] = 0.0
+        return cls(**arguments)
 
     @property
     def reach(self) -> int:

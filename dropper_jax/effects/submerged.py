@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TypeVar
+from typing import Any
 
 import jax.numpy as jnp
-import numpy as np
 from jax import Array
 
 from dropper_jax.model import Kinematics, LinkEnd
 
-AnyArray = TypeVar("AnyArray", Array, np.ndarray)
+#: A NumPy or JAX array.
+AnyArray = Any
 
 
 def wet_share(k: Kinematics, part: LinkEnd, tangents: Array, elevation: Array) -> Array:

@@ -96,7 +96,7 @@ class WaveSpec(DeclaredSection):
         values = read_fields(cls, table, path, {})
         check_kind_keys(read_table(table, path), values["kind"], cls.FIELDS, path)
         if values["file"] is not None:
-            values.update(_from_file(values, path, table))
+            values = read_fields(cls, _with_components(values, path, table), path, {})
         waves = cls(**values)
         waves.check(path)
         return waves
@@ -160,18 +160,20 @@ class WaveSpec(DeclaredSection):
         return {key: value for key, value in as_table(self).items() if key in keys and defaults.get(key) != value}
 
 
-def _from_file(values: Table, path: str, given: Plain) -> Table:
-    """The components of the file instead of its name; `given` are the keys of the scene."""
+def _with_components(values: Table, path: str, table: Plain) -> Table:
+    """The table of the scene, with the components of the file in place of its name."""
     label = f"{path}.file"
     file = find_referenced(values["file"], label)
     if values["kind"] == "elevation":
-        read = read_elevation(file, label)
+        components = read_elevation(file, label)
     else:
-        read = read_components(file, label)
-    for key in read:
-        if key in read_table(given, path):
+        components = read_components(file, label)
+    given = dict(read_table(table, path))
+    for key in components:
+        if key in given:
             raise SceneError(f"{path}.{key}: given twice, here and in the file; allowed: one of the two")
-    return {"kind": "components", "file": None, **read}
+    del given["file"]
+    return {**given, "kind": "components", **components}
 
 
 #: Exponent of a power law that gives none: the one-seventh law.

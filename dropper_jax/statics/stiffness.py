@@ -112,14 +112,14 @@ def _resolve_names(model: Model, names: Sequence[str]) -> dict[str, np.ndarray]:
         if name not in known:
             raise SceneError(f"points: {name!r} is not a point of the scene; {nearest(name, known)}")
         if moves and name in bodies:
-            rows[name] = _rows_of_body(moves, name)
+            rows[name] = _rows_of_body(moves, bodies.index(name), name)
         else:
             rows[name] = _rows_of_point(model, moves, points.index(name))
     return rows
 
 
-def _rows_of_body(moves: BodyMoves, name: str) -> np.ndarray:
-    body = moves.constraint.names.index(name)
+def _rows_of_body(moves: BodyMoves, body: int, name: str) -> np.ndarray:
+    """Rows of K (6,) of the body of this number and name."""
     if moves.pinned[body]:
         raise SceneError(
             f"points: {name!r} is pinned and cannot be moved; allowed: free and fixed points, other bodies"
@@ -128,6 +128,7 @@ def _rows_of_body(moves: BodyMoves, name: str) -> np.ndarray:
 
 
 def _rows_of_point(model: Model, moves: BodyMoves | None, point: int) -> np.ndarray:
+    """Rows of K (3,) of the point of this number, which is not on a body."""
     retained = moves.retained_nodes if moves else np.arange(model.free_nodes)
     held = model.geometry.held_points.tolist()
     if point in held:

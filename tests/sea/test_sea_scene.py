@@ -145,6 +145,20 @@ def test_a_direction_next_to_a_file_with_directions_is_refused(tmp_path, refusal
     assert refusal(dj.build, changed(sea__waves=waves)).startswith("sea.waves.direction: given twice")
 
 
+@pytest.mark.parametrize(
+    ("row", "problem"),
+    [
+        ("8,0.5,0,270", "sea.waves.direction.1: 270.0 is out of range"),
+        ("8,-0.5,0,0", "sea.waves.amplitude.1: -0.5 is out of range"),
+    ],
+)
+def test_values_of_component_files_have_the_ranges_of_those_in_the_scene(tmp_path, row, problem, refusal):
+    file = tmp_path / "sea.csv"
+    file.write_text(f"period_s,amplitude_m,phase_rad,direction_rad\n6,0.5,0,1.5\n{row}\n")
+    waves = {"kind": "components", "file": str(file)}
+    assert refusal(dj.load_scene, changed(sea__waves=waves)).startswith(problem)
+
+
 def test_component_files_are_read_with_periods_before_frequencies(tmp_path):
     file = tmp_path / "sea.csv"
     file.write_text("frequency_hz,period_s,amplitude_m,phase_rad\n0.12,8.345,0.873,0.837\n0.13,7.586,0.832,5.658\n")

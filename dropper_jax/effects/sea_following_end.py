@@ -46,13 +46,12 @@ class SeaFollowingEnd(HeldMotion):
         omega = values["omega"]
         if omega is not None and not rises(omega):
             raise SceneError(f"{path}.omega: needs at least one number, each above the one before")
-        allowed = "one number, or a list with `omega`"
-        if omega is not None:
-            allowed = f"one number, or {len(omega)} as `omega`"
         for key in ("heave", "surge"):
-            factor = values[key]
-            if np.ndim(factor) > 0 and (omega is None or len(factor) != len(omega)):
-                raise SceneError(f"{path}.{key}: has {len(factor)} values; allowed: {allowed}")
+            size = np.size(values[key])
+            if omega is None and size != 1:
+                raise SceneError(f"{path}.{key}: has {size} values, but there is no `omega`; allowed: 1")
+            if omega is not None and size not in (1, len(omega)):
+                raise SceneError(f"{path}.{key}: has {size} values; allowed: 1, or {len(omega)} as `omega`")
 
     @classmethod
     def build(cls, values: Values, scene: SceneData) -> Effect:
@@ -64,7 +63,8 @@ class SeaFollowingEnd(HeldMotion):
         return self.ramp_times
 
     def _factor(self, value: Array, omega: Array) -> Array:
-        if jnp.ndim(value) == 0 or self.omega is None:
+        """A transfer factor at the frequencies omega (c,)."""
+        if jnp.size(value) == 1 or self.omega is None:
             return value
         return jnp.interp(omega, self.omega, value)
 
@@ -73,5 +73,6 @@ class SeaFollowingEnd(HeldMotion):
         waves = sea.waves
         if waves is None:
             return jnp.zeros_like(self.home)
-        heave, surge = (self._factor(value, waves.omega) for value in (self.heave, self.surge))
+        heave = self._factor(self.heave, waves.omega)
+        surge = self._factor(self.surge, waves.omega)
         return waves.excursion(self.home, t, sea.depth, heave, surge)

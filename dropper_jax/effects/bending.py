@@ -86,47 +86,11 @@ class Bending(Effect):
     def force(self, k: Kinematics) -> Array:
         return sum_of_pieces(self, k)
 
-    def _stiffness(self, k: Kinematics, first: np.ndarray, last: np.ndarray) -> Array:
-        """`EI/(2 l)` (joints,) [J] of the joints between two links each, or between a link and the wall."""
-        length = 0.5 * (k.line.length[first] + k.line.length[last])
-        length = 0.5 * length if first is last else length
-        stiffness = jnp.broadcast_to(self.EI, k.line.length.shape)
-        each = 0.25 * (stiffness[first] + stiffness[last]) / length
-        intact = k.line.axial.intact
-        if intact is None:
-            return each
-        return intact[first] * intact[last] * each
-
-    def _clamps(self, model: ModelView) -> tuple[np.ndarray, np.ndarray]:
-        """Links at clamped points (clamps,), and whether they leave them, 1.0, or arrive there, -1.0."""
-        found = [link_at_point(model, name) for name in self.clamped]
-        links, leaves = np.array(found, int).reshape(-1, 2).T
-        return links, 2.0 * leaves - 1.0
-
-    def _joints(self, model: ModelView) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Both links of every joint (joints,), those of joined lines last, and its three nodes (joints, 3)."""
-        graph = model.geometry
-        first = graph.previous_links
-        found = [(i, i + 1, graph.first[i], graph.last[i], graph.last[i + 1]) for i in first]
-        ends = {member.name: (member.start, member.end) for member in graph.members}
-        spans = dict(zip(ends, graph.spans, strict=True))
-        for pair in self.joined:
-            links = []
-            paths = []
-            for name, end in zip(pair, common_ends(pair, ends), strict=True):
-                link = [spans[name].start, spans[name].stop - 1][end]
-                nodes = [graph.first[link], graph.last[link]]
-                links.append(link)
-                paths.append(nodes if end else nodes[::-1])  # towards the joint
-            found.append((*links, *paths[0], paths[1][0]))
-        table = np.array(found, int).reshape(-1, 5)
-        return table[:, 0], table[:, 1], table[:, 2:]
-
     def piece_nodes(self, model: ModelView) -> np.ndarray:
-        """The three nodes of every joint, then those of the clamped links, with the wall's node twice."""
+        """The three nodes of every joint, then those of the clamped links, with the first one twice."""
         graph = model.geometry
-        at, _ = self._clamps(model)
-        walls = np.stack([graph.first[at], graph.first[at], graph.last[at]], axis=1)
+        clamped, _ = self._clamped_links(model)
+        walls = np.stack([graph.first[clamped], graph.first[clamped], graph.last[clamped]], axis=1)
         return np.concatenate([self._joints(model)[2], walls])
 
     def piece_force(self, k: Kinematics, r: Array, v: Array) -> Array:
@@ -139,13 +103,52 @@ class Bending(Effect):
         links = r[:, 1:] - r[:, :-1]
         before, after = jnp.moveaxis(links / jnp.sqrt(dot(links, links) + 1e-30)[..., None], 1, 0)
         if self.directions is not None:
-            at, signs = self._clamps(k.model)
+            clamped, signs = self._clamped_links(k.model)
             size = jnp.sqrt(dot(self.directions, self.directions))
-            leaving = signs[:, None] * self.directions / size[:, None]
-            stiffness = jnp.concatenate([stiffness, self._stiffness(k, at, at)])
-            before = jnp.concatenate([before[: len(first)], leaving])
+            wall = signs[:, None] * self.directions / size[:, None]
+            # l of a clamp is half of its link
+            stiffness = jnp.concatenate([stiffness, 2.0 * self._stiffness(k, clamped, clamped)])
+            before = jnp.concatenate([before[: len(first)], wall])
         bend = after - before
         return jnp.sum(stiffness * dot(bend, bend))
+
+    def _stiffness(self, k: Kinematics, first: np.ndarray, second: np.ndarray) -> Array:
+        """`EI/(2 l)` (joints,) [J] of joints between two links each."""
+        length = 0.5 * (k.line.length[first] + k.line.length[second])
+        stiffness = jnp.broadcast_to(self.EI, k.line.length.shape)
+        each = 0.25 * (stiffness[first] + stiffness[second]) / length
+        intact = k.line.axial.intact
+        if intact is None:
+            return each
+        return intact[first] * intact[second] * each
+
+    def _clamped_links(self, model: ModelView) -> tuple[np.ndarray, np.ndarray]:
+        """Links at clamped points (clamps,), and 1.0 if they leave the point, -1.0 if they arrive there."""
+        found = [link_at_point(model, name) for name in self.clamped]
+        links, leaves = np.array(found, int).reshape(-1, 2).T
+        return links, 2.0 * leaves - 1.0
+
+    def _joints(self, model: ModelView) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Both links of every joint (joints,), those of joined lines last, and its three nodes (joints, 3)."""
+        graph = model.geometry
+        before = graph.previous_links
+        after = before + 1
+        links = [np.stack([before, after], axis=1)]
+        nodes = [np.stack([graph.first[before], graph.last[before], graph.last[after]], axis=1)]
+        ends = {member.name: (member.start, member.end) for member in graph.members}
+        spans = dict(zip(ends, graph.spans, strict=True))
+        for pair in self.joined:
+            pair_links = []
+            paths = []
+            for name, is_last in zip(pair, common_ends(pair, ends), strict=True):
+                link = spans[name].stop - 1 if is_last else spans[name].start
+                path = [graph.first[link], graph.last[link]]
+                pair_links.append(link)
+                paths.append(path if is_last else path[::-1])  # towards the joint
+            links.append(np.array([pair_links]))
+            nodes.append(np.array([[*paths[0], paths[1][0]]]))
+        first, second = np.concatenate(links).T
+        return first, second, np.concatenate(nodes)
 
 
 def link_at_point(model: ModelView, name: str) -> tuple[int, bool]:

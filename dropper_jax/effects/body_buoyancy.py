@@ -71,28 +71,30 @@ class Pieces:
         """A nodal field at the spheres' centres (s, 3)."""
         return mix_corners(self.spheres, nodal[self.body_nodes(model, np.array(self.sphere_of, int))])
 
-    def cut(self, model: ModelView, r: Array, level: Array) -> Cylinders:
-        """The cylinders relative to the surface at `level` (c + s,) [m] over the pieces."""
-        return Cylinders.of(self.axes(model, r), level[: len(self.cylinder_of)], self.radius, self.length)
-
     def energy(self, model: ModelView, r: Array, level: Array) -> Array:
-        """Energy divided by rho g of the displaced water, a scalar [m^4]."""
+        """Energy divided by rho g of the displaced water under a surface at `level` (c + s,) [m] over the pieces, a
+        scalar [m^4]."""
         balls = sphere_energy(self.centres(model, r), level[len(self.cylinder_of) :], self.ball)
-        return jnp.sum(self.cut(model, r, level).energy()) + jnp.sum(balls)
+        return jnp.sum(self._cylinders(model, r, level).energy()) + jnp.sum(balls)
 
     def wet(self, model: ModelView, r: Array, level: Array) -> Array:
         """Submerged volumes (c + s,) [m^3]."""
-        return jnp.concatenate([self.cut(model, r, level).volume(), self._wet_balls(model, r, level)])
-
-    def _wet_balls(self, model: ModelView, r: Array, level: Array) -> Array:
-        return sphere_volume(self.centres(model, r), level[len(self.cylinder_of) :], self.ball)
+        return jnp.concatenate([self._cylinders(model, r, level).volume(), self._wet_balls(model, r, level)])
 
     def push(self, model: ModelView, r: Array, level: Array) -> Array:
         """Buoyancy divided by rho g on the free nodes (free, 3) [m^3]: minus the gradient of the energy."""
-        ends = self.cut(model, r, level).push()
+        ends = self._cylinders(model, r, level).push()
         lift = jnp.concatenate([ends[:, 0], ends[:, 1], upright(self._wet_balls(model, r, level))])
         corners = self.body_nodes(model, self.owners[self.piece_of_point])
         return scatter_to_corners(corners, self.point_weights, lift, model.free_nodes)
+
+    def _cylinders(self, model: ModelView, r: Array, level: Array) -> Cylinders:
+        """The cylinders relative to the surface."""
+        return Cylinders.of(self.axes(model, r), level[: len(self.cylinder_of)], self.radius, self.length)
+
+    def _wet_balls(self, model: ModelView, r: Array, level: Array) -> Array:
+        """Submerged volumes of the spheres (s,) [m^3]."""
+        return sphere_volume(self.centres(model, r), level[len(self.cylinder_of) :], self.ball)
 
     def middles(self, model: ModelView, nodal: Array) -> Array:
         """A nodal field at the centres of the cylinders' axes and of the spheres (c + s, 3)."""
@@ -105,14 +107,14 @@ class Pieces:
         return scatter_to_corners(self.body_nodes(model, self.owners), weights, force, model.free_nodes)
 
 
-def mix_corners(share: Array, corners: Array) -> Array:
+def mix_corners(weights: Array, corners: Array) -> Array:
     """Combinations (..., 3) of corners (..., 4, 3) with weights (..., 4)."""
-    return jnp.sum(share[..., None] * corners, axis=-2)
+    return jnp.sum(weights[..., None] * corners, axis=-2)
 
 
-def scatter_to_corners(corners: np.ndarray, share: Array, force: Array, free: int) -> Array:
+def scatter_to_corners(corners: np.ndarray, weights: Array, force: Array, free: int) -> Array:
     """Forces (items, 3) on the free nodes (free, 3): each on its body's corners with its weights (items, 4)."""
-    return scatter_add(corners.ravel(), (share[:, :, None] * force[:, None, :]).reshape(-1, 3), free)
+    return scatter_add(corners.ravel(), (weights[:, :, None] * force[:, None, :]).reshape(-1, 3), free)
 
 
 @component
@@ -131,13 +133,15 @@ class BodyBuoyancy(Effect):
         return jnp.zeros(len(self.pieces.owners), k.r.dtype)
 
     def force(self, k: Kinematics) -> Array:
-        model = k.model
         size = k.sea.density * k.sea.gravity
-        push = lambda r: size * self.pieces.push(model, r, self._level(k))  # noqa: E731
+
+        def force_at(r: Array) -> Array:
+            return size * self.pieces.push(k.model, r, self._level(k))
+
         if k.h is None:
-            return push(k.r)
+            return force_at(k.r)
         along = jnp.asarray(POINTS, k.r.dtype)[:, None, None] * (k.h * k.v)
-        return jnp.sum(jnp.asarray(WEIGHTS, k.r.dtype)[:, None, None] * jax.vmap(push)(k.r + along), axis=0)
+        return jnp.sum(jnp.asarray(WEIGHTS, k.r.dtype)[:, None, None] * jax.vmap(force_at)(k.r + along), axis=0)
 
     def potential(self, k: Kinematics) -> Array:
         return k.sea.density * k.sea.gravity * self.pieces.energy(k.model, k.r, self._level(k))

@@ -17,10 +17,10 @@ from dropper_jax.model import Effect, Kinematics, ModelView, sum_of_pieces
 from dropper_jax.model.slots import Force
 from dropper_jax.scene import SceneData
 
-#: Largest difference of a unit vector's or quaternion's length from 1.
-UNIT = 1e-3
-#: Largest turn from one row of the table to the next [rad]: between farther ones the way is not known.
-FARTHEST = np.pi / 3
+#: Maximum difference of a unit vector's or quaternion's length from 1.
+UNIT_TOLERANCE = 1e-3
+#: Maximum turn from one row of the table to the next [rad]: the path between rows farther apart is ambiguous.
+MOST_TURN = np.pi / 3
 
 
 @component
@@ -62,10 +62,7 @@ class ClampMotion(Effect):
             raise SceneError(f"{path}: {values['point']!r} is in effects.bending.clamped too; allowed: one of the two")
         if not rises(values["time"], 2):
             raise SceneError("effects.clamp_motion.time: needs at least 2 increasing times, one per direction")
-        turned = values["quaternion"] is not None
-        if turned == (values["direction"] is not None) or turned != (values["along"] is not None):
-            raise SceneError("effects.clamp_motion: give either `direction`, or `quaternion` and `along`")
-        _check_rows(values, turned)
+        _check_directions(values)
 
     @property
     def corners(self) -> Array:
@@ -75,7 +72,7 @@ class ClampMotion(Effect):
     def directions(self) -> Array:
         """Directions (k, 3) of the table, from vectors or quaternions."""
         if self.quaternion is not None and self.along is not None:
-            return turned_by(self.quaternion.reshape(-1, 4), self.along)
+            return rotate(self.quaternion.reshape(-1, 4), self.along)
         return jnp.asarray(self.direction)
 
     def leaving(self, t: Array) -> Array:
@@ -110,38 +107,48 @@ class ClampMotion(Effect):
         return -jax.grad(energy)(r)
 
 
-def turned_by(quaternion: Array, vector: Array) -> Array:
-    """The vector (3,) turned by quaternions (k, 4), w first: `v + 2 s x (s x v + w v)`, s their vector part, (k, 3)."""
+def rotate(quaternion: Array, vector: Array) -> Array:
+    """The direction of a vector v (3,), rotated by quaternions (k, 4), w first: `v + 2 s x (s x v + w v)` (k, 3), s
+    their vector part."""
     w = quaternion[:, :1]
     s = quaternion[:, 1:]
     unit = vector / safe_norm(vector)
     return unit + 2.0 * jnp.cross(s, jnp.cross(s, unit) + w * unit)
 
 
-def _check_rows(values: Values, turned: bool) -> None:
-    """Refuse tables of another length, rows that are no unit vectors or quaternions, and frames that jump."""
-    path = "effects.clamp_motion.direction"
-    table = values["direction"]
-    if turned:
+def _check_directions(values: Values) -> None:
+    """Reject tables of another length, rows that are not unit vectors or quaternions, and directions that jump."""
+    quaternion = values["quaternion"]
+    by_quaternion = quaternion is not None
+    if by_quaternion == (values["direction"] is not None) or by_quaternion != (values["along"] is not None):
+        raise SceneError("effects.clamp_motion: give either `direction`, or `quaternion` and `along`")
+    if by_quaternion:
         path = "effects.clamp_motion.quaternion"
-        table = values["quaternion"].reshape(-1, 4)
+        if len(quaternion) % 4:
+            raise SceneError(f"{path}: has {len(quaternion)} numbers; allowed: 4 per time, w, x, y, z of each row")
+        table = quaternion.reshape(-1, 4)
+    else:
+        path = "effects.clamp_motion.direction"
+        table = values["direction"]
     rows = len(values["time"])
     if len(table) != rows:
         raise SceneError(f"{path}: has {len(table)} rows; allowed: {rows}, one per time")
     sizes = np.linalg.norm(table, axis=1)
-    wrong = np.flatnonzero(np.abs(sizes - 1.0) > UNIT)
+    wrong = np.flatnonzero(np.abs(sizes - 1.0) > UNIT_TOLERANCE)
     if wrong.size:
-        raise SceneError(f"{path}.{wrong[0]}: has the length {sizes[wrong[0]]:.4g}; allowed: 1, within {UNIT:g}")
+        raise SceneError(
+            f"{path}.{wrong[0]}: has the length {sizes[wrong[0]]:.4g}; allowed: 1, within {UNIT_TOLERANCE:g}"
+        )
     directions = table
-    if turned:
+    if by_quaternion:
         if not np.any(values["along"]):
             raise SceneError(f"effects.clamp_motion.along: {list(values['along'])} has no direction")
-        directions = np.asarray(turned_by(jnp.asarray(table), jnp.asarray(values["along"])))
+        directions = np.asarray(rotate(jnp.asarray(table), jnp.asarray(values["along"])))
     cosines = np.sum(directions[1:] * directions[:-1], axis=1)
     turns = np.arccos(np.clip(cosines, -1.0, 1.0))
     worst = int(np.argmax(turns))
-    if turns[worst] > FARTHEST:
+    if turns[worst] > MOST_TURN:
         raise SceneError(
             f"{path}.{worst + 1}: jumps by {np.degrees(turns[worst]):.3g} degrees from the row before; allowed: "
-            f"{np.degrees(FARTHEST):.3g}. Use more rows"
+            f"{np.degrees(MOST_TURN):.3g}. Use more rows"
         )

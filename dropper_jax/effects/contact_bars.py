@@ -19,19 +19,22 @@ Group = tuple[int, ...]
 
 @component
 class ContactPairs:
-    """Lines that may touch each other, and lines with bars; a negative owner of a bar is a buoy's point."""
+    """Lines that may touch each other, and bars of bodies and buoys with the lines that may touch them.
+
+    The owner of a bar is the number of a body, or -1 minus the number of a buoy's point.
+    """
 
     axis: Array = parameter("axes of bars relative to their owners (bars, 2, 3)", unit="m", shape="vectors")
     radius: Array = parameter("their radii", unit="m", shape="table")
-    mixed: Array = parameter("shares of four nodes in them (bars, 2, 4)", unit="-", shape="vectors")
+    weights: Array = parameter("weights of four nodes in the ends of axes (bars, 2, 4)", unit="-", shape="vectors")
     corner: int = option("number of the first body's first corner among the points", type=int, default=0)
-    beside: tuple[tuple[Group, Group], ...] = option("pairs of lines", type=tuple, default=())
-    along: tuple[tuple[Group, int], ...] = option("lines and the owner of each bar", type=tuple, default=())
+    line_pairs: tuple[tuple[Group, Group], ...] = option("pairs of lines", type=tuple, default=())
+    line_bars: tuple[tuple[Group, int], ...] = option("lines and the owner of each bar", type=tuple, default=())
 
     @property
     def owners(self) -> np.ndarray:
         """Owner of each bar (bars,)."""
-        return np.array([owner for _, owner in self.along], int)
+        return np.array([owner for _, owner in self.line_bars], int)
 
     @property
     def rigid(self) -> bool:
@@ -41,8 +44,8 @@ class ContactPairs:
     def nodes(self, graph: Graph) -> np.ndarray:
         """Nodes of the pieces, first pairs of links, then links with bars: four each; with rigid bodies six, those of a
         link and the body's corners."""
-        first, second = _links(graph, self.beside)
-        link, bar = _links_and_bars(graph, self.along)
+        first, second = _links_and_links(graph, self.line_pairs)
+        link, bar = _links_and_bars(graph, self.line_bars)
         owners = self.owners[bar]
         pairs = [graph.first[first], graph.last[first], graph.first[second], graph.last[second]]
         own = graph.point_node[np.where(owners < 0, -1 - owners, 0)]
@@ -64,21 +67,22 @@ class Bars:
 
     Attributes:
         reach: sums of radii (pieces,) [m].
-        spread: see `segments.nearest_points`, (pieces,) [m^2].
+        spread: see `nearest_points`, (pieces,) [m^2].
     """
 
     def __init__(self, pairs: ContactPairs, radius: Array, model: ModelView) -> None:
+        """The bars of a model, whose links have these radii (n,) [m]."""
         length = model.line.length
         radius = jnp.broadcast_to(radius, length.shape)
-        first, second = _links(model.geometry, pairs.beside)
-        link, bar = _links_and_bars(model.geometry, pairs.along)
+        first, second = _links_and_links(model.geometry, pairs.line_pairs)
+        link, bar = _links_and_bars(model.geometry, pairs.line_bars)
         axis = pairs.axis[bar]
         across = axis[:, 1] - axis[:, 0]
         self.reach = jnp.concatenate([radius[first] + radius[second], radius[link] + pairs.radius[bar]])
         square = jnp.concatenate([length[first] ** 2 + length[second] ** 2, length[link] ** 2 + dot(across, across)])
         self.spread = PARALLEL * jax.lax.stop_gradient(square)
-        self.pairs = len(first)
-        self.shares = pairs.mixed[bar] if pairs.rigid else None
+        self.pairs = len(first)  # pairs of links come first
+        self.weights = pairs.weights[bar] if pairs.rigid else None
         self.offset = jnp.where((pairs.owners[bar] < 0)[:, None, None], axis, 0.0)
 
     def axes(self, r: Array) -> Array:
@@ -90,29 +94,30 @@ class Bars:
         return p + jnp.concatenate([jnp.zeros((self.pairs, 4, 3), p.dtype), more])
 
     def mix_velocities(self, v: Array) -> Array:
-        """The same for velocities."""
-        if self.shares is None:
+        """Velocities of the ends of both axes (pieces, 4, 3) from those of the nodes (pieces, m, 3)."""
+        if self.weights is None:
             return v
-        other = jnp.sum(self.shares[..., None] * v[self.pairs :, None, 2:], axis=-2)
+        other = jnp.sum(self.weights[..., None] * v[self.pairs :, None, 2:], axis=-2)
         return jnp.concatenate([v[:, :2], jnp.concatenate([v[: self.pairs, 2:4], other])], axis=1)
 
     def spread_out(self, force: Array) -> Array:
         """Forces on the ends of the axes (pieces, 4, 3), distributed to the nodes of their pieces (pieces, m, 3)."""
-        if self.shares is None:
+        if self.weights is None:
             return force
-        own = jnp.sum(self.shares[..., None] * force[self.pairs :, 2:, None], axis=1)
+        own = jnp.sum(self.weights[..., None] * force[self.pairs :, 2:, None], axis=1)
         links = jnp.pad(force[: self.pairs, 2:], ((0, 0), (0, 2), (0, 0)))
         return jnp.concatenate([force[:, :2], jnp.concatenate([links, own])], axis=1)
 
 
 @lru_cache(maxsize=64)
-def _links(graph: Graph, beside: tuple[tuple[Group, Group], ...]) -> tuple[np.ndarray, np.ndarray]:
+def _links_and_links(graph: Graph, line_pairs: tuple[tuple[Group, Group], ...]) -> tuple[np.ndarray, np.ndarray]:
     """Pairs of links that may touch: all links of one group with all of the other, except those that share a point."""
     found = [np.zeros((2, 0), int)]
-    for first, second in beside:
+    for first, second in line_pairs:
         shared = _points_of(graph, first) & _points_of(graph, second)
-        some = np.meshgrid(_links_except(graph, first, shared), _links_except(graph, second, shared), indexing="ij")
-        found.append(np.stack([part.ravel() for part in some]))
+        links = _links_except(graph, first, shared)
+        others = _links_except(graph, second, shared)
+        found.append(np.stack([np.repeat(links, len(others)), np.tile(others, len(links))]))
     return tuple(np.concatenate(found, axis=1))
 
 
@@ -134,10 +139,10 @@ def _links_except(graph: Graph, group: Group, away: set[int]) -> np.ndarray:
 
 
 @lru_cache(maxsize=64)
-def _links_and_bars(graph: Graph, along: tuple[tuple[Group, int], ...]) -> tuple[np.ndarray, np.ndarray]:
+def _links_and_bars(graph: Graph, line_bars: tuple[tuple[Group, int], ...]) -> tuple[np.ndarray, np.ndarray]:
     """Links and the bars that they may touch, without those that end at a buoy's point."""
     found = [np.zeros((2, 0), int)]
-    for bar, (group, owner) in enumerate(along):
+    for bar, (group, owner) in enumerate(line_bars):
         links = _links_except(graph, group, {-1 - owner} if owner < 0 else set())
         found.append(np.stack([links, np.full_like(links, bar)]))
     return tuple(np.concatenate(found, axis=1))

@@ -35,6 +35,10 @@ from dropper_jax.base.read import Values, refuse, rises
 SOURCES = ("given", "rough_cylinder", "table")
 #: Reynolds number above which cylinders as rough as mussel ropes are assumed to be post-critical.
 POST_CRITICAL = 1e5
+#: KC over C_DS from which psi is 1.
+FADED = 60.0
+#: Fraction of the current in current and wave from which psi is 1: a current of 0.4 of the wave velocity.
+CARRIED_AWAY = 0.4 / 1.4
 
 
 def steady_drag(roughness: np.ndarray) -> np.ndarray:
@@ -45,12 +49,10 @@ def steady_drag(roughness: np.ndarray) -> np.ndarray:
 
 def amplification(kc: np.ndarray, steady: np.ndarray) -> np.ndarray:
     """psi at KC (...) for C_DS (...); 1 where KC is infinite (no waves)."""
-    # KC/C_DS from which psi is 1
-    faded = 60.0
     kc = np.asarray(kc, float)
     top = 1.50 - 0.024 * (12.0 / steady - 10.0)
-    finite = np.where(np.isfinite(kc), kc, faded * steady)
-    high = top + (1.0 - top) * np.clip((finite - 12.0) / (faded * steady - 12.0), 0.0, 1.0)
+    finite = np.where(np.isfinite(kc), kc, FADED * steady)
+    high = top + (1.0 - top) * np.clip((finite - 12.0) / (FADED * steady - 12.0), 0.0, 1.0)
     low = np.where(finite < 0.75, top - 1.0 - 2.0 * (finite - 0.75), top - 1.0)
     return np.where(finite >= 12.0, high, np.where(finite >= 2.0, top + 0.10 * (finite - 12.0), low))
 
@@ -58,8 +60,7 @@ def amplification(kc: np.ndarray, steady: np.ndarray) -> np.ndarray:
 def rough_drag(kc: np.ndarray, roughness: np.ndarray, current: np.ndarray) -> np.ndarray:
     """C_D at KC (...), k/D (...) and the fraction of the current in current and wave (...)."""
     steady = steady_drag(roughness)
-    # fraction of the current in current and wave from which psi is 1
-    return steady * np.where(np.asarray(current) > 0.4 / 1.4, 1.0, amplification(kc, steady))
+    return steady * np.where(np.asarray(current) > CARRIED_AWAY, 1.0, amplification(kc, steady))
 
 
 def rough_added_mass(kc: np.ndarray, roughness: np.ndarray) -> np.ndarray:
@@ -84,6 +85,7 @@ def from_table(path: str, kc: np.ndarray, re: np.ndarray, values: Values, key: s
 
 
 def _check_inside(path: str, found: np.ndarray, table: np.ndarray, name: str) -> None:
+    """Reject numbers of links (links,) outside the range of a rising table; `name` is the name of the number."""
     low = table[0]
     high = table[-1]
     worst = found[np.argmax(np.maximum(low - found, found - high))]

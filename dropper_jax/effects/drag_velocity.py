@@ -11,9 +11,9 @@ from dropper_jax.model import Kinematics
 
 #: Below this z the excess is computed from its series, whose error there is below 1e-13.
 SMALL = 0.05
-#: Rounding of a node's displacement over a step, in units of that of the largest coordinate. Of 300 random pendulums
-#: with drag that stops them at once 40 have a step without a solution with 0, 8 with 8, one with 64; of 300 others 32
-#: with 0, 4 with 64.
+#: Rounding of a node's displacement over a step, in units of that of the largest coordinate. 300 random pendulums with
+#: drag that stops them at once: 40 have a step without a solution if this is 0, 8 if it is 8, one if it is 64; 300
+#: others: 32 if it is 0, 4 if it is 64.
 ROUNDINGS = 64.0
 
 
@@ -23,24 +23,6 @@ def excess(z: Array) -> Array:
     large = jnp.where(small, 1.0, z)
     series = z / 6.0 * (1.0 - z**2 / 60.0 * (1.0 - z**2 / 42.0))
     return jnp.where(small, series, 1.0 / jnp.tanh(0.5 * large) - 2.0 / large)
-
-
-def still_drag_velocity(k: Kinematics, decay: Array) -> Array:
-    """The same in still water, where drag never adds energy: without the component that opposes the motion.
-
-    If another force reverses a light node within a step, `v_mid + (2 theta - 1)(v_mid - v0)` may point against v_mid,
-    and drag would do positive work `-u . v_mid`. Drag alone never does so.
-    """
-    if k.h is None or k.before is None:
-        return k.v
-    u = drag_velocity(k, decay)
-    size = dot(k.v, k.v)
-    # of speeds that are differences of rounded positions the direction is chance, and the law would not be solvable:
-    # u is then nearly the velocity before
-    rounding = ROUNDINGS * jnp.finfo(size.dtype).eps / k.h * jnp.max(jnp.abs(jax.lax.stop_gradient(k.r)))
-    along = dot(u, k.v) + rounding * jnp.max(jnp.abs(jax.lax.stop_gradient(k.before)), axis=-1)
-    against = (along < 0.0) & (size > 1e3 * jnp.finfo(size.dtype).tiny)
-    return u - (jnp.where(against, along, 0.0) / jnp.where(against, size, 1.0))[:, None] * k.v
 
 
 def drag_velocity(k: Kinematics, decay: Array) -> Array:
@@ -54,3 +36,21 @@ def drag_velocity(k: Kinematics, decay: Array) -> Array:
     if k.h is None or k.before is None:
         return k.v
     return k.v + excess(k.h * decay) * (k.v - k.before)
+
+
+def still_drag_velocity(k: Kinematics, decay: Array) -> Array:
+    """`drag_velocity` u in still water, where drag never adds energy: without a component against the motion.
+
+    If another force reverses a light node within a step, u may point against v_mid, and drag would do positive work
+    `-u . v_mid`. Drag alone never does so.
+    """
+    if k.h is None or k.before is None:
+        return k.v
+    u = drag_velocity(k, decay)
+    size = dot(k.v, k.v)
+    # the direction of a speed below the rounding of positions is random, and the law would not be solvable: u is then
+    # nearly the velocity before the step
+    rounding = ROUNDINGS * jnp.finfo(size.dtype).eps / k.h * jnp.max(jnp.abs(jax.lax.stop_gradient(k.r)))
+    along = dot(u, k.v) + rounding * jnp.max(jnp.abs(jax.lax.stop_gradient(k.before)), axis=-1)
+    against = (along < 0.0) & (size > 1e3 * jnp.finfo(size.dtype).tiny)
+    return u - (jnp.where(against, along, 0.0) / jnp.where(against, size, 1.0))[:, None] * k.v

@@ -43,10 +43,11 @@ class EndMotion(HeldMotion):
     def check(cls, values: Values, scene: SceneData) -> None:
         cls.check_points(values, scene)
         given = {key for key, value in values.items() if value is not None}
-        table = given >= {"time", "displacement"}
-        if table == (given >= {"amplitude", "period"}):
+        is_table = given >= {"time", "displacement"} and not given & {"amplitude", "period", "phase"}
+        is_harmonic = given >= {"amplitude", "period"} and not given & {"time", "displacement"}
+        if not (is_table or is_harmonic):
             raise SceneError(EITHER)
-        if table and (len(values["time"]) != len(values["displacement"]) or not rises(values["time"], 2)):
+        if is_table and (len(values["time"]) != len(values["displacement"]) or not rises(values["time"], 2)):
             raise SceneError("effects.end_motion.time: needs at least 2 increasing times, one per displacement")
 
     def displace(self, t: Array) -> Array:

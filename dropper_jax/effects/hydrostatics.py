@@ -30,22 +30,26 @@ WEIGHTS = np.polynomial.legendre.leggauss(6)[1] / 2.0
 SectionValue = Callable[[Array, Array], Array]
 
 
-def _cut(t: Array, b: Array) -> tuple[Array, ...]:
-    """T clipped to -1 to 1, its arc sine and (1 - T^2)^(1/2)."""
-    ratio = jnp.clip(t / b, -1.0, 1.0)
-    return ratio, jnp.arcsin(ratio), jnp.sqrt(jnp.maximum(1.0 - ratio * ratio, 0.0))
+def _cut(t: Array, b: Array) -> tuple[Array, Array, Array]:
+    """T of sections that are cut by the surface, its arc sine and (1 - T^2)^(1/2); T = 0 of all others, since the
+    last two have no derivatives at T = 1."""
+    ratio = jnp.where(jnp.abs(t) < b, t / b, 0.0)
+    return ratio, jnp.arcsin(ratio), jnp.sqrt(1.0 - ratio * ratio)
 
 
-def _pieces(t: Array, b: Array, cut: Array, under: Array) -> Array:
+def _by_depth(t: Array, b: Array, cut: Array, under: Array) -> Array:
+    """A value of sections that are cut by the surface, that of submerged ones, and zero above the surface."""
     return jnp.where(t >= b, under, jnp.where(t <= -b, 0.0, cut))
 
 
 def _k(t: Array, b: Array) -> Array:
-    ratio, arc, root = _cut(t, b)
-    return ratio * arc + root + 0.5 * jnp.pi * ratio - root**3 / 3.0
+    """k of sections that are cut."""
+    x, arc, root = _cut(t, b)
+    return x * arc + root + 0.5 * jnp.pi * x - root**3 / 3.0
 
 
 def _h(t: Array, b: Array) -> Array:
+    """h of sections that are cut, the integral of k from T = -1."""
     x, arc, root = _cut(t, b)
     first = 0.5 * x * x * arc - 0.25 * arc + 0.25 * x * root
     second = 0.5 * (x * root + arc)
@@ -55,14 +59,14 @@ def _h(t: Array, b: Array) -> Array:
 
 def _chord(t: Array, b: Array) -> Array:
     """d^2u/dt^2: the length of the chord at the surface over a half height."""
-    return _pieces(t, b, 2.0 * _cut(t, b)[2] / b, jnp.zeros_like(t))
+    return _by_depth(t, b, 2.0 * _cut(t, b)[2] / b, jnp.zeros_like(t))
 
 
 @jax.custom_jvp
 def _width(t: Array, b: Array) -> Array:
     """du/dt: the submerged part of the section's area."""
     x, arc, root = _cut(t, b)
-    return _pieces(t, b, x * root + arc + 0.5 * jnp.pi, jnp.full_like(t, jnp.pi))
+    return _by_depth(t, b, x * root + arc + 0.5 * jnp.pi, jnp.full_like(t, jnp.pi))
 
 
 _width.defjvps(
@@ -74,7 +78,7 @@ _width.defjvps(
 @jax.custom_jvp
 def _tilt(t: Array, b: Array) -> Array:
     """du/db."""
-    return _pieces(t, b, _k(t, b) - _cut(t, b)[0] * _width(t, b), jnp.zeros_like(t))
+    return _by_depth(t, b, _k(t, b) - _cut(t, b)[0] * _width(t, b), jnp.zeros_like(t))
 
 
 _tilt.defjvps(
@@ -86,7 +90,7 @@ _tilt.defjvps(
 @jax.custom_jvp
 def section(t: Array, b: Array) -> Array:
     """u/a^2 of sections whose axis is t below the surface and whose half height is b."""
-    return _pieces(t, b, b * _k(t, b), jnp.pi * t)
+    return _by_depth(t, b, b * _k(t, b), jnp.pi * t)
 
 
 section.defjvps(lambda dt, _, t, b: _width(t, b) * dt, lambda db, _, t, b: _tilt(t, b) * db)
@@ -95,7 +99,7 @@ section.defjvps(lambda dt, _, t, b: _width(t, b) * dt, lambda db, _, t, b: _tilt
 @jax.custom_jvp
 def _along(t: Array, b: Array) -> Array:
     """w/a^2."""
-    return _pieces(t, b, b * b * _h(t, b), jnp.pi * (0.5 * t * t + 0.125 * b * b))
+    return _by_depth(t, b, b * b * _h(t, b), jnp.pi * (0.5 * t * t + 0.125 * b * b))
 
 
 _along.defjvps(lambda dt, _, t, b: section(t, b) * dt, lambda db, _, t, b: _along_tilt(t, b) * db)
@@ -104,23 +108,23 @@ _along.defjvps(lambda dt, _, t, b: section(t, b) * dt, lambda db, _, t, b: _alon
 @jax.custom_jvp
 def _along_tilt(t: Array, b: Array) -> Array:
     """dw/db/a^2."""
-    return _pieces(t, b, 2.0 * b * _h(t, b) - t * _k(t, b), 0.25 * jnp.pi * b)
+    return _by_depth(t, b, 2.0 * b * _h(t, b) - t * _k(t, b), 0.25 * jnp.pi * b)
 
 
 def _along_bend(t: Array, b: Array) -> Array:
     """d^2w/db^2/a^2."""
     x = _cut(t, b)[0]
     cut = 2.0 * _h(t, b) - 2.0 * x * _k(t, b) + x * x * _width(t, b)
-    return _pieces(t, b, cut, jnp.full_like(t, 0.25 * jnp.pi))
+    return _by_depth(t, b, cut, jnp.full_like(t, 0.25 * jnp.pi))
 
 
 _along_tilt.defjvps(lambda dt, _, t, b: _tilt(t, b) * dt, lambda db, _, t, b: _along_bend(t, b) * db)
 
 
 #: Minimum half height of a section divided by its radius: an upright cylinder has level sections.
-LEAST_SECTION = 1e-6
-#: Sections whose depths differ by less than this part of their half height along a piece are integrated numerically.
-LEVEL_PIECE = 0.25
+MIN_HALF_HEIGHT = 1e-6
+#: A cylinder whose ends differ in depth by less than this part of the sections' half height is integrated numerically.
+FLAT = 0.25
 
 
 class Cylinders(NamedTuple):
@@ -148,10 +152,10 @@ class Cylinders(NamedTuple):
     def of(cls, ends: Array, level: Array, radius: Array, length: Array) -> Cylinders:
         """From both ends of their axes (n, 2, 3), the level of the surface over each, radius and length (n,) [m]."""
         across = (ends[:, 1, :2] - ends[:, 0, :2]) / length[:, None]
-        half = radius * jnp.sqrt(across[:, 0] ** 2 + across[:, 1] ** 2 + LEAST_SECTION**2)
+        half = radius * jnp.sqrt(across[:, 0] ** 2 + across[:, 1] ** 2 + MIN_HALF_HEIGHT**2)
         first = level - ends[:, 0, 2]
         last = level - ends[:, 1, 2]
-        flat = jnp.abs(last - first) < LEVEL_PIECE * half
+        flat = jnp.abs(last - first) < FLAT * half
         change = jnp.where(flat, 1.0, last - first)
         return cls(first, last, half, across, radius, radius**2 * length, change, flat)
 
@@ -195,7 +199,7 @@ class Cylinders(NamedTuple):
         width = self._at_points(_width)
         by_first = jnp.where(self.flat, width @ (weights * (1 - self.shares)), (mean - first) / self.change)
         by_last = jnp.where(self.flat, width @ (weights * self.shares), (last - mean) / self.change)
-        # d half/d across = a^2 across/half, and d across of a displaced end is 1/L: with a^2 L before, a^4/across/half
+        # d half/d across = a^2 across/half and d across/d end = 1/L: times a^2 L that is a^4 across/half
         aside = (self.radius**4 / self.half * self._mean(_tilt, _along_tilt))[:, None] * self.across
         up = self.size[:, None, None] * jnp.stack([by_first, by_last], axis=1)[..., None]
         return jnp.concatenate([jnp.stack([aside, -aside], axis=1), up], axis=-1)

@@ -17,10 +17,12 @@ from dropper_jax.base.numerics import as_array
 from dropper_jax.effects.end_motion import interpolate_quintic
 from dropper_jax.model import Effect, Kinematics, Line, Model, ModelView
 from dropper_jax.scene import SceneData
+from dropper_jax.scene.length_in_time import WinchSpec
 
 
 class ChangingLinks:
-    """Base of what changes the total length of some links over time; winches have a state, which a run carries."""
+    """Links whose total length changes in time: by a table, a function or a winch. Winches have a state, which a run
+    carries."""
 
     @property
     def links(self) -> tuple[int, ...]:
@@ -41,7 +43,7 @@ class ChangingLinks:
         return None
 
     def entered(self, now: WinchState | None) -> ChangingLinks:
-        """The same in this state."""
+        """The same links in this state."""
         return self
 
     def advance(self, t: Array, tension: Array, h: Array) -> WinchState | None:
@@ -190,26 +192,28 @@ def changing_lengths(scene: SceneData) -> list[Effect]:
     for line in scene.lines:
         for spec in line.length_in_time:
             links = tuple(start + i for i in spec.numbers(line.links))
-            control = spec.control
-            if control is None:
+            if spec.control is None:
                 table = LengthTable(as_array(spec.time), as_array(spec.length), spec.between == "smooth", links)
                 _check_between_rows(line.name, table)
                 entries.append(table)
             else:
-                winch = Winch(
-                    as_array(control.target),
-                    as_array(control.gain),
-                    as_array(control.limits),
-                    as_array(control.lengths),
-                    links=links,
-                    measured=links[0 if spec.end == "from" else -1],
-                )
-                entries.append(winch)
                 kind = ControlledLength
+                entries.append(_winch(spec.control, links, measured=links[0 if spec.end == "from" else -1]))
         start += line.links
     if not entries:
         return []
     return [kind(tuple(entries))]
+
+
+def _winch(control: WinchSpec, links: tuple[int, ...], measured: int) -> Winch:
+    return Winch(
+        target=as_array(control.target),
+        gain=as_array(control.gain),
+        limits=as_array(control.limits),
+        range=as_array(control.lengths),
+        links=links,
+        measured=measured,
+    )
 
 
 #: Samples between two rows of a table, whose quintics have few turning points there.
@@ -253,7 +257,7 @@ def with_length_in_time(
         links: number of links nearest that end.
 
     Raises:
-        SceneError: an unknown line, links that it does not have, rigid links, or a length at t = 0 that differs.
+        SceneError: an unknown line, links that it does not have, or rigid links.
     """
     members = model.geometry.members
     names = [member.name for member in members]

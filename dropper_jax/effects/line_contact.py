@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection
 from dataclasses import field
 
 import jax.numpy as jnp
@@ -17,7 +17,7 @@ from dropper_jax.effects.contact_bars import Bars, ContactPairs, Group
 from dropper_jax.effects.nearest_points import Nearest, contact_force, nearest_points, relative_motion
 from dropper_jax.effects.rigid_bodies import tetrahedron
 from dropper_jax.model import Effect, Kinematics, ModelView, at_pieces, sum_of_pieces
-from dropper_jax.scene import SceneData
+from dropper_jax.scene import LineSpec, SceneData
 
 
 @component
@@ -59,28 +59,23 @@ class LineContact(Effect):
             )
         if not scene.branched:
             raise SceneError("effects.line_contact: acts between lines of a system. Use it in scenes of several lines")
-        lines = _lines_of(scene)
-        others = [b.name for b in (*scene.bodies, *scene.buoys)]
         path = "effects.line_contact"
-
-        def check_name(where: str, name: str, names: Iterable[str], what: str) -> None:
-            if name not in names:
-                hint = nearest(name, names) if names else "none exist"
-                raise SceneError(f"{path}.{where}: {name!r} is not a {what}; {hint}")
-
-        def check_line(where: str, name: str) -> None:
-            check_name(where, name, lines, "line")
+        lines = _lines_by_name(scene)
+        others = [b.name for b in (*scene.bodies, *scene.buoys)]
+        named_lines = []
+        for i, (first, second) in enumerate(values["pairs"]):
+            named_lines += [(f"{path}.pairs.{i}.0", first), (f"{path}.pairs.{i}.1", second)]
+        for i, (line, _) in enumerate(values["bodies"]):
+            named_lines.append((f"{path}.bodies.{i}.0", line))
+        for where, name in named_lines:
+            _check_name(where, name, lines, "line")
             if values["radius"] is None and any(scene.lines[n].diameter is None for n in lines[name]):
                 raise SceneError(f"line.{name}.diameter: missing; {path} needs it, or its own `radius` [m]")
-
         for i, (first, second) in enumerate(values["pairs"]):
-            check_line(f"pairs.{i}.0", first)
-            check_line(f"pairs.{i}.1", second)
             if first == second:
                 raise SceneError(f"{path}.pairs.{i}: {first!r} is paired with itself; allowed: two lines")
-        for i, (line, name) in enumerate(values["bodies"]):
-            check_line(f"bodies.{i}.0", line)
-            check_name(f"bodies.{i}.1", name, others, "body or buoy")
+        for i, (_, name) in enumerate(values["bodies"]):
+            _check_name(f"{path}.bodies.{i}.1", name, others, "body or buoy")
         touched = [name for _, name in values["bodies"]]
         for body in scene.bodies:
             if body.name in touched and not body.shapes:
@@ -88,25 +83,13 @@ class LineContact(Effect):
 
     @classmethod
     def build(cls, values: Values, scene: SceneData) -> Effect:
-        lines = _lines_of(scene)
         values = dict(values)
         if values["radius"] is None:
-            each = [np.zeros(n.links) if n.diameter is None else 0.5 * n.diameter for n in scene.lines]
-            values["radius"] = np.concatenate(each)
-        bars = [(lines[line], *bar) for line, name in values["bodies"] for bar in _bars_of(scene, name)]
-        along = tuple((group, owner) for group, owner, *_ in bars)
-        mixed = [_mixture(scene, owner, axis) for _, owner, axis, _ in bars]
-        touching = ContactPairs(
-            axis=as_array(np.array([axis for _, _, axis, _ in bars]).reshape(-1, 2, 3)),
-            radius=as_array([0.5 * diameter for *_, diameter in bars]),
-            mixed=as_array(np.array(mixed).reshape(-1, 2, 4)),
-            corner=len(scene.points),
-            beside=tuple((lines[a], lines[b]) for a, b in values["pairs"]),
-            along=along,
-        )
+            values["radius"] = np.concatenate([_radii(line) for line in scene.lines])
+        kind = FrictionlessContact
         if values["damping"] > 0.0 or values["friction"] > 0.0:
-            return LinksInContact(**values, touching=touching)
-        return LinksPushed(**values, touching=touching)
+            kind = LinksInContact
+        return kind(**values, touching=_contact_pairs(values, scene))
 
 
 #: Motion over a step, relative to the reach, below which the third-order error of the energy balance is not corrected.
@@ -117,7 +100,7 @@ LARGEST_MOTION = 0.25
 
 @component
 class LinksInContact(LineContact):
-    """The same with indices for names and its work recorded."""
+    """The effect in a model, with numbers of lines for their names; its work is recorded."""
 
     touching: ContactPairs = field(kw_only=True)
 
@@ -171,15 +154,15 @@ class LinksInContact(LineContact):
     def too_far(self, before: Kinematics, after: Kinematics) -> Array:
         bars = self._bars(before.model)
         nodes = self.piece_nodes(before.model)
-        start, end = (bars.axes(at_pieces(k, nodes)[0]) for k in (before, after))
-        way = relative_motion(start, end)
+        start = bars.axes(at_pieces(before, nodes)[0])
+        motion = relative_motion(start, bars.axes(at_pieces(after, nodes)[0]))
         distance = nearest_points(start, bars.reach, bars.spread).distance
-        return jnp.any((way > LARGEST_MOTION * bars.reach) & (distance - way < bars.reach))
+        return jnp.any((motion > LARGEST_MOTION * bars.reach) & (distance - motion < bars.reach))
 
 
 @component
-class LinksPushed(LinksInContact):
-    """Contact without damping and friction: conservative."""
+class FrictionlessContact(LinksInContact):
+    """Contact without damping and friction, which is conservative."""
 
     def _dissipative_force(self, near: Nearest, push: Array, speed: Array) -> Array:
         return jnp.zeros((), speed.dtype)
@@ -188,22 +171,60 @@ class LinksPushed(LinksInContact):
         return self.contact_energy(k)
 
 
-def _bars_of(scene: SceneData, name: str) -> list[tuple[int, np.ndarray, float]]:
-    """Owner, ends of the axis (2, 3) relative to it and diameter of each bar of a body or buoy."""
+def _check_name(where: str, name: str, names: Collection[str], what: str) -> None:
+    if name not in names:
+        hint = nearest(name, names) if names else "none exist"
+        raise SceneError(f"{where}: {name!r} is not a {what}; {hint}")
+
+
+def _radii(line: LineSpec) -> np.ndarray:
+    """Radii (links,) [m]; zero without a diameter, of lines that touch nothing."""
+    if line.diameter is None:
+        return np.zeros(line.links)
+    return 0.5 * line.diameter
+
+
+def _contact_pairs(values: Values, scene: SceneData) -> ContactPairs:
+    """The pairs of an effect, with numbers of lines for their names."""
+    lines = _lines_by_name(scene)
+    axes = []
+    diameters = []
+    weights = []
+    line_bars = []
+    for line, name in values["bodies"]:
+        owner, bars = _bars_of(scene, name)
+        for axis, diameter in bars:
+            axes.append(axis)
+            diameters.append(diameter)
+            weights.append(_weights(scene, owner, axis))
+            line_bars.append((lines[line], owner))
+    return ContactPairs(
+        axis=as_array(np.array(axes).reshape(-1, 2, 3)),
+        radius=as_array(0.5 * np.array(diameters)),
+        weights=as_array(np.array(weights).reshape(-1, 2, 4)),
+        corner=len(scene.points),
+        line_pairs=tuple((lines[first], lines[second]) for first, second in values["pairs"]),
+        line_bars=tuple(line_bars),
+    )
+
+
+def _bars_of(scene: SceneData, name: str) -> tuple[int, list[tuple[np.ndarray, float]]]:
+    """The owner of the bars of a body or buoy; of each bar the ends of its axis (2, 3) relative to it, and the
+    diameter."""
     for i, body in enumerate(scene.bodies):
         if body.name == name:
-            cylinders = [(i, np.array([c.start, c.end]), c.diameter) for c in body.cylinders]
-            return cylinders + [(i, np.array([s.centre, s.centre]), s.diameter) for s in body.spheres]
+            cylinders = [(np.array([c.start, c.end]), c.diameter) for c in body.cylinders]
+            return i, cylinders + [(np.array([s.centre, s.centre]), s.diameter) for s in body.spheres]
     buoy = next(buoy for buoy in scene.buoys if buoy.name == name)
     points = [point.name for point in scene.points]
     axis = np.zeros((2, 3))
     axis[:, 2] = [-buoy.attachment, buoy.height - buoy.attachment]
-    return [(-1 - points.index(buoy.point), axis, buoy.diameter)]
+    return -1 - points.index(buoy.point), [(axis, buoy.diameter)]
 
 
-def _mixture(scene: SceneData, owner: int, positions: np.ndarray) -> np.ndarray:
-    """Weights (2, 4) of positions (2, 3) of a body in its corners; those of a buoy, with as many nodes, refer to its
-    point."""
+def _weights(scene: SceneData, owner: int, positions: np.ndarray) -> np.ndarray:
+    """Weights (2, 4) of positions (2, 3) on a body in its corners; on a buoy, all four of whose nodes are its point,
+    in the first one."""
     if owner < 0:
         return np.array([[1.0, 0.0, 0.0, 0.0]] * 2)
     body = scene.bodies[owner]
@@ -211,7 +232,7 @@ def _mixture(scene: SceneData, owner: int, positions: np.ndarray) -> np.ndarray:
     return np.column_stack([positions, np.ones(2)]) @ np.linalg.inv(np.column_stack([corners, np.ones(4)]))
 
 
-def _lines_of(scene: SceneData) -> dict[str, Group]:
+def _lines_by_name(scene: SceneData) -> dict[str, Group]:
     """Indices of the lines of each name; the pieces of a line cut by attached points also under the name of the full
     line."""
     found: dict[str, Group] = {}

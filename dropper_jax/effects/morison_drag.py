@@ -98,9 +98,7 @@ class MorisonDrag(Effect):
     def force(self, k: Kinematics) -> Array:
         water = k.water
         line = k.line
-        tangents = k.tangents
-        if self.tangents == "frozen":
-            tangents = water.tangents
+        tangents = water.tangents if self.tangents == "frozen" else k.tangents
         skin = 0.5 * k.sea.density * line.drag_diameter * line.length
         relative = water.motion.velocity - drag_velocity(k, self._drag_rate(k, skin))
         total = jnp.zeros_like(k.v)
@@ -117,7 +115,7 @@ class MorisonDrag(Effect):
 
 
 def _check_wakes(values: Values, scene: SceneData) -> None:
-    """Wakes need a current from one side, and replace fixed factors."""
+    """Reject wakes without a current, or with one that reverses, and fixed factors next to them."""
     path = "effects.morison_drag.wakes: 'porous'"
     if scene.sea is None or scene.sea.current is None:
         raise SceneError(f"{path} needs a current. Use a scene with [sea.current]")

@@ -7,7 +7,7 @@ import numpy as np
 from jax import Array
 
 from dropper_jax.base.fields import component, option, parameter
-from dropper_jax.base.read import Table, Values
+from dropper_jax.base.read import Values
 from dropper_jax.effects.cylinder import SOURCES, check_source
 from dropper_jax.effects.submerged import split, wet_share
 from dropper_jax.model import Effect, Kinematics, LinkEnd
@@ -97,14 +97,15 @@ class MorisonInertia(_InertiaForce):
 
     @classmethod
     def build(cls, values: Values, scene: SceneData) -> Effect:
-        kept = {key: values[key] for key in ("can", "cat", "fluid_acceleration", "added_mass")}
+        arguments = {key: values[key] for key in ("can", "cat", "fluid_acceleration", "added_mass")}
         if values["coefficients"] != "given":  # until the flow is known
-            kept["can"] = np.ones(scene.line.links)
-        given = {key: value for key, value in kept.items() if value is not None}
-        if not {"can", "cat"} & given.keys():
+            arguments["can"] = np.ones(scene.line.links)
+        if arguments["can"] is None and arguments["cat"] is None:
             return FroudeKrylov(fluid_acceleration=values["fluid_acceleration"])
-        coefficients: Table = {"can": 0.0, "cat": 0.0, **given}
-        return cls(**coefficients)
+        for key in ("can", "cat"):
+            if arguments[key] is None:
+                arguments[key] = 0.0
+        return cls(**arguments)
 
     @property
     def reach(self) -> int:
@@ -121,7 +122,8 @@ class MorisonInertia(_InertiaForce):
 
     def _coefficients(self, k: Kinematics) -> tuple[Array, Array]:
         """C_A across and along over the displaced mass, ready to multiply (n, 3)."""
-        can, cat = (value if jnp.ndim(value) == 0 else value[:, None] for value in (self.can, self.cat))
+        can = _per_link(self.can)
+        cat = _per_link(self.cat)
         if k.line.outer_diameter is None:
             return can, cat
         size = ((k.line.outer_diameter / k.line.needed_diameter) ** 2)[:, None]
@@ -130,7 +132,7 @@ class MorisonInertia(_InertiaForce):
     def inertia(self, k: Kinematics, a: Array) -> Array:
         """Inertia force (nodes, 3) [N] of the added mass for accelerations a."""
         if self.added_mass == "lagrangian":
-            return self._lagrangian(k, a)
+            return self._conservative_inertia(k, a)
         total = jnp.zeros_like(a)
         can, cat = self._coefficients(k)
         for part in k.line.parts():
@@ -138,7 +140,7 @@ class MorisonInertia(_InertiaForce):
             total = total + part.collect(self._wet_mass(k, part) * (can * across + cat * along))
         return total
 
-    def _lagrangian(self, k: Kinematics, a: Array) -> Array:
+    def _conservative_inertia(self, k: Kinematics, a: Array) -> Array:
         """The same for added mass that conserves energy; k is the middle of a step of length k.h."""
         h = k.h
         if h is None:
@@ -148,7 +150,6 @@ class MorisonInertia(_InertiaForce):
         after = k.v + 0.5 * h * a
         middle = k.links / length
         turn = 0.5 * h * k.link_velocities / length
-        dot = lambda p, q: jnp.sum(p * q, axis=-1, keepdims=True)  # noqa: E731
         start = middle - turn
         end = middle + turn
         total = jnp.zeros_like(a)
@@ -158,9 +159,10 @@ class MorisonInertia(_InertiaForce):
             change = part.at(a)
             v0 = part.at(before)
             v1 = part.at(after)
-            momentum = end * dot(end, v1) - start * dot(start, v0)
+            momentum = end * _scalar_product(end, v1) - start * _scalar_product(start, v0)
             total = total + part.collect(mass * (can * change + (cat - can) * momentum / h))
-            force = 0.5 * mass * (cat - can) * (v0 * dot(middle, v1) + v1 * dot(middle, v0))
+            turning = v0 * _scalar_product(middle, v1) + v1 * _scalar_product(middle, v0)
+            force = 0.5 * mass * (cat - can) * turning
             total = total + k.model.gather(force / length)
         return total
 
@@ -178,3 +180,15 @@ class MorisonInertia(_InertiaForce):
             along = split(v, k.links / line.length[:, None])[1]
             total = total + 0.5 * jnp.sum(mass * v * (can * v + (cat - can) * along))
         return total
+
+
+def _per_link(value: Array) -> Array:
+    """A number, or one value per link (n,) as a column that multiplies (n, 3)."""
+    if jnp.ndim(value) == 0:
+        return value
+    return value[:, None]
+
+
+def _scalar_product(a: Array, b: Array) -> Array:
+    """Scalar products of vectors (n, 3), as a column (n, 1)."""
+    return jnp.sum(a * b, axis=-1, keepdims=True)

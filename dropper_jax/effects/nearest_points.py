@@ -28,8 +28,8 @@ class Nearest(NamedTuple):
     shares: Array
 
 
-#: Distance relative to the reach below which axes count as this far apart, so that the force direction stays defined.
-NEAREST = 1e-2
+#: Distance of crossing axes relative to the reach, which keeps the direction of the force defined.
+MIN_DISTANCE = 1e-2
 
 
 def nearest_points(p: Array, reach: Array, spread: Array) -> Nearest:
@@ -53,10 +53,10 @@ def nearest_points(p: Array, reach: Array, spread: Array) -> Nearest:
     s = jnp.clip((e * c + b * f) / (a * c - b * b), 0.0, 1.0)
     t = jnp.clip((b * s + f) / c, 0.0, 1.0)
     s = jnp.clip((b * t + e) / a, 0.0, 1.0)
-    apart = off + s[..., None] * u - t[..., None] * w
-    least = dot(apart, apart) + spread * ((s - 0.5) ** 2 + (t - 0.5) ** 2)
-    distance = jnp.sqrt(least + (NEAREST * reach) ** 2)
-    return Nearest(distance, apart / distance[..., None], jnp.stack([1.0 - s, s, t - 1.0, -t], axis=-1))
+    difference = off + s[..., None] * u - t[..., None] * w
+    minimum = dot(difference, difference) + spread * ((s - 0.5) ** 2 + (t - 0.5) ** 2)
+    distance = jnp.sqrt(minimum + (MIN_DISTANCE * reach) ** 2)
+    return Nearest(distance, difference / distance[..., None], jnp.stack([1.0 - s, s, t - 1.0, -t], axis=-1))
 
 
 def contact_force(distance: Array, reach: Array, stiffness: Array) -> tuple[Array, Array]:

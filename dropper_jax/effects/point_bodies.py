@@ -51,10 +51,13 @@ class PointBodies(Effect):
         """Plan area on the seabed (nodes,) [m^2]: that of a sphere of the same volume."""
         return self._at_bodies(model, 0.25 * jnp.pi * self._diameter() ** 2)
 
+    def _wet_share(self, k: Kinematics, elevation: Array) -> Array:
+        """Submerged fraction (bodies,) under a surface at the bodies (bodies,) [m]."""
+        return submerged_fraction(elevation - k.r[self.nodes(k.model), 2], self._diameter())
+
     def _wet_mass(self, k: Kinematics, elevation: Array) -> Array:
         """Mass of the displaced water (bodies,) [kg] under a surface at the bodies (bodies,) [m]."""
-        wet = submerged_fraction(elevation - k.r[self.nodes(k.model), 2], self._diameter())
-        return k.sea.density * self.volume * wet
+        return k.sea.density * self.volume * self._wet_share(k, elevation)
 
     def _loads(self, k: Kinematics) -> Array:
         """Forces on the bodies (bodies, 3) [N]."""
@@ -73,11 +76,10 @@ class WetPointBodies(PointBodies):
     def _loads(self, k: Kinematics) -> Array:
         nodes = self.nodes(k.model)
         water = k.water.motion
-        displaced = self._wet_mass(k, water.elevation[nodes])
-        share = displaced / jnp.where(self.volume > 0, k.sea.density * self.volume, 1.0)
-        share = jnp.where(self.volume > 0, share, 1.0)
+        elevation = water.elevation[nodes]
+        displaced = self._wet_mass(k, elevation)
         u = water.velocity[nodes] - k.v[nodes]
-        drag = 0.5 * k.sea.density * self.drag_area * share * safe_norm(u)
+        drag = 0.5 * k.sea.density * self.drag_area * self._wet_share(k, elevation) * safe_norm(u)
         total = super()._loads(k) + upright(displaced * k.sea.gravity) + drag[:, None] * u
         return total + ((1.0 + self.added_mass) * displaced)[:, None] * water.acceleration[nodes]
 

@@ -84,8 +84,8 @@ class RigidBodies(HolonomicConstraint):
         return shares(self.affine[self._owners], self.seat)
 
     def seat_shares(self) -> Array:
-        one = np.eye(self.count)[self._owners]
-        return (one[:, :, None] * self._seat_shares()[:, None, :]).reshape(len(self.owner), -1)
+        owns = np.eye(self.count)[self._owners]
+        return (owns[:, :, None] * self._seat_shares()[:, None, :]).reshape(len(self.owner), -1)
 
     @trace_once
     def pose(self, model: ModelView, r: Array) -> tuple[Array, Array]:
@@ -129,8 +129,8 @@ class RigidBodies(HolonomicConstraint):
         return jnp.concatenate([edges.ravel(), seats.ravel(), pins.ravel()])
 
     def gap_size(self, model: ModelView) -> Array:
-        # rounding of positions a kilometre away allows no finer tolerance
-        # a fraction of a body's size, as for forces: it determines the energy error of a step
+        # A fraction of a body's size: it determines the energy error of a step. Of 1 m at least, since the rounding of
+        # positions a kilometre away allows no finer tolerance.
         return self._per_row(0.1 * jnp.maximum(jnp.max(self.lengths(), axis=1), 1.0))
 
     def force_size(self, model: ModelView) -> Array:
@@ -156,6 +156,7 @@ class RigidBodies(HolonomicConstraint):
         return total - scatter_add(self._owners, carried, self.count)
 
     def at_hand(self) -> RigidBodies:
+        """The same bodies with their mass matrix computed."""
         return replace(self, matrix=self.mass_matrix())
 
     def _carried_mass(self) -> Array:

@@ -14,6 +14,9 @@ from dropper_jax.base.springs import REST, lag, mean_positive_part, never_more
 from dropper_jax.model import ContactArea, Effect, Kinematics
 from dropper_jax.scene import SceneData
 
+#: Part of a cell, on either side of a grid line, over which one slope of the seabed blends into the next.
+ROUNDED = 0.02
+
 
 @component
 class Seabed(Effect):
@@ -60,8 +63,7 @@ class Seabed(Effect):
             values["depth"] = scene.needed_sea.depth
         return cls(**values)
 
-    # part of a cell, on either side of a grid line, over which one slope of the seabed blends into the next
-    def bed_height(self, r: Array, rounded: float = 0.02) -> Array:
+    def bed_height(self, r: Array, rounded: float = ROUNDED) -> Array:
         """Height z of the seabed (nodes,) [m] at positions r (nodes, 3); with `rounded` = 0 its creases are sharp."""
         if self.bed_x is None or self.bed_y is None or self.bed_depth is None:
             return -self.depth * jnp.ones_like(r[:, 2])
@@ -75,8 +77,12 @@ class Seabed(Effect):
         if self.bed_x is None:
             return jnp.array([0.0, 0.0, 1.0], r.dtype)
         along = jnp.eye(3, dtype=r.dtype)
-        x, y = (jax.jvp(self.bed_height, (r,), (jnp.broadcast_to(along[i], r.shape),))[1] for i in (0, 1))
-        n = jnp.stack([-x, -y, jnp.ones_like(x)], axis=-1)
+
+        def slope(axis: int) -> Array:
+            return jax.jvp(self.bed_height, (r,), (jnp.broadcast_to(along[axis], r.shape),))[1]
+
+        x = slope(0)
+        n = jnp.stack([-x, -slope(1), jnp.ones_like(x)], axis=-1)
         return n / jnp.sqrt(dot(n, n))[:, None]
 
     def tangents(self, r: Array) -> tuple[Array, Array]:
@@ -93,7 +99,8 @@ class Seabed(Effect):
     def normal(self, k: Kinematics) -> Array:
         """Contact force (nodes,) [N], never negative."""
         area = k.line.node_share(k.line.needed_diameter * k.line.length)
-        area = sum((e.contact_area(k.model) for e in k.model.having(ContactArea)), area)
+        for effect in k.model.having(ContactArea):
+            area = area + effect.contact_area(k.model)
         n = self.upward(k.r)
         return area * self.pressure(k, self, (self.bed_height(k.r) - k.r[:, 2]) * n[..., 2], -dot(k.v, n))
 
@@ -108,11 +115,12 @@ class Seabed(Effect):
         else:
             before = deep - 0.5 * k.h * down
             after = deep + 0.5 * k.h * down
-            pressed = jnp.maximum(before, 0.0), jnp.maximum(after, 0.0)
+            pressed_before = jnp.maximum(before, 0.0)
+            pressed_after = jnp.maximum(after, 0.0)
             expected = jnp.maximum(before + k.h * k.prepared(effect), 0.0)
-            mean = mean_positive_part(before, after) + lag(*pressed, expected, REST)
+            mean = mean_positive_part(before, after) + lag(pressed_before, pressed_after, expected, REST)
             spring = jnp.maximum(self.stiffness * mean, 0.0)
-            rate = (pressed[1] - pressed[0]) / k.h
+            rate = (pressed_after - pressed_before) / k.h
         return spring + never_more(self.damping * rate, spring)
 
     def force(self, k: Kinematics) -> Array:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -17,14 +17,18 @@ from dropper_jax.effects.bending import common_ends
 from dropper_jax.model import Graph
 from dropper_jax.scene import SceneData
 
-#: A line, and whether it runs against its shaft.
-Part = tuple[str, bool]
+
+class Part(NamedTuple):
+    """A line of a shaft, and whether it runs against the shaft."""
+
+    line: str
+    reversed: bool
 
 
 class Shafts:
     """Nodes of shafts, one shaft after another: static arrays.
 
-    A line is a shaft, or several that are joined. The twist about the axis of a line that runs against its shaft has
+    A shaft is one line, or several that are joined. The twist about the axis of a line that runs against its shaft has
     the other sign; the difference over a link has not.
 
     Attributes:
@@ -32,6 +36,9 @@ class Shafts:
         twists: of links, 1.0 if the line twists.
         held: of nodes, whether the angle is given.
         turned, last: of nodes, 1.0 where `turn` turns them or `torque` acts on them; -1.0: about the other direction.
+        node, sign: of the nodes of lines, line after line with both ends of each: the node of the shaft, and the sign
+            of the twist there.
+        line_node: of nodes, the first node of a line that is there.
     """
 
     def __init__(
@@ -51,15 +58,14 @@ class Shafts:
             self.twists[span] = not lines or member.name in lines
         shafts = list(chain_lines(joined, ends))
 
-        # of nodes line after line, both ends of each included: the node of the shaft, and the sign of the twist
         count = geometry.links + len(nodes)
         self.node = np.zeros(count, int)
         self.sign = np.ones(count)
         following = 0
         for shaft in shafts:
-            for position, (name, against) in enumerate(shaft):
-                along = nodes[name]
-                if against:
+            for position, part in enumerate(shaft):
+                along = nodes[part.line]
+                if part.reversed:
                     along = along[::-1]
                     self.sign[along] = -1.0
                 if position > 0:  # it shares its first node with the line before
@@ -70,20 +76,20 @@ class Shafts:
 
         starts = np.concatenate([own[:-1] for own in nodes.values()])
         self.before = np.minimum(self.node[starts], self.node[starts + 1])
-        self.held = np.ones(following, bool)
+        self.held = np.ones(following, bool)  # lines that do not twist are held everywhere
         self.held[self.before[self.twists > 0.0]] = False
         self.held[self.before[self.twists > 0.0] + 1] = False
-        ended = np.zeros(following)
+        last_points = np.zeros(following)
         for shaft in shafts:
             for name, is_last in free_ends(shaft):
                 if lines and name not in lines:
                     continue
-                at = nodes[name][-is_last]
-                self.held[self.node[at]] = held[is_last]
+                end = nodes[name][-1 if is_last else 0]
+                self.held[self.node[end]] = held[is_last]
                 if is_last:
-                    ended[self.node[at]] = self.sign[at]
-        self.turned = np.where(self.held, ended, 0.0)
-        self.last = np.where(self.held, 0.0, ended)
+                    last_points[self.node[end]] = self.sign[end]
+        self.turned = np.where(self.held, last_points, 0.0)
+        self.last = np.where(self.held, 0.0, last_points)
 
     @property
     def one_line_each(self) -> bool:
@@ -116,11 +122,12 @@ class Shafts:
         return self.sums(-torque, torque)
 
     def solve(self, diagonal: Array, between: Array, right: Array, goal: Array) -> Array:
-        """x of `(diagonal + K) x = right`, K of springs `between` the nodes of links (n,), with x = goal at prescribed
+        """x of `(diagonal + K) x = right`, K of springs `between` the nodes of links (n,), with x = goal at held
         nodes."""
         between = between * self.twists
-        low = self.sums(jnp.zeros_like(between), -between)
-        up = self.sums(-between, jnp.zeros_like(between))
+        none = jnp.zeros_like(between)
+        low = self.sums(none, -between)
+        up = self.sums(-between, none)
         free = ~self.held
         own = jnp.where(free, diagonal + self.sums(between, between), 1.0)
         right = jnp.where(free, right, goal)
@@ -134,29 +141,27 @@ def chain_lines(pairs: Sequence[tuple[str, str]], ends: Mapping[str, tuple[Any, 
         pairs: lines that are joined.
         ends: first and last point of lines by name.
     """
-    across = {}
+    joined_to = {}  # an end, as the line and 0 or 1, and the end of the other line there
     for pair in pairs:
         one, other = zip(pair, common_ends(pair, ends), strict=True)
-        across[one] = other
-        across[other] = one
+        joined_to[one] = other
+        joined_to[other] = one
     done = set()
-    for entered in itertools.product(ends, (0, 1)):
-        if entered[0] in done or entered in across:
+    for end in itertools.product(ends, (0, 1)):
+        if end[0] in done or end in joined_to:
             continue
         shaft = []
-        while entered is not None:
-            line, side = entered
-            shaft.append((line, side == 1))
+        while end is not None:
+            line, side = end
+            shaft.append(Part(line, side == 1))
             done.add(line)
-            entered = across.get((line, 1 - side))
+            end = joined_to.get((line, 1 - side))
         yield shaft
 
 
-def free_ends(shaft: Sequence[Part]) -> tuple[Part, Part]:
+def free_ends(shaft: Sequence[Part]) -> tuple[tuple[str, bool], tuple[str, bool]]:
     """The line at each end of a shaft, and whether the line's last point is there."""
-    first, first_against = shaft[0]
-    last, last_against = shaft[-1]
-    return (first, first_against), (last, not last_against)
+    return (shaft[0].line, shaft[0].reversed), (shaft[-1].line, not shaft[-1].reversed)
 
 
 def check_joined(values: Values, scene: SceneData) -> None:
@@ -182,7 +187,7 @@ def check_joined(values: Values, scene: SceneData) -> None:
             raise SceneError(f"effects.torsion.{key}: all last points are joined; allowed: 0")
     for shaft in shafts:
         if all(values["last" if is_last else "first"] == "free" for _, is_last in free_ends(shaft)):
-            names = ", ".join(name for name, _ in shaft)
+            names = ", ".join(part.line for part in shaft)
             raise SceneError(
                 f"effects.torsion.last: 'free' lets lines spin freely ({names}), as `first` is 'free' too or they are "
                 "joined at their first points; allowed: 'held'"

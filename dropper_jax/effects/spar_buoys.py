@@ -22,9 +22,8 @@ EDGE = 0.02
 
 @component
 class SparBuoys(Effect):
-    """Vertical cylinders with three translations (paper 3.2.6), from `[[buoy]]`.
-
-    Their point is `attachment` above the base.
+    """Vertical cylinders with three translations (paper 3.2.6), from `[[buoy]]`; their point is `attachment` above the
+    base.
 
     With the draught `w = eta - z_base`, between 0 and the height H, and means <> over it:
 
@@ -33,10 +32,10 @@ class SparBuoys(Effect):
     pressure is not added again;
     - across: `1/2 rho Cdn D w <|u| u>` and `rho A w (1 + Can) <u'>`, u relative; drag acts on D w, the wet part of the
     projected area D H;
-    - along: `1/2 rho Cdt A |u_z| u_z` at the base;
+    - along: `1/2 rho Cdt A |u_z| u_z`, with u_z of the lowest of three points over the draught, 0.11 w above the base;
     - added mass `rho A w Can` across. Along the axis it belongs to the end: `Cat` times the water of a half sphere on
     the base, `rho (2/3) pi (D/2)^3`. With `end_added_mass = "volume"` it is that of the submerged volume, as in the
-    paper (66 kg against 793 kg for its buoy). Its force on the right is `M_a u'_z` at the base.
+    paper (66 kg against 793 kg for its buoy). Its force on the right is `M_a u'_z` at that lowest point.
     """
 
     name = "spar_buoys"
@@ -70,7 +69,7 @@ class SparBuoys(Effect):
 
     def _submerged_height(self, r: Array, elevation: Array) -> Array:
         """Submerged height (buoys,) [m] of buoys whose points are at r (buoys, 3), smooth at either end."""
-        return _between((elevation - (r[:, 2] - self.attachment)) / self.height) * self.height
+        return _round_to_unit((elevation - (r[:, 2] - self.attachment)) / self.height) * self.height
 
     def prepare(self, k: Kinematics) -> Motion:
         """The water along the buoys: elevation (buoys,), velocity and acceleration (buoys, 3, 3)."""
@@ -78,11 +77,13 @@ class SparBuoys(Effect):
         elevation = k.sea.elevation(r, k.t)
         above = self._submerged_height(r, elevation)[:, None] * jnp.asarray(NODES, r.dtype)
         heights = (r[:, 2] - self.attachment)[:, None] + above
-        across = (jnp.broadcast_to(r[:, i : i + 1], heights.shape) for i in (0, 1))
-        positions = jnp.stack([*across, heights], axis=-1)
+        x = jnp.broadcast_to(r[:, 0:1], heights.shape)
+        y = jnp.broadcast_to(r[:, 1:2], heights.shape)
+        positions = jnp.stack([x, y, heights], axis=-1)
         motion = k.sea.at(positions.reshape(-1, 3), k.t)
-        along = (part.reshape(positions.shape) for part in motion[1:])
-        return Motion(elevation, *along)
+        velocity = motion.velocity.reshape(positions.shape)
+        acceleration = motion.acceleration.reshape(positions.shape)
+        return Motion(elevation, velocity, acceleration)
 
     def force(self, k: Kinematics) -> Array:
         nodes = self.nodes(k.model)
@@ -90,7 +91,7 @@ class SparBuoys(Effect):
         around = k.prepared(self)
         v = k.v[nodes]
         wet = self._submerged_height(k.r[nodes], around.elevation)
-        # hydrostatics, Froude-Krylov force and weight
+        # weight, hydrostatics and inertia of the water
         displaced = sea.density * self.area * wet
         mean = jnp.sum(jnp.asarray(WEIGHTS, v.dtype)[:, None] * around.acceleration, axis=1)
         lift = displaced * (sea.gravity + mean[:, 2]) - self.mass * self.gravity
@@ -132,8 +133,8 @@ class SparBuoys(Effect):
         return 0.5 * jnp.sum(dot(self._added_mass(k.sea, wet) * k.v[nodes], k.v[nodes]))
 
 
-def _between(s: Array) -> Array:
-    """s clipped to 0 to 1, rounded off over `EDGE` at either end (quadratic there, exact elsewhere)."""
+def _round_to_unit(s: Array) -> Array:
+    """s clipped to 0 to 1, with corners rounded over `EDGE` (quadratic there, exact elsewhere)."""
     low = jnp.where(s < EDGE, jnp.clip(s + EDGE, 0.0, 2 * EDGE) ** 2 / (4 * EDGE), s)
     high = 1.0 - jnp.clip(1.0 + EDGE - s, 0.0, 2 * EDGE) ** 2 / (4 * EDGE)
     return jnp.where(s > 1.0 - EDGE, high, low)

@@ -23,7 +23,7 @@ def submerged_fraction(below: AnyArray, height: AnyArray) -> AnyArray:
     """`s^2 (3 - 2 s)`, `s = 1/2 + below/height`, of parts of links whose nodes are `below` the surface [m].
 
     Args:
-        below, height: arrays of NumPy or JAX; the height [m] is that of the link, `D + L |q_z|`.
+        height: vertical extent of each part [m]; of a link `D + L |q_z|`.
     """
     s = (0.5 + below / height).clip(0.0, 1.0)
     return s * s * (3.0 - 2.0 * s)

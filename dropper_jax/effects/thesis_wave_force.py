@@ -13,8 +13,6 @@ from dropper_jax.model import Effect, Kinematics
 from dropper_jax.scene import SceneData
 from dropper_jax.sea import Motion
 
-VELOCITIES = ("absolute", "relative")
-
 
 @component
 class ThesisWaveForce(Effect):
@@ -34,7 +32,9 @@ class ThesisWaveForce(Effect):
     c_m: Array = parameter("inertia coefficient", unit="-", low=0.0, default=1.0)
     c_a: Array = parameter("added mass coefficient, with relative velocity", unit="-", low=0.0, default=None)
     velocity: str = option(
-        "velocity of the water: absolute, or relative to the node", choices=VELOCITIES, default="absolute"
+        "velocity of the water: absolute, or relative to the node",
+        choices=("absolute", "relative"),
+        default="absolute",
     )
 
     @classmethod
@@ -58,14 +58,15 @@ class ThesisWaveForce(Effect):
         water = k.prepared(self)
         return self._force(k, water, water.velocity)
 
+    def _force(self, k: Kinematics, water: Motion, velocity: Array) -> Array:
+        """The force (nodes, 3) [N] of this velocity of the water in the drag [m/s]."""
+        inertia = k.line.node_share(k.sea.density * k.line.volume * self.c_m)[:, None]
+        return inertia * water.acceleration + self._drag(k) * jnp.abs(velocity) * velocity
+
     def _drag(self, k: Kinematics) -> Array:
         """Drag over the squared velocity of the water (nodes, 1) [kg/m]."""
         line = k.line
         return line.node_share(0.5 * k.sea.density * line.needed_diameter * line.length * self.c_d)[:, None]
-
-    def _force(self, k: Kinematics, water: Motion, velocity: Array) -> Array:
-        inertia = k.line.node_share(k.sea.density * k.line.volume * self.c_m)[:, None]
-        return inertia * water.acceleration + self._drag(k) * jnp.abs(velocity) * velocity
 
 
 @component

@@ -74,11 +74,16 @@ class Torsion(Effect):
 
     @classmethod
     def build(cls, values: Values, scene: SceneData) -> Effect:
-        return (cls if values["coupling"] is None else CoupledTorsion)(**values)
+        if values["coupling"] is None:
+            return cls(**values)
+        return CoupledTorsion(**values)
 
     def begin(self, model: ModelView) -> Twist:
         rest = self.at_rest(model)
-        return (rest if self.begins == "at_rest" else jnp.zeros_like(rest)), jnp.zeros_like(rest)
+        none = jnp.zeros_like(rest)
+        if self.begins == "at_rest":
+            return rest, none
+        return none, none
 
     def entered(self, state: Twist) -> Torsion:
         return replace(self, twist=state)
@@ -90,7 +95,7 @@ class Torsion(Effect):
         model = after.model
         shafts = self._shafts(model)
         phi, rate = map(shafts.of_lines, self.twist or self.begin(model))
-        inertia, stiffness, damping = self._along(model)
+        inertia, stiffness, damping = self._coefficients(model)
         load = self.torque * shafts.last + shafts.at_nodes(-self._strain_torque(before, after))
         # w = (phi1 - phi0)/h:  (2 I/h + h K/2 + C) w = 2 I/h phi0' - K phi0 + load
         own = stiffness * 0.5 * h + damping
@@ -102,17 +107,18 @@ class Torsion(Effect):
     def at_rest(self, model: ModelView) -> Array:
         """Twist (nodes,) [rad] at the start, under the moments at the ends."""
         shafts = self._shafts(model)
-        _, stiffness, _ = self._along(model)
+        _, stiffness, _ = self._coefficients(model)
         zero = jnp.zeros(shafts.held.shape, stiffness.dtype)
         goal = self._turned_at(zero[0]) * shafts.turned
         return shafts.on_lines(shafts.solve(zero, stiffness, self.torque * shafts.last, goal))
 
     def _turned_at(self, t: Array) -> Array:
-        lasting = self.turn_time > 0.0
-        share = jnp.where(lasting, t / jnp.where(lasting, self.turn_time, 1.0), 1.0)
+        """Angle [rad] to which last points are turned at time t [s]."""
+        takes_time = self.turn_time > 0.0
+        share = jnp.where(takes_time, t / jnp.where(takes_time, self.turn_time, 1.0), 1.0)
         return self.turn * jnp.clip(share, 0.0, 1.0)
 
-    def _along(self, model: ModelView) -> tuple[Array, Array, Array]:
+    def _coefficients(self, model: ModelView) -> tuple[Array, Array, Array]:
         """Inertia of nodes (nodes,) [kg m^2], stiffness and damping of links (n,) [N m/rad], [N m s/rad]."""
         length = model.line.length
         half = 0.5 * self.polar_inertia * length

@@ -41,28 +41,27 @@ class VesselInWaves(Effect):
     needs_sea = True
     real: Array = parameter("H of each component, in phase (c, 6)", unit="-", shape="vectors")
     imaginary: Array = parameter("H of each component, a quarter period ahead (c, 6)", unit="-", shape="vectors")
-    place: Array = parameter("mean position of the reference point", unit="m", shape="vector")
+    position: Array = parameter("mean position of the reference point", unit="m", shape="vector")
     arm: Array = parameter("the point in the vessel's axes", unit="m", shape="vector")
     heading: Array = parameter("direction of the vessel's x-axis", unit="rad")
-    settled: Array = parameter("start and end of the sea's ramp", unit="s", shape="table")
+    ramp_times: Array = parameter("start and end of the sea's ramp", unit="s", shape="table")
     point: str = option("name of the point", type=str, default="")
 
     @property
     def kinks(self) -> Array | None:
-        return self.settled
+        return self.ramp_times
 
     def displace(self, t: Array, sea: Sea) -> Array:
         """Displacement (3,) [m] at time t [s]."""
         if sea.waves is None:
-            return jnp.zeros_like(self.place)
+            return jnp.zeros_like(self.position)
         waves = sea.waves
-        phases = waves.phases(self.place[:1], self.place[1:2], t)[0]
+        phases = waves.phases(self.position[:1], self.position[1:2], t)[0]
         size = (waves.rise(t)[0] * waves.amplitude)[:, None]
         cos = jnp.cos(phases)[:, None]
         sin = jnp.sin(phases)[:, None]
-        return rigid_displacement(
-            jnp.sum(size * (cos * self.real + sin * self.imaginary), axis=0), self.arm, self.heading
-        )
+        motion = jnp.sum(size * (cos * self.real + sin * self.imaginary), axis=0)
+        return rigid_displacement(motion, self.arm, self.heading)
 
 
 @component

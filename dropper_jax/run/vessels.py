@@ -31,8 +31,8 @@ def make_vessels(scene: SceneData, sea: Sea | None) -> list[Effect]:
                 effect = VesselInWaves(
                     real=as_array(response.real),
                     imaginary=as_array(response.imag),
-                    place=as_array(vessel.position),
-                    settled=as_array([0.0, scene.needed_sea.ramp]),
+                    position=as_array(vessel.position),
+                    ramp_times=as_array([0.0, scene.needed_sea.ramp]),
                     **arm,
                 )
             found.append(effect)

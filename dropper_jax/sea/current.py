@@ -49,6 +49,8 @@ class Level:
 
 
 KINDS = ("uniform", "power", "table")
+#: A power law is linear below this fraction of its reference height, since its slope at the seabed is infinite.
+LINEAR_BELOW = 0.01
 
 
 @component
@@ -100,14 +102,12 @@ class Current:
         return jnp.stack([size * jnp.cos(course), size * jnp.sin(course), jnp.zeros_like(z)], axis=-1)
 
     def _shape(self, z: Array, depth: Scalar) -> Array:
+        """Speed over that at the reference height."""
         if self.kind == "uniform" or self.exponent is None or self.reference is None:
             return jnp.ones_like(z)
-        # a power law is replaced by a linear profile below this fraction of its reference height, since its slope at
-        # the seabed is infinite
-        linear_below = 0.01
         share = jnp.maximum(z + depth, 0.0) / (depth + self.reference)
-        inside = jnp.maximum(share, linear_below) ** self.exponent
-        return jnp.where(share < linear_below, inside * share / linear_below, inside)
+        inside = jnp.maximum(share, LINEAR_BELOW) ** self.exponent
+        return jnp.where(share < LINEAR_BELOW, inside * share / LINEAR_BELOW, inside)
 
     def velocity(self, z: Array, t: Array, depth: Scalar) -> Array:
         """Velocity (n, 3) [m/s] at heights z (n,) [m] and time t [s]."""

@@ -20,7 +20,6 @@ from jax import Array
 
 from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.sea.current import Scalar
-from dropper_jax.sea.sincos import sincos
 from dropper_jax.sea.steady import SteadyWave
 from dropper_jax.sea.waves import Motion, Waves
 
@@ -55,6 +54,7 @@ class GridWaves(Waves):
         return tuple(jnp.stack([parts.ravel(), rates.ravel()]) @ self.projection.T)
 
     def _along(self, x: Array, y: Array) -> Array:
+        """s at x, y (n,) [m]."""
         cos, sin = self.course
         return x * cos + y * sin
 
@@ -65,6 +65,7 @@ class GridWaves(Waves):
         return first, _cubic(cell - first)
 
     def _elevation(self, s: Array, c: Array) -> Array:
+        """Elevation (n,) [m] at s (n,) of the shapes with amplitudes c (m,), without the ramp."""
         first, weight = self._locate(s, 0, self.surface.shape[0])
         near = (self.surface @ c)[first[:, None] + jnp.arange(4)]
         return jnp.sum(near * weight, axis=1)
@@ -118,12 +119,13 @@ def on_grid(waves: Waves, depth: float, low: np.ndarray, high: np.ndarray) -> Gr
     """Shapes and grid for long-crested `waves` between `low` and `high` (2,) [m] in s and z; runs once, on the host."""
     k = np.asarray(waves.wave_number, float)
     requested_low = low
-    highest = 1.5 * float(waves.significant_height)
-    low = np.array([low[0], max(low[1] - highest, -depth)])  # stretching moves positions under a crest downwards
+    highest_crest = 1.5 * float(waves.significant_height)
+    low = np.array([low[0], max(low[1] - highest_crest, -depth)])  # stretching moves positions under a crest downwards
     count = np.maximum(np.ceil((high - low) * k.max() / GRID_STEP).astype(int), 4) + 4
     step = (high - low) / (count - 4)
     origin = low - 1.5 * step
-    s, z = (origin[i] + step[i] * np.arange(count[i]) for i in range(2))
+    s = origin[0] + step[0] * np.arange(count[0])
+    z = origin[1] + step[1] * np.arange(count[1])
     # u, w and elevation per component, complex: a field F has the real part Re F cos(e - w t) - Im F sin(e - w t)
     turn = np.exp(1j * np.outer(s, k))
     speed = np.asarray(waves.speeds, float)
@@ -154,7 +156,6 @@ def _measure_error(exact: Waves, found: GridWaves, depth: float, low: np.ndarray
     course = float(exact.direction)
     positions = jnp.asarray(np.stack([s * np.cos(course), s * np.sin(course), z], axis=-1))
     times = jnp.asarray(rng.uniform(0.0, 1000.0, 20))
-
     right = _motions(replace(exact, ramp=None), positions, times, depth)
     wrong = jnp.abs(_motions(replace(found, ramp=None), positions, times, depth) - right)
     return jnp.max(wrong, axis=(1, 2, 3)) / jnp.sqrt(3 * jnp.mean(right**2, axis=(1, 2, 3)))
@@ -178,13 +179,12 @@ class BoundWaves(Waves):
     Attributes:
         speed: V_j = U_j tanh jkd, (n,) [m/s].
         drift: uniform flow of the wave [m/s]: c_E minus the current, if the mean transport is given.
-        flow, head: U and Bernoulli's constant in the frame of the wave (`steady.SteadyWave`).
+
     """
 
     speed: Array = parameter("velocity of the harmonics", unit="m/s", shape="table", default=None)
     drift: Array | None = parameter("uniform flow of the wave", unit="m/s", default=None)
-    flow: Array = parameter("mean speed in the frame of the wave", unit="m/s", default=None)
-    head: Array = parameter("Bernoulli's constant", unit="m^2/s^2", default=None)
+
     theory: str = option("theory of the wave", type=str, default="stream")
 
     @property
@@ -216,18 +216,12 @@ class BoundWaves(Waves):
         course = jnp.stack([*self.course, jnp.zeros_like(self.direction)])
         return velocity + self.drift * course, acceleration
 
-    def pressure(self, r: Array, t: Array, depth: Scalar, density: Scalar) -> Array:
-        """Pressure (n,) [Pa] minus the hydrostatic one, by Bernoulli: zero at a surface of height `rho g eta`."""
-        sin, cos = sincos(self.phases(r[:, 0], r[:, 1], t))
-        elevation = jnp.sum(self.amplitude * cos, axis=-1)
-        across, upright = self.profiles(self.heights(r[:, 2], elevation, depth), depth)
-        u = jnp.sum(across * cos * self.speed, axis=-1) - self.flow
-        w = jnp.sum(upright * sin * self.speed, axis=-1)
-        return density * (self.head - 0.5 * (u**2 + w**2))
-
 
 #: Uniform flow [m/s] below which that of a wave is rounding, and adds no computation.
 RESTING_DRIFT = 1e-12
+#: Harmonics are left out if both their velocity at the crest, over that of the first, and their elevation, over the
+#: height, are below this fraction.
+NEGLIGIBLE = 1e-9
 
 
 def bound_waves(
@@ -239,12 +233,11 @@ def bound_waves(
         phase: e [rad]; the crest is at `k s = w t - e`.
         current: part of the mean Eulerian velocity that the current of the sea already includes [m/s].
     """
-    small = 1e-9  # harmonics with a crest velocity below this fraction of that of the first are left out
     k = wave.wave_number
     order = np.arange(1, wave.order + 1)
     speed = wave.speed * np.tanh(order * k * wave.depth)
-    size = np.abs(wave.speed) * np.exp(order * k * wave.crest)
-    counts = (size > small * size[0]) | (np.abs(wave.surface) > small * wave.height)
+    at_crest = np.abs(wave.speed) * np.exp(order * k * wave.crest)
+    counts = (at_crest > NEGLIGIBLE * at_crest[0]) | (np.abs(wave.surface) > NEGLIGIBLE * wave.height)
     count = max(int(np.max(order[counts])), 2)
     order = order[:count]
     drift = None
@@ -260,7 +253,5 @@ def bound_waves(
         stretching="none",
         speed=jnp.asarray(speed[:count]),
         drift=drift,
-        flow=jnp.asarray(wave.flow),
-        head=jnp.asarray(wave.head),
         theory=wave.theory,
     )

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from functools import lru_cache, partial
-from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -41,7 +40,7 @@ def make_sea(spec: SeaSpec, reach: tuple[np.ndarray, float] | None = None) -> Se
         SceneError: a component that the current stops; an interpolated sea that is not long-crested.
     """
     current = make_current(spec.current) if spec.current else None
-    level = make_level(spec.level) if spec.level else None
+    level = Level(**_arrays(spec.level)) if spec.level else None
     return Sea(spec.depth, spec.density, spec.gravity, _make_waves(spec, current, reach), current, level)
 
 
@@ -114,11 +113,22 @@ def _along(spec: SeaSpec, given: WaveSpec, current: Current | None, k: Scalar) -
 
 @lru_cache(maxsize=32)
 def _solve_wave(
-    theory: str, height: float, depth: float, gravity: float, order: int | None, **size: Any
+    theory: str,
+    height: float,
+    depth: float,
+    gravity: float,
+    *,
+    period: float | None,
+    length: float | None,
+    current: float,
+    criterion: str,
+    order: int | None,
 ) -> SteadyWave | None:
-    """The wave by the stream function or by Stokes' theory, which take the same `size`."""
+    """The wave by the stream function or by Stokes' theory; None if `auto` finds that linear theory is valid."""
     try:
-        wave = stream_function(height, depth, gravity, **size, order=order)
+        wave = stream_function(
+            height, depth, gravity, period=period, length=length, current=current, criterion=criterion, order=order
+        )
         limit = wave.highest
     except NotSolved as error:
         limit = highest(error.length, depth)
@@ -127,9 +137,9 @@ def _solve_wave(
                 f"sea.waves.height: {height:.4g} m is too steep for a wave of {error.length / depth:.3g} depths, whose "
                 f"harmonics are not sufficient; allowed: up to about {error.reached:.4g} m"
             ) from None
-        raise _beyond(height, limit, f"; the maximum solved height is {error.reached:.4g} m") from None
+        raise _breaking_error(height, limit, f"; the maximum solved height is {error.reached:.4g} m") from None
     if height > limit:
-        raise _beyond(height, limit)
+        raise _breaking_error(height, limit)
     if theory == "auto":
         theory = fitting_theory(height, wave.length, depth)
     if theory == "stream":
@@ -137,14 +147,9 @@ def _solve_wave(
     if theory == "linear":
         return None
     try:
-        return stokes5(height, depth, gravity, **size)
+        return stokes5(height, depth, gravity, period=period, length=length, current=current, criterion=criterion)
     except ValueError as error:
         raise SceneError(f"sea.waves.theory: 'stokes5': {error}; allowed: 'stream'") from None
-
-
-def make_level(spec: LevelSpec) -> Level:
-    """The level of `[sea.level]`."""
-    return Level(**_arrays(spec))
 
 
 def make_current(spec: CurrentSpec) -> Current:
@@ -153,6 +158,7 @@ def make_current(spec: CurrentSpec) -> Current:
 
 
 def _arrays(spec: LevelSpec | CurrentSpec) -> Table:
+    """The values of a table of the scene, its numbers as arrays."""
     found = {}
     for field in dataclasses.fields(spec):
         value = getattr(spec, field.name)
@@ -162,14 +168,19 @@ def _arrays(spec: LevelSpec | CurrentSpec) -> Table:
     return found
 
 
-def _beyond(height: float, limit: float, rest: str = "") -> SceneError:
+def _breaking_error(height: float, limit: float, rest: str = "") -> SceneError:
     return SceneError(
         f"sea.waves.height: {height:.4g} m is at or above breaking; allowed: below {limit:.4g} m, the highest "
         f"wave of this length (Williams 1981){rest}"
     )
 
 
+#: Reach of an interpolated sea over that of the line, for stretch and moving ends.
+GRID_MARGIN = 1.2
+
+
 def _interpolate_waves(spec: SeaSpec, waves: Waves, middle: np.ndarray, radius: float) -> GridWaves:
+    """The waves on a grid around the line, whose region has this centre (3,) [m] and radius [m]."""
     refusal = "sea.interpolation: 'grid' does not support this sea; allowed: none, or a sea with"
     if waves.direction.ndim:
         raise SceneError(f"{refusal} one direction")
@@ -177,7 +188,7 @@ def _interpolate_waves(spec: SeaSpec, waves: Waves, middle: np.ndarray, radius: 
         raise SceneError(f"{refusal} sea.stretching constant or wheeler")
     direction = float(waves.direction)
     along = float(middle[:2] @ [np.cos(direction), np.sin(direction)])
-    radius = 1.2 * radius  # reach of an interpolated sea over that of the line: margin for stretch and moving ends
+    radius = GRID_MARGIN * radius
     low = np.array([along - radius, middle[2] - radius])
     return on_grid(waves, spec.depth, low, np.array([along + radius, 0.0]))
 
@@ -185,9 +196,20 @@ def _interpolate_waves(spec: SeaSpec, waves: Waves, middle: np.ndarray, radius: 
 def wave_components(spec: WaveSpec, depth: Scalar, gravity: Scalar) -> Components:
     """Amplitudes, frequencies, phases and directions of `[sea.waves]`."""
     if spec.hs is not None and spec.tp is not None:
-        keys = ("spectrum", "gamma", "count", "frequencies", "spreading", "directions", "seed")
-        more = {key: getattr(spec, key) for key in keys}
-        return components(spec.hs, spec.tp, spec.direction, depth=depth, gravity=gravity, **more)
+        return components(
+            spec.hs,
+            spec.tp,
+            spec.direction,
+            depth=depth,
+            gravity=gravity,
+            spectrum=spec.spectrum,
+            gamma=spec.gamma,
+            count=spec.count,
+            frequencies=spec.frequencies,
+            spreading=spec.spreading,
+            directions=spec.directions,
+            seed=spec.seed,
+        )
     if spec.length is None:
         period = np.atleast_1d(spec.period).astype(float)
     else:
@@ -261,6 +283,7 @@ def waves_on(
 
 
 def _refuse_blocked(waves: Waves) -> None:
+    """Reject waves of which the current stops a component."""
     stopped = np.flatnonzero(~np.isfinite(np.asarray(waves.wave_number)))
     if stopped.size:
         period = 2 * np.pi / float(waves.omega[stopped[0]])

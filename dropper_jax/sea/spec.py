@@ -37,8 +37,14 @@ from dropper_jax.sea.steady import CRITERIA, THEORIES
 from dropper_jax.sea.wave_files import read_components, read_elevation
 from dropper_jax.sea.waves import STRETCHING
 
-#: Alternative keys of waves, by their kind.
-OR = {"regular": {"amplitude": "height", "period": "length"}}
+#: Keys that waves of a kind need; of regular ones each may be replaced by another one.
+NEEDED = {
+    "regular": ("amplitude", "period"),
+    "components": ("amplitude", "period"),
+    "spectrum": ("hs", "tp"),
+    "elevation": ("file",),
+}
+REPLACEMENTS = {"amplitude": "height", "period": "length"}
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -47,12 +53,27 @@ class WaveSpec(DeclaredSection):
 
     FIELDS: ClassVar[dict[str, tuple[str, ...]]] = {
         "regular": (
-            *("amplitude", "height", "period", "length", "phase", "direction"),
-            *("theory", "order", "current_criterion"),
+            "amplitude",
+            "height",
+            "period",
+            "length",
+            "phase",
+            "direction",
+            "theory",
+            "order",
+            "current_criterion",
         ),
         "components": ("amplitude", "period", "phase", "direction", "file"),
         "spectrum": (
-            *("spectrum", "hs", "tp", "gamma", "count", "frequencies", "spreading", "directions", "seed"),
+            "spectrum",
+            "hs",
+            "tp",
+            "gamma",
+            "count",
+            "frequencies",
+            "spreading",
+            "directions",
+            "seed",
             "direction",
         ),
         "elevation": ("file", "direction"),
@@ -90,19 +111,26 @@ class WaveSpec(DeclaredSection):
         values = read_fields(cls, table, path, {})
         check_kind_keys(read_table(table, path), values["kind"], cls.FIELDS, path)
         if values["file"] is not None:
-            values.update(_from_file(values, path, table))
+            values = read_fields(cls, _with_components(values, path, table), path, {})
         waves = cls(**values)
         waves.check(path)
         return waves
 
     @raises_first
     def check(self, path: str) -> Iterator[Check]:
-        needed = {"spectrum": ("hs", "tp"), "elevation": ("file",)}.get(self.kind, ("amplitude", "period"))
+        needed = NEEDED[self.kind]
         for key in needed:
-            either = [key, OR.get(self.kind, {}).get(key, key)]
-            given = {name for name in either if getattr(self, name) is not None}
-            yield not given, f"{path}.{key}: missing; kind {self.kind!r} needs {' and '.join(needed)}"
-            yield len(given) > 1, f"{path}.{either[-1]}: cannot be combined with `{key}`; allowed: one of the two"
+            other = REPLACEMENTS[key] if self.kind == "regular" else key
+            is_given = getattr(self, key) is not None
+            other_is_given = getattr(self, other) is not None
+            yield (
+                not (is_given or other_is_given),
+                f"{path}.{key}: missing; kind {self.kind!r} needs {' and '.join(needed)}",
+            )
+            yield (
+                other != key and is_given and other_is_given,
+                f"{path}.{other}: cannot be combined with `{key}`; allowed: one of the two",
+            )
         theory = self.theory
         yield (
             self.order is not None and theory != "stream",
@@ -118,17 +146,17 @@ class WaveSpec(DeclaredSection):
             f"{theory!r}",
         )
         keys = [key for key in ("amplitude", "period", "phase", "direction") if getattr(self, key) is not None]
-        most = 1
-        if self.kind not in ("regular", "spectrum"):
-            most = max(np.size(getattr(self, key)) for key in keys)
+        count = 1
         allowed = "one number"
-        if most != 1:
-            allowed = f"{most}, one per component"
+        if self.kind not in ("regular", "spectrum"):
+            count = max(np.size(getattr(self, key)) for key in keys)
+        if count != 1:
+            allowed = f"{count}, one per component"
         for key in keys:
             value = getattr(self, key)
             size = np.size(value)
             yield (
-                size != most and (size != 1 or key in ("amplitude", "period")),
+                size != count and (size != 1 or key in ("amplitude", "period")),
                 f"{path}.{key}: {short_text(plain(value))} has {size} entries; allowed: {allowed}",
             )
 
@@ -142,24 +170,29 @@ class WaveSpec(DeclaredSection):
         return self.amplitude
 
     def table(self) -> Table:
-        # keys that linear waves do not have are written only if given
-        linear = {"theory": "linear", "current_criterion": "euler"}
-        takes = ("kind", *self.FIELDS[self.kind])
-        return {key: value for key, value in as_table(self).items() if key in takes and linear.get(key) != value}
+        defaults = {"theory": "linear", "current_criterion": "euler"}  # left out, since linear waves do not use them
+        keys = ("kind", *self.FIELDS[self.kind])
+        return {key: value for key, value in as_table(self).items() if key in keys and defaults.get(key) != value}
 
 
-def _from_file(values: Table, path: str, given: Plain) -> Table:
-    """The components of the file instead of its name; `given` are the keys of the scene."""
+def _with_components(values: Table, path: str, table: Plain) -> Table:
+    """The table of the scene, with the components of the file in place of its name."""
     label = f"{path}.file"
     file = find_referenced(values["file"], label)
     if values["kind"] == "elevation":
-        read = read_elevation(file, label)
+        components = read_elevation(file, label)
     else:
-        read = read_components(file, label)
-    for key in read:
-        if key in read_table(given, path):
+        components = read_components(file, label)
+    given = dict(read_table(table, path))
+    for key in components:
+        if key in given:
             raise SceneError(f"{path}.{key}: given twice, here and in the file; allowed: one of the two")
-    return {"kind": "components", "file": None, **read}
+    del given["file"]
+    return {**given, "kind": "components", **components}
+
+
+#: Exponent of a power law that gives none: the one-seventh law.
+ONE_SEVENTH = 1.0 / 7.0
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -178,8 +211,9 @@ class CurrentSpec(Current, DeclaredSection):
         values = read_fields(cls, table, path, {})
         if values["kind"] == "power":
             if values["exponent"] is None:
-                values["exponent"] = 1.0 / 7.0
-            values["reference"] = values["reference"] or 0.0
+                values["exponent"] = ONE_SEVENTH
+            if values["reference"] is None:
+                values["reference"] = 0.0
         _check_pair(values, path, "heights", "velocities", values["kind"] == "table")
         _check_pair(values, path, "time", "factor")
         _check_constituents(values, path)
@@ -206,6 +240,7 @@ class CurrentSpec(Current, DeclaredSection):
 
     @classmethod
     def _kinds_with(cls, key: str) -> list[str]:
+        """The kinds of profile that use a key."""
         return [kind for kind, unused in cls.UNUSED.items() if key not in unused]
 
 
@@ -223,12 +258,12 @@ class LevelSpec(Level, DeclaredSection):
     @property
     def lowest(self) -> float:
         """A level [m] below which it never falls."""
-        lowest = float(self.offset)
+        level = float(self.offset)
         if self.amplitude is not None:
-            lowest -= float(np.sum(np.abs(self.amplitude)))
+            level -= float(np.sum(np.abs(self.amplitude)))
         if self.height is not None:
-            lowest += float(np.min(self.height))
-        return lowest
+            level += float(np.min(self.height))
+        return level
 
 
 @raises_first
@@ -249,12 +284,15 @@ def _check_constituents(values: Table, path: str) -> Iterator[Check]:
 
 
 @raises_first
-def _check_pair(values: Table, path: str, axis: str, other: str, *needed: bool) -> Iterator[Check]:
-    """Check two tables of equal length over a rising axis, both or none, as `needed` where it is known."""
+def _check_pair(values: Table, path: str, axis: str, other: str, needed: bool | None = None) -> Iterator[Check]:
+    """Check two tables of equal length over a rising axis: both with `needed`, none if it is False, both or none if it
+    is None."""
     a = values[axis]
     b = values[other]
+    if needed is None:
+        needed = a is not None
     yield (
-        len({a is not None, b is not None, *needed}) > 1,
+        (a is not None) != needed or (b is not None) != needed,
         f"{path}: `{axis}` and `{other}` belong together (kind 'table' for heights); one is missing",
     )
     yield (

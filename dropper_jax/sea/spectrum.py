@@ -67,9 +67,8 @@ def effective_current(k: Array, depth: Array, profile: Callable[[Array], Array])
 
     Exact for uniform and, to first order in the shear, for linear profiles: `U - O tanh(kd)/(2k)` for `U + O z`.
     """
-    # quadrature points of U_e, and the depth over which it is taken, in units of 1/k (e^-40 is rounding)
     x, weight = np.polynomial.legendre.leggauss(64)
-    height = jnp.minimum(depth, 20.0 / k)[:, None]
+    height = jnp.minimum(depth, 20.0 / k)[:, None]  # the kernel below is e^-40, which is rounding
     z = height * (0.5 * (x - 1.0))
     k2 = 2.0 * k[:, None]
     kernel = -k2 * (jnp.exp(k2 * z) + jnp.exp(-k2 * (z + 2.0 * depth))) / jnp.expm1(-2.0 * k2 * depth)
@@ -87,7 +86,7 @@ def on_current(
 
     Newton on `f(k) = sqrt(g k tanh kd) + k U_e(k) - w`, which is concave for a uniform current: from the root without
     current it converges to the smaller root, which is that of a wave train coming from still water. If the current
-    stops the waves no root exists, and the wave number is NaN (`blocked`).
+    stops the waves no root exists, and the wave number is NaN.
     """
 
     def excess(k: Array) -> Array:
@@ -114,6 +113,7 @@ def action_factor(omega: Array, k: Array, current: Array, depth: Array, gravity:
     return jnp.sqrt(before / after)
 
 
+#: Spectra by name.
 SHAPES = ("jonswap", "pierson_moskowitz", "tma")
 
 
@@ -138,20 +138,6 @@ def shape(x: np.ndarray, gamma: float = 3.3) -> np.ndarray:
     return x**-5.0 * np.exp(-1.25 * x**-4.0) * gamma ** np.exp(-((x - 1.0) ** 2) / (2 * width**2))
 
 
-def density(omega: np.ndarray, hs: float, tp: float, gamma: float = 3.3) -> np.ndarray:
-    """JONSWAP density [m^2 s/rad] at omega [rad/s], scaled so that `4 sqrt(m0) = hs`."""
-    x, weight = _table(gamma)
-    peak = 2 * np.pi / tp
-    return hs**2 / 16 / np.sum(weight) * shape(np.asarray(omega) / peak, gamma) / peak
-
-
-def _table(gamma: float) -> tuple[np.ndarray, np.ndarray]:
-    """Points x and energies per point of the shape, trapezoidal on a logarithmic grid."""
-    # range of the tabulated shape in peak frequencies: less than 1e-6 of the energy is outside
-    x = np.geomspace(0.3, 30.0, 20001)
-    return x, shape(x, gamma) * np.gradient(x)
-
-
 def depth_factor(omega: Array, depth: Array, gravity: Scalar) -> Array:
     """Kitaigorodskii's factor of a TMA spectrum: `tanh^2(kd)/(1 + 2kd/sinh(2kd))` (Bouws 1985)."""
     kd = wave_number(omega, depth, gravity) * depth
@@ -165,15 +151,14 @@ def bins(gamma: float, count: int, kind: str, rng: np.random.Generator) -> tuple
     equal_frequency: equal bins from 0.5 to 4 peak frequencies, each component at random in its bin: no common period.
     even: the same bins with components in their middles, which repeat after one over the bin width.
     """
-    x, energy = _table(gamma)
+    x = np.geomspace(0.3, 30.0, 20001)  # 1e-6 of the energy is outside (1.5e-6 without a peak factor)
+    energy = shape(x, gamma) * np.gradient(x)
     below = np.cumsum(energy) / np.sum(energy)
     if kind == "equal_energy":
         return np.interp((np.arange(count) + 0.5) / count, below, x), np.full(count, 1.0 / count)
     edges = np.linspace(0.5, 4.0, count + 1)
     share = np.diff(np.interp(edges, x, below))
-    inside = 0.5
-    if kind != "even":
-        inside = rng.uniform(size=count)
+    inside = 0.5 if kind == "even" else rng.uniform(size=count)
     return edges[:-1] + inside * np.diff(edges), share / np.sum(share)
 
 

@@ -136,8 +136,7 @@ def fitting_theory(height: float, length: float, depth: float) -> str:
     """The simplest valid theory for a wave of this height and length [m] over a depth [m]."""
     if second_harmonic(height, length, depth) < LINEAR:
         return "linear"
-    short = length < STOKES_LENGTH * depth
-    if short and height <= STOKES_HEIGHT * highest(length, depth):
+    if length < STOKES_LENGTH * depth and height <= STOKES_HEIGHT * highest(length, depth):
         return "stokes5"
     return "stream"
 
@@ -199,12 +198,12 @@ def _length(height: float, depth: float, gravity: float, period: float, current:
     still = float(wave_number(jnp.asarray(omega), jnp.asarray(depth), gravity))
     k = still * np.geomspace(0.2, 5.0, 400)
     values = np.array([excess(x) for x in k])
-    found = np.flatnonzero((values[:-1] <= 0.0) & (values[1:] > 0.0))
-    if not found.size:
+    rising = np.flatnonzero((values[:-1] <= 0.0) & (values[1:] > 0.0))
+    if not rising.size:
         raise ValueError("no wave of Stokes' theory has this period")
     from scipy.optimize import brentq  # noqa: PLC0415  (errors in scenes are reported without it)
 
-    first = found[np.argmin(np.abs(np.log(k[found] / still)))]
+    first = rising[np.argmin(np.abs(np.log(k[rising] / still)))]
     return float(2.0 * np.pi / brentq(excess, k[first], k[first + 1], xtol=1e-15, rtol=1e-14))
 
 
@@ -213,9 +212,9 @@ def _sech(kd: float) -> float:
     return 1.0 / np.cosh(2.0 * min(kd, DEEP_WATER))
 
 
-def _ratio(s: float, numerator: Sequence[float], number: float, power: int) -> float:
-    """`p(s)/(number (1 - s)^power)`, the numerator's highest power first."""
-    return float(np.polyval(numerator, s)) / (number * (1.0 - s) ** power)
+def _ratio(s: float, numerator: Sequence[float], divisor: float, power: int) -> float:
+    """`p(s)/(divisor (1 - s)^power)`, the coefficient of the highest power of p first."""
+    return float(np.polyval(numerator, s)) / (divisor * (1.0 - s) ** power)
 
 
 def _integrals(height: float, k: float, depth: float, gravity: float) -> tuple[float, float, float]:

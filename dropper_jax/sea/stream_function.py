@@ -135,11 +135,13 @@ class _Unknowns(NamedTuple):
 
 
 def _parts(x: np.ndarray) -> _Unknowns:
+    """The unknowns (2 n + 5, ...) by name."""
     n = _order(x)
     return _Unknowns(x[0], x[1 : n + 2], x[n + 2 : 2 * n + 2], *x[-3:])
 
 
 def _order(x: np.ndarray) -> int:
+    """Number of harmonics n of the unknowns (2 n + 5, ...)."""
     return (x.shape[0] - 5) // 2
 
 
@@ -157,6 +159,7 @@ class _Problem(NamedTuple):
         return NotSolved(self.depth * reached, self.depth * 2.0 * np.pi / float(number), self.depth)
 
     def eulerian(self, wave: _Unknowns) -> np.ndarray | float:
+        """c_E, the mean velocity of the water at a fixed position."""
         return eulerian_velocity(self.criterion, self.current, wave.flow, wave.flux)
 
     def surface(self, x: np.ndarray, eta: np.ndarray, angle: np.ndarray) -> np.ndarray:
@@ -268,8 +271,11 @@ def _climb(problem: _Problem, height: float, order: int) -> np.ndarray:
     return past[-1][1]
 
 
-def _guess(problem: _Problem, past: list, share: float, height: float, order: int) -> np.ndarray:
-    """Initial guess: a linear wave first, then extrapolation of one or two solutions."""
+def _guess(
+    problem: _Problem, past: list[tuple[float, np.ndarray]], share: float, height: float, order: int
+) -> np.ndarray:
+    """Initial guess at a share of the height: a linear wave, or extrapolated from the last one or two shares and
+    solutions."""
     if len(past) == 2:
         (a, before), (b, last) = past
         return last + (share - b) / (b - a) * (last - before)
@@ -285,9 +291,9 @@ def _guess(problem: _Problem, past: list, share: float, height: float, order: in
 def _cosines(eta: np.ndarray) -> np.ndarray:
     """Harmonics (n,) of a surface at n + 1 points from crest to trough."""
     n = len(eta) - 1
-    found = np.fft.rfft(np.concatenate([eta, eta[-2:0:-1]])).real / n  # of the whole wave
-    found[-1] *= 0.5
-    return found[1:]
+    harmonics = np.fft.rfft(np.concatenate([eta, eta[-2:0:-1]])).real / n  # of the whole wave
+    harmonics[-1] *= 0.5
+    return harmonics[1:]
 
 
 def _refine_harmonics(x: np.ndarray, order: int) -> np.ndarray:

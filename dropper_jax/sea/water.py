@@ -23,12 +23,12 @@ class Sea:
     depth: Scalar = parameter("depth of the water", unit="m", above=0.0)
     density: Scalar = parameter("density of the water", unit="kg/m^3", above=0.0, default=SEA_WATER)
     gravity: Scalar = parameter("acceleration of gravity", unit="m/s^2", above=0.0, default=GRAVITY)
-    waves: Any = None
+    waves: Any = None  # Waves or None; whoever asks for waves knows that the sea has some
     current: Current | None = None
     level: Level | None = None
 
-    def over(self, surface: Level, r: Array, t: Array) -> tuple[Sea, Array, Array]:
-        """The water of the level at time t, positions r (n, 3) relative to it, and the level [m]."""
+    def _at_level(self, surface: Level, r: Array, t: Array) -> tuple[Sea, Array, Array]:
+        """The water below the level at time t, positions r (n, 3) relative to the level, and the level [m]."""
         level = surface.at(t)
         return replace(self, depth=self.depth + level, level=None), r.at[..., 2].add(-level), level
 
@@ -36,7 +36,7 @@ class Sea:
     def elevation(self, r: Array, t: Array) -> Array:
         """Elevation of the surface (n,) [m] over positions r (n, 3)."""
         if self.level is not None:
-            own, r, level = self.over(self.level, r, t)
+            own, r, level = self._at_level(self.level, r, t)
             return own.elevation(r, t) + level
         if self.waves is None:
             return jnp.zeros_like(r[:, 0])
@@ -46,7 +46,7 @@ class Sea:
     def at(self, r: Array, t: Array) -> Motion:
         """Water at positions r (n, 3) [m]; the acceleration is the local one, du/dt at a fixed position."""
         if self.level is not None:
-            own, r, level = self.over(self.level, r, t)
+            own, r, level = self._at_level(self.level, r, t)
             motion = own.at(r, t)
             return motion._replace(elevation=motion.elevation + level)
         if self.waves is None:
@@ -69,7 +69,7 @@ class Sea:
         It is that of the unstretched field, at the heights at which the kinematics are evaluated.
         """
         if self.level is not None:
-            own, r, level = self.over(self.level, r, t)
+            own, r, level = self._at_level(self.level, r, t)
             return own.convective(r, t, motion._replace(elevation=motion.elevation - level))
         if self.waves is not None:
             heights = self.waves.heights(r[:, 2], motion.elevation, self.depth)
@@ -88,7 +88,7 @@ class Sea:
     def stream(self, r: Array, t: Array) -> Array:
         """Velocity (n, 3) [m/s] of the current alone."""
         if self.level is not None:
-            own, r, _ = self.over(self.level, r, t)
+            own, r, _ = self._at_level(self.level, r, t)
             return own.stream(r, t)
         if self.current is None:
             return jnp.zeros_like(r)
@@ -103,8 +103,7 @@ class Sea:
             if part is not None and part.time is not None:
                 found.append(part.time)
         if self.waves is not None and self.waves.ramp is not None:
-            ramp = self.waves.ramp
-            found.append(jnp.stack([jnp.zeros_like(ramp), ramp]))
+            found.append(jnp.stack([jnp.zeros_like(self.waves.ramp), self.waves.ramp]))
         return found
 
     def without_waves(self) -> Sea:

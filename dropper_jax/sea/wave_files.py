@@ -11,6 +11,8 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import Table
 
+#: Components below this fraction of the largest amplitude (of a series) or energy (of a spectrum) are left out.
+SMALLEST = 1e-9
 #: Columns of components in addition to that of their periods or frequencies, and their names in a scene.
 VALUES = {"amplitude_m": "amplitude", "phase_rad": "phase", "direction_rad": "direction"}
 COLUMNS = "period_s or frequency_hz, amplitude_m, phase_rad and, optionally, direction_rad"
@@ -23,20 +25,19 @@ def read_components(file: str | Path, path: str = "file") -> Table:
         SceneError: missing file, wrong columns, a cell that is not a number, or a period that is not positive.
     """
     names, rows = _read_csv(file, path)
-    sizes = [name for name in ("period_s", "frequency_hz") if name in names]
-    if set(names) - {"period_s", "frequency_hz", *VALUES} or "amplitude_m" not in names or not sizes:
+    key = "period_s" if "period_s" in names else "frequency_hz"
+    if set(names) - {"period_s", "frequency_hz", *VALUES} or not {"amplitude_m", key} <= set(names):
         raise SceneError(f"{path}: {str(file)!r} has the columns {', '.join(names)}; allowed: {COLUMNS}")
     column = dict(zip(names, rows.T, strict=True))
-    key = sizes[0]
-    size = column[key]
-    if np.any(size <= 0):
-        worst = int(np.argmin(size))
-        raise SceneError(f"{path}: {key} of component {worst + 1} is {size[worst]:g}; allowed: > 0")
-    found = {"phase": np.zeros(len(rows)), "period": size}
+    given = column[key]
+    if np.any(given <= 0):
+        worst = int(np.argmin(given))
+        raise SceneError(f"{path}: {key} of component {worst + 1} is {given[worst]:g}; allowed: > 0")
+    found = {"phase": np.zeros(len(rows)), "period": given}
     if key == "frequency_hz":
-        found["period"] = 1.0 / size
+        found["period"] = 1.0 / given
     elif "frequency_hz" in column:
-        _check_frequencies(size, column["frequency_hz"], f"{path}: {str(file)!r}")
+        _check_frequencies(given, column["frequency_hz"], f"{path}: {str(file)!r}")
     for name in column.keys() & VALUES.keys():
         found[VALUES[name]] = column[name]
     return found
@@ -45,9 +46,9 @@ def read_components(file: str | Path, path: str = "file") -> Table:
 def _check_frequencies(period: np.ndarray, frequency: np.ndarray, label: str) -> None:
     """Reject periods [s] and frequencies [Hz] of the same components that differ by more than their rounding."""
     rounding = 0.1  # of frequencies with two decimals, which tables of components have
-    wrong = np.abs(period * frequency - 1.0) > rounding
-    if np.any(wrong):
-        worst = int(np.argmax(wrong))
+    wrong = np.flatnonzero(np.abs(period * frequency - 1.0) > rounding)
+    if wrong.size:
+        worst = int(wrong[0])
         raise SceneError(
             f"{label} component {worst + 1}: frequency_hz {frequency[worst]:g} is not 1/period_s, "
             f"{1.0 / period[worst]:.4g} Hz. Leave one of the columns out"
@@ -66,6 +67,8 @@ def read_elevation(file: str | Path, path: str = "file") -> Table:
     step = np.diff(t)
     if len(t) < 4 or np.any(step <= 0) or np.ptp(step) > 1e-3 * np.mean(step):
         raise SceneError(f"{path}: {str(file)!r} is not evenly sampled over at least 4 times; allowed: a constant step")
+    if np.ptp(eta) == 0.0:
+        raise SceneError(f"{path}: {str(file)!r} has one elevation at all times; allowed: an elevation that changes")
     return elevation_components(t, eta)
 
 
@@ -79,8 +82,12 @@ def elevation_components(t: np.ndarray, eta: np.ndarray) -> Table:
     if count % 2 == 0:
         amplitude[-1] *= 0.5
     phase = -np.angle(line) + 2 * np.pi * frequency * t[0]
-    kept = amplitude > 1e-9 * amplitude.max()
-    return {"amplitude": amplitude[kept], "period": 1.0 / frequency[kept], "phase": np.mod(phase[kept], 2 * np.pi)}
+    counts = amplitude > SMALLEST * amplitude.max()
+    return {
+        "amplitude": amplitude[counts],
+        "period": 1.0 / frequency[counts],
+        "phase": np.mod(phase[counts], 2 * np.pi),
+    }
 
 
 def from_wavespectra(dataset: Any, seed: int = 0) -> Table:
@@ -89,22 +96,26 @@ def from_wavespectra(dataset: Any, seed: int = 0) -> Table:
     `dir` is where waves come from, clockwise from north (their convention); here +x is east and +y north. One component
     per bin, phases from the seed. Only the dataset itself needs xarray (extra `io`). Select one time and site first.
     """
-    missing = [name for name in ("efth", "freq", "dir") if name not in dataset]
-    if missing:
-        raise SceneError(f"dataset: has no {missing[0]!r}; allowed: a wavespectra dataset with efth, freq and dir")
-    density = dataset["efth"].squeeze().transpose("freq", "dir")
-    if density.ndim != 2:
-        raise SceneError(f"dataset.efth: has the dimensions {density.dims}; allowed: freq and dir, of one time")
+    for name in ("efth", "freq", "dir"):
+        if name not in dataset:
+            raise SceneError(f"dataset: has no {name!r}; allowed: a wavespectra dataset with efth, freq and dir")
+    density = dataset["efth"].squeeze()
+    if set(density.dims) != {"freq", "dir"}:
+        raise SceneError(
+            f"dataset.efth: has the dimensions {density.dims}; allowed: freq and dir, several of each, of one time"
+        )
     frequency = np.asarray(dataset["freq"], float)
     coming = np.asarray(dataset["dir"], float)
-    energy = np.asarray(density, float) * np.gradient(frequency)[:, None] * (360.0 / len(coming))
-    kept = energy > 1e-9 * energy.max()
+    # directions have one spacing, but need not go all round
+    spacing = np.min(np.abs(np.diff(coming)))
+    energy = np.asarray(density.transpose("freq", "dir"), float) * np.gradient(frequency)[:, None] * spacing
+    counts = energy > SMALLEST * energy.max()
     return {
         "kind": "components",
-        "amplitude": np.sqrt(2.0 * energy[kept]),
-        "period": np.broadcast_to(1.0 / frequency[:, None], energy.shape)[kept],
-        "direction": np.broadcast_to(np.deg2rad(270.0 - coming), energy.shape)[kept],
-        "phase": np.random.default_rng(seed).uniform(0.0, 2 * np.pi, int(kept.sum())),
+        "amplitude": np.sqrt(2.0 * energy[counts]),
+        "period": 1.0 / np.broadcast_to(frequency[:, None], energy.shape)[counts],
+        "direction": np.broadcast_to(np.deg2rad(270.0 - coming), energy.shape)[counts],
+        "phase": np.random.default_rng(seed).uniform(0.0, 2 * np.pi, int(counts.sum())),
     }
 
 

@@ -1,9 +1,9 @@
-"""Linear (Airy) waves in finite depth: elevation, velocity, acceleration and dynamic pressure at given positions.
+"""Linear (Airy) waves in finite depth: elevation, velocity and acceleration of the water at given positions.
 
 With `p = k (x cos m + y sin m) - w t + e` and s the intrinsic frequency (w without a current), per component
 
     eta = a cos p,    u = a s C cos p (cos m, sin m),    u_z = a s S sin p,    u' = d/dt at a fixed position
-    C = cosh k(z + d)/sinh kd,    S = sinh k(z + d)/sinh kd,    pressure = rho (s^2/k) a C cos p
+    C = cosh k(z + d)/sinh kd,    S = sinh k(z + d)/sinh kd
 
 (thesis (6.4)-(6.9), where (C.30) lacks the minus sign of u'_z and (C.25)-(C.30) lack phase and sum; paper (7)-(13)).
 Exponentials are evaluated only of -kd and of k z, so that kd = 95 does not overflow in float32.
@@ -56,15 +56,10 @@ class Waves:
 
     @property
     def speeds(self) -> Array:
-        """Factor of the profiles of a component for its velocity (c,) [m/s]: `a s`."""
-        return self.amplitude * self.intrinsic_frequency
-
-    @property
-    def intrinsic_frequency(self) -> Array:
-        """s of each component (c,) [rad/s]: omega without a current."""
+        """Factor of the profiles of a component for its velocity (c,) [m/s]: `a s`; s is omega without a current."""
         if self.intrinsic is None:
-            return self.omega
-        return self.intrinsic
+            return self.amplitude * self.omega
+        return self.amplitude * self.intrinsic
 
     @property
     def peak_period(self) -> Array:
@@ -143,8 +138,9 @@ class Waves:
         if self.direction.ndim == 0:
             total = jnp.sum(level * size, axis=-1)
             return jnp.stack([total * cos, total * sin, vertical], axis=-1)
-        along = (jnp.sum(level * (size * part), axis=-1) for part in (cos, sin))
-        return jnp.stack([*along, vertical], axis=-1)
+        x = jnp.sum(level * (size * cos), axis=-1)
+        y = jnp.sum(level * (size * sin), axis=-1)
+        return jnp.stack([x, y, vertical], axis=-1)
 
     def airy_velocity(self, r: Array, t: Array, depth: Scalar) -> Array:
         """Velocity (n, 3) [m/s] at positions r with mapped heights, for gradients."""
@@ -158,14 +154,6 @@ class Waves:
         cos, sin = self.course
         up = self.amplitude * heave * jnp.cos(phases)
         return self.rise(t)[0] * jnp.stack([jnp.sum(across * cos), jnp.sum(across * sin), jnp.sum(up)])
-
-    def pressure(self, r: Array, t: Array, depth: Scalar, density: Scalar) -> Array:
-        """Dynamic pressure (n,) [Pa]; zero mean, without the hydrostatic part."""
-        phases = self.phases(r[:, 0], r[:, 1], t)
-        elevation = self.elevation(r[:, 0], r[:, 1], t)
-        across, _ = self.profiles(self.heights(r[:, 2], elevation, depth), depth)
-        size = density * self.amplitude * self.intrinsic_frequency**2 / self.wave_number
-        return self.rise(t)[0] * jnp.sum(across * jnp.cos(phases) * size, axis=-1)
 
     @property
     def significant_height(self) -> Array:

@@ -123,6 +123,7 @@ class BodyMoves:
         return back(rows)[0] / lever_arms
 
     def move_pose(self, s: State, loads: Array, x: Array) -> State:
+        """The configuration at the coordinates x from s."""
         return balanced(self.model, state(self.model, self.positions(s.r, x / self.lever_arms), t=s.t), loads)
 
 

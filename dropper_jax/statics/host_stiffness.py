@@ -12,7 +12,7 @@ from dropper_jax.backend.programs import cached_jit
 from dropper_jax.model import Model, State
 from dropper_jax.statics.bodies import stiffness_matrix
 from dropper_jax.statics.rest_problem import SMALLEST, name_of, rest, soft_scale
-from dropper_jax.statics.tangent import LEFT, NodeMoves, Tangent
+from dropper_jax.statics.tangent import UNSOLVABLE, NodeMoves, Tangent
 
 if TYPE_CHECKING:
     from scipy.sparse import csc_array
@@ -40,8 +40,6 @@ def factor_softened(model: Model, matrix: csc_array) -> SuperLU:
 
 #: Number of inverse iterations for the softest motion; of several soft ones any may result.
 INVERSE_ITERATIONS = 12
-
-
 #: Stiffness, over the weight of a link per its length, below which a motion counts as free.
 FREE_STIFFNESS = 1e-7
 
@@ -56,13 +54,13 @@ def free_motion(model: Model, s: State, loads: Array) -> str:
     x = np.random.default_rng(0).normal(size=matrix.shape[0])
     for _ in range(INVERSE_ITERATIONS):
         x = factor.solve(x / np.linalg.norm(x))
-    least = float(np.linalg.norm(matrix @ (x / np.linalg.norm(x))))
-    if least > FREE_STIFFNESS * float(soft_scale(model, np)):
+    softest = float(np.linalg.norm(matrix @ (x / np.linalg.norm(x))))
+    if softest > FREE_STIFFNESS * float(soft_scale(model, np)):
         return ""
     motion = x.reshape(-1, 3) / np.max(np.abs(x))
     node = int(np.argmax(np.max(np.abs(motion), axis=1)))
     along = ", ".join(f"{x:.2f}" for x in motion[node])
-    return f"{name_of(model, node)} is unconstrained along ({along}), with a stiffness of {least:.1e} N/m"
+    return f"{name_of(model, node)} is unconstrained along ({along}), with a stiffness of {softest:.1e} N/m"
 
 
 Tree = TypeVar("Tree")
@@ -95,4 +93,4 @@ def follow_parameters(
         rows, found = slopes(by_value, by_position)
     left = np.max(np.abs(rows[-count:]), axis=(1, 2))
     size = np.max(np.abs(right), axis=(1, 2))
-    return found, left > LEFT * size
+    return found, left > UNSOLVABLE * size

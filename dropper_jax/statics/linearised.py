@@ -53,7 +53,7 @@ class Linearised:
     Attributes:
         mass, damping, stiffness: (f, f) [kg], [N s/m], [N/m]; f = 3 free.
         held_mass, held_damping, held_stiffness: (f, h) for motion of the fixed points; h = 3 held.
-        tension_by_place, tension_by_speed: (n, f + h) [N/m], [N s/m].
+        tension_by_position, tension_by_velocity: (n, f + h) [N/m], [N s/m].
         tension: at the equilibrium (n,) [N].
         held: names of the fixed points.
         warnings: links on the verge of going slack, where small motions are not linear.
@@ -65,8 +65,8 @@ class Linearised:
     held_mass: np.ndarray
     held_damping: np.ndarray
     held_stiffness: np.ndarray
-    tension_by_place: np.ndarray
-    tension_by_speed: np.ndarray
+    tension_by_position: np.ndarray
+    tension_by_velocity: np.ndarray
     tension: np.ndarray
     held: tuple[str, ...]
     warnings: tuple[str, ...] = ()
@@ -88,17 +88,21 @@ class Linearised:
         omega = np.atleast_1d(np.asarray(omega, float))
         if not np.all(np.isfinite(omega) & (omega >= 0.0)):
             raise SceneError("omega: is out of range; allowed: angular frequencies of at least 0 rad/s")
-        x, tension = map(np.array, zip(*(self._at(w, moved.ravel()) for w in omega), strict=True))
-        return Response(omega, x.reshape(len(omega), -1, 3), tension)
+        moves = np.zeros((len(omega), len(self.mass)), complex)
+        tension = np.zeros((len(omega), len(self.tension)), complex)
+        for i, w in enumerate(omega):
+            moves[i], tension[i] = self._amplitudes(w, moved.ravel())
+        return Response(omega, moves.reshape(len(omega), len(self.mass) // 3, 3), tension)
 
-    def _at(self, w: float, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _amplitudes(self, w: float, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Amplitudes of displacements (f,) [m] and tensions (n,) [N] at w [rad/s], of those of fixed points u (h,)."""
         matrix = self.stiffness + 1j * w * self.damping - w**2 * self.mass
         push = (self.held_stiffness + 1j * w * self.held_damping - w**2 * self.held_mass) @ u
         try:
             x = -np.linalg.solve(matrix, push)
         except np.linalg.LinAlgError:
             raise SceneError(f"omega: {w:g} rad/s is an undamped resonance. Use another frequency") from None
-        return x, (self.tension_by_place + 1j * w * self.tension_by_speed) @ np.concatenate([x, u])
+        return x, (self.tension_by_position + 1j * w * self.tension_by_velocity) @ np.concatenate([x, u])
 
 
 def linearised_about(model: Model, pose: State) -> Linearised:
@@ -126,8 +130,8 @@ def linearised_about(model: Model, pose: State) -> Linearised:
         held_mass=mass[:, free:],
         held_damping=damping[:, free:],
         held_stiffness=stiffness[:, free:],
-        tension_by_place=np.asarray(tension_by_motion[0]).reshape(-1, stiffness.shape[1]),
-        tension_by_speed=np.asarray(tension_by_motion[1]).reshape(-1, stiffness.shape[1]),
+        tension_by_position=np.asarray(tension_by_motion[0]).reshape(-1, stiffness.shape[1]),
+        tension_by_velocity=np.asarray(tension_by_motion[1]).reshape(-1, stiffness.shape[1]),
         tension=np.asarray(pose.tension),
         held=tuple(model.points[int(i)].name for i in model.geometry.held_points),
         warnings=verges(model, pose),

@@ -29,9 +29,8 @@ class Modes:
 
     Attributes:
         period: natural periods (modes,) [s], the longest first.
-        shape: displacements of the free nodes (modes, nodes, 3), maximum component 1; of rigid bodies those of four
-        corners
-            each, the last ones.
+        shape: displacements of the free nodes (modes, nodes, 3), maximum component 1; the last ones are the corners of
+            rigid bodies, four each.
         mass: modal masses (modes,) [kg], of the shape: `x'Mx`.
         damping_ratio: at zero amplitude (modes,), relative to `critical_damping`: includes `b_l`, but not `b_q`.
         bodies: displacements of the reference points [m] and rotations about x, y, z [rad] (modes, bodies, 6).
@@ -142,7 +141,7 @@ def natural_periods(model: Model, pose: State, count: int) -> Array:
     return 2 * jnp.pi / jnp.sqrt(jnp.where(number < len(value), square, jnp.nan))
 
 
-def _speeding(model: Model, pose: State, v: Array) -> Array:
+def _force_at_velocity(model: Model, pose: State, v: Array) -> Array:
     """Forces (free nodes, 3) [N] at the equilibrium with the velocity v, without the tensions of rigid links."""
     k = model.instant(pose.r, v, pose.t, model.ends(pose.t))
     return model.force(k) + model.tension_force(model.tension_by_law(k), k.tangents)
@@ -152,19 +151,27 @@ def _speeding(model: Model, pose: State, v: Array) -> Array:
 def _damping(model: Model, pose: State, shapes: Array) -> Array:
     """`x'Cx` (modes,) [kg/s]."""
     model = rest(model)
-    _, linear = jax.linearize(partial(_speeding, model, pose), jnp.zeros_like(pose.r))
+    _, linear = jax.linearize(partial(_force_at_velocity, model, pose), jnp.zeros_like(pose.r))
     return jax.lax.map(lambda x: -jnp.sum(x * linear(x)), shapes)
+
+
+#: Number of instants per period at which the power of damping is summed; exact for powers of the speed up to 30.
+INSTANTS = 32
 
 
 @cached_jit()
 def _mean_power(model: Model, pose: State, speeds: Array) -> Array:
     """Mean power (modes,) [W] of all forces over a period with the velocity amplitudes (modes, nodes, 3)."""
-    # number of instants per period at which damping forces are summed; exact for powers of the speed up to 30
-    instants = 32
     model = rest(model)
-    phases = jnp.cos(2 * jnp.pi * (jnp.arange(instants) + 0.5) / instants)
-    power = lambda v: jnp.sum(_speeding(model, pose, v) * v)  # noqa: E731
-    return jax.lax.map(lambda v: jnp.mean(jax.vmap(lambda c: power(c * v))(phases)), speeds)
+    phases = jnp.cos(2 * jnp.pi * (jnp.arange(INSTANTS) + 0.5) / INSTANTS)
+
+    def power(v: Array) -> Array:
+        return jnp.sum(_force_at_velocity(model, pose, v) * v)
+
+    def mean_power(speed: Array) -> Array:
+        return jnp.mean(jax.vmap(lambda phase: power(phase * speed))(phases))
+
+    return jax.lax.map(mean_power, speeds)
 
 
 def _of_bodies(model: Model, pose: State, shape: np.ndarray) -> np.ndarray:

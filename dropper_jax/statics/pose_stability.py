@@ -34,7 +34,8 @@ def stiffness_of_motions(model: Model, s: State) -> tuple[np.ndarray, np.ndarray
     from scipy.linalg import null_space  # noqa: PLC0415
 
     if model.line.axial.elastic:
-        return tuple(map(np.asarray, stiffness_and_motions(model, s)))
+        stiffness, motions = stiffness_and_motions(model, s)
+        return np.asarray(stiffness), np.asarray(motions)
     matrix = np.asarray(_rows_by_unknowns(model, s))
     size = s.r.size
     is_soft = np.diag(matrix)[size:] != 0.0
@@ -90,11 +91,23 @@ def _rounding(model: Model) -> float:
     return 1e-6 * float(soft_scale(model, np))
 
 
+#: Singular values of the links, over the largest one: the third below which they are in a plane, and the second up to
+#: which they are on one straight line.
+PLANAR = 1e-9
+STRAIGHT = 1e-6
+
+
 def plane_normal(model: Model, s: State) -> np.ndarray | None:
-    """Unit normal of the one plane that contains all links; None without such a plane."""
-    _, size, directions = np.linalg.svd(model.links(s.r, model.ends(s.t)), full_matrices=False)
-    # distance of the links from a plane, or a line, relative to their length
-    if len(size) > 2 and size[2] < 1e-9 * size[0] < 1e-3 * size[1]:
+    """Unit normal of the one plane that contains all links; None if no plane or more than one does."""
+    links = np.asarray(model.links(s.r, model.ends(s.t)))
+    if len(links) == 2:
+        links = np.vstack([links, np.zeros(3)])  # without a third row there is no third direction
+    _, size, directions = np.linalg.svd(links, full_matrices=False)
+    if len(size) < 3:  # a single link is in many planes
+        return None
+    is_planar = size[2] < PLANAR * size[0]
+    is_straight = size[1] <= STRAIGHT * size[0]
+    if is_planar and not is_straight:
         return directions[2]
     return None
 
@@ -122,9 +135,9 @@ def softest_displacement(model: Model, s: State, normal: np.ndarray | None = Non
     if values[0] < 0.0 and np.max(np.abs(k - k.T)) > UNSYMMETRIC * np.max(np.abs(k)):
         # drag turns with the links: a cycle of displacements may gain or lose energy
         values, vectors = np.linalg.eig(k)
-    least = np.argmin(values.real)
-    motion = (motions @ vectors[:, least].real).reshape(s.r.shape)
-    return float(values[least].real), motion / np.max(np.abs(motion))
+    softest = np.argmin(values.real)
+    motion = (motions @ vectors[:, softest].real).reshape(s.r.shape)
+    return float(values[softest].real), motion / np.max(np.abs(motion))
 
 
 #: The first displacement from an unstable equilibrium, in lengths of a link.

@@ -13,6 +13,7 @@ import numpy as np
 from jax import Array
 
 from dropper_jax.backend.programs import cached_jit
+from dropper_jax.base.numerics import trace_once
 from dropper_jax.effects.seabed import Seabed
 from dropper_jax.model import Kinematics, Law, Model, State, state
 from dropper_jax.residual import GRAVITY_SCALE, Newton, Solver, StepProblem, Unknowns, largest_row, newton, subtract
@@ -41,7 +42,8 @@ class RestProblem(StepProblem):
 
     def __init__(self, model: Model, s: State, loads: Array, kappa: Array | float = 0.0) -> None:
         super().__init__(model, s, jnp.ones((), model.dtype))
-        self.loads, self.kappa = loads, kappa
+        self.loads = loads
+        self.kappa = kappa
         self.ends = model.ends(s.t)
 
     def guess(self) -> Unknowns:
@@ -93,16 +95,16 @@ def soft_scale(model: Model, xp: ModuleType = jnp) -> Array:
     return force_scale(model, xp) / xp.mean(xp.asarray(model.line.length))
 
 
-#: Rounding error in units of the last place.
+#: Minimum rounding error of scaled rows, in units of the last place.
 ROUNDING_UNITS = 1e4
 
 
 def rest_tolerance(model: Model, xp: ModuleType = jnp) -> Array:
-    """Maximum scaled row of a converged equilibrium, a scalar: 1e-10, or the rounding error of stiff lines.
+    """Maximum scaled row (forces by m g, elongations by L) of a converged equilibrium, a scalar.
 
-    NumPy on the host. With large buoyancies of bodies the rounding error is 1e-9.
+    It is 1e-10, or 1e-9 with bodies, whose buoyancies are large, or the rounding error of stiff lines. NumPy on the
+    host.
     """
-    # maximum scaled row (forces by m g, elongations by L) of a converged equilibrium
     tolerance = 1e-9 if model.constraints else 1e-10
     line = model.line
     length = xp.asarray(line.length)
@@ -134,8 +136,7 @@ def balanced(model: Model, s: State, loads: Array) -> State:
     return state(model, s.r, tension=RestProblem(model, s, loads).tension(jnp.zeros_like(s.r)), t=s.t)
 
 
-# Traced once: a program that searches for an equilibrium uses it five times.
-@partial(jax.jit, inline=True)
+@trace_once  # a program that searches for an equilibrium uses it five times
 def unbalanced_at(model: Model, s: State, loads: Array, x: Array) -> tuple[Array, Array]:
     """Unbalanced forces, minus F (free, 3) [N], at positions s.r + x, and the tensions of the links there."""
     problem = RestProblem(model, s, loads)

@@ -103,8 +103,10 @@ def search(model: Model, loads: Array | None, t: float, near: State | None = Non
 
 
 def _by_descent(full: Model, model: Model, loads: Array, t: float, near: State | None = None) -> Equilibrium:
-    rigid = model.line
-    if not model.line.axial.elastic:
+    """The equilibrium of `model`, the full one at rest, by descent from `near` or straight lines."""
+    line = model.line
+    is_rigid = not line.axial.elastic
+    if is_rigid:
         model = with_springs(model)
     tolerance = system_tolerance(model)
     straight = straight_guess(model, t)
@@ -125,8 +127,8 @@ def _by_descent(full: Model, model: Model, loads: Array, t: float, near: State |
     if not residual <= tolerance:
         return _result(full, s, residual, describe_unbalance(model, s, loads, residual, "by descent"))
     message = ""
-    if model.line is not rigid:
-        s, residual = _find_rigid(replace(model, lines=(rigid,)), s, loads, tolerance)
+    if is_rigid:
+        s, residual = _find_rigid(replace(model, lines=(line,)), s, loads, tolerance)
         if not residual <= tolerance:
             message = f"no equilibrium of the rigid links found: maximum scaled row {residual:.1e}"
     return _result(full, s, residual, message)
@@ -142,16 +144,16 @@ def _find_rigid(model: Model, near: State, loads: Array, tolerance: float) -> tu
         return s, residual
     bars = with_springs(model, pushes=True)
 
-    def fall(at: State, _: float = 0.0) -> tuple[State, float]:
-        fallen, _ = find_rest(bars, at, loads, system_tolerance(bars))
+    def fall(start: State) -> tuple[State, float]:
+        fallen, _ = find_rest(bars, start, loads, system_tolerance(bars))
         return solve_statics(model, fallen, loads)
 
-    fallen, left = fall(near)
-    if not left <= tolerance:
+    fallen, fallen_residual = fall(near)
+    if not fallen_residual <= tolerance:
         return s, residual
     if is_stable_or_planar(model, fallen):
-        return fallen, left
-    return escape_unstable_equilibrium(model, fallen, left, tolerance, fall)
+        return fallen, fallen_residual
+    return escape_unstable_equilibrium(model, fallen, fallen_residual, tolerance, lambda start, _: fall(start))
 
 
 #: Corrections of the descent from an unstable equilibrium.
@@ -160,8 +162,8 @@ FALL_ITERATIONS = 80
 
 def _fall(model: Model, loads: Array, s: State, stiffness: float) -> tuple[State, float]:
     """The equilibrium reached by descent from `s`, next to one with a (negative) stiffness [N/m]."""
-    drag = jnp.asarray(4.0 * abs(stiffness), model.dtype)
-    fallen, _ = polish(model, s, loads, drag, iterations=FALL_ITERATIONS, damped=False)
+    kappa = jnp.asarray(4.0 * abs(stiffness), model.dtype)
+    fallen, _ = polish(model, s, loads, kappa, iterations=FALL_ITERATIONS, damped=False)
     return solve_statics(model, fallen, loads)
 
 
@@ -174,16 +176,16 @@ def outward(full: Model) -> SeabedFriction | None:
     return None
 
 
-#: How often a line hangs under forces that depend on its configuration.
-HANGINGS = 5
+#: Number of times that a line hangs again, under the forces at its last configuration.
+REHANGINGS = 4
 
 
 def _hang_and_solve(model: Model, loads: Array, t: float) -> tuple[State, float]:
     """The stable equilibrium under the forces on a straight guess, updated if they depend on the configuration."""
-    r = None
-    for _ in range(1 if model.constant_force else HANGINGS):
-        s = _hang(model, loads, r, t)
-        r = s.r
+    s = _hang(model, loads, None, t)
+    if not model.constant_force:
+        for _ in range(REHANGINGS):
+            s = _hang(model, loads, s.r, t)
     return solve_statics(model, s, loads)
 
 
@@ -220,8 +222,11 @@ def _forces(model: Model, r: Array | None, t: Array) -> tuple[Ends, Array]:
     return ends, model.force(model.instant(r, jnp.zeros_like(r), t, ends))
 
 
-#: Minimum load increment (fraction of the loads) of the continuation.
-LEAST_INCREMENT = 1.0 / 1024
+#: First and minimum load increment of the continuation, as fractions of the loads.
+FIRST_INCREMENT = 1.0 / 8
+MIN_INCREMENT = 1.0 / 1024
+#: Displacement of a node, over the length of the line, at which an increment may have jumped to another branch.
+JUMP = 0.5
 
 
 def _continue(model: Model, loads: Array, t: float) -> tuple[State, float, float]:
@@ -230,15 +235,15 @@ def _continue(model: Model, loads: Array, t: float) -> tuple[State, float, float
     if not np.any(np.asarray(loads)):
         return s, residual, 1.0
     share = 0.0
-    increment = 0.125
+    increment = FIRST_INCREMENT
     tolerance = system_tolerance(model)
-    while residual <= tolerance and share < 1.0 and increment >= LEAST_INCREMENT:
+    while residual <= tolerance and share < 1.0 and increment >= MIN_INCREMENT:
         step = min(increment, 1.0 - share)
-        trial, left = solve_statics(model, s, (share + step) * loads)
-        # an increment that moves a node by more than half a line length may have jumped to another branch
-        if left <= tolerance and jnp.max(jnp.abs(trial.r - s.r)) < 0.5 * jnp.sum(model.line.length):
+        trial, trial_residual = solve_statics(model, s, (share + step) * loads)
+        jumps = jnp.max(jnp.abs(trial.r - s.r)) >= JUMP * jnp.sum(model.line.length)
+        if trial_residual <= tolerance and not jumps:
             s = trial
-            residual = left
+            residual = trial_residual
             share += step
             increment = 2.0 * step
         else:
@@ -247,6 +252,7 @@ def _continue(model: Model, loads: Array, t: float) -> tuple[State, float, float
 
 
 def _catenary(model: Model, t: float) -> State:
+    """The line at time t as a catenary under its weight."""
     ends = model.ends(jnp.asarray(t, model.dtype))
     line = model.line
     weight = model.effect("weight")
@@ -262,7 +268,8 @@ def node_positions(model: Model, s: State) -> Array:
     return model.nodes(s.r, model.ends(s.t))
 
 
-def _result(model: Model, s: State, residual: float, message: str = "") -> Equilibrium:
+def _result(model: Model, s: State, residual: float, message: str) -> Equilibrium:
+    """The equilibrium; a `message` is the reason of a failure."""
     s = state(model, s.r, tension=s.tension, t=s.t)
     return Equilibrium(
         positions=np.asarray(node_positions(model, s)),

@@ -24,11 +24,16 @@ from dropper_jax.model import Effect, Kinematics, Model, State
 from dropper_jax.residual import GRAVITY_SCALE
 from dropper_jax.statics.rest_problem import force_scale
 
+#: K over the axial stiffness of a link.
+GRIP = 100.0
+#: Minimum displacement [m] at which the friction of a node's weight is reached: a stiffer K would be lost in rounding.
+MIN_SLIP = 1e-7
+
 
 @component
 class StaticSeabedFriction(Effect):
-    """Friction of nodes on the seabed towards their laid
-    positions: `position` (free, 2) [m], `grip` K (free,) [N/m]."""
+    """Friction of nodes on the seabed towards their laid positions: `position` (free, 2) [m], `grip` K (free,)
+    [N/m]."""
 
     name: ClassVar[str] = "laid_out"
     position: Array
@@ -60,14 +65,12 @@ def with_static_seabed_friction(model: Model, s: State, mu: Array) -> tuple[Mode
         laid = square > 0.0  # a line that hangs straight down, or a loop, has no laid position
         along = jnp.cumsum(length[span])[:-1, None]
         positions.append(jnp.where(laid, start + along * away / jnp.sqrt(jnp.where(laid, square, 1.0)), 0.0))
-        # K over the stiffness of a link, and the maximum displacement at full friction [m]: a stiffer K would be lost
-        # in rounding
-        grips.append(jnp.where(laid, 100.0 * stiffness[span][:-1], 0.0))
+        grips.append(jnp.where(laid, GRIP * stiffness[span][:-1], 0.0))
     points = graph.free - graph.inner
-    at = jnp.pad(jnp.concatenate(positions), ((0, points), (0, 0)))
+    position = jnp.pad(jnp.concatenate(positions), ((0, points), (0, 0)))
     grip = jnp.pad(jnp.concatenate(grips), (0, points))
-    grip = jnp.minimum(grip, GRAVITY_SCALE * mu * model.line.node_mass / 1e-7)
-    size = jnp.max(jnp.abs(field)) + jnp.max(length)
-    rounding = 10.0 * jnp.finfo(model.dtype).eps * jnp.max(grip) * size
-    held = StaticSeabedFriction(position=at, grip=grip, mu=jnp.asarray(mu))
-    return replace(model, effects=(*model.effects, held)), rounding / force_scale(model)
+    grip = jnp.minimum(grip, GRAVITY_SCALE * mu * model.line.node_mass / MIN_SLIP)
+    extent = jnp.max(jnp.abs(field)) + jnp.max(length)
+    rounding = 10.0 * jnp.finfo(model.dtype).eps * jnp.max(grip) * extent
+    friction = StaticSeabedFriction(position=position, grip=grip, mu=jnp.asarray(mu))
+    return replace(model, effects=(*model.effects, friction)), rounding / force_scale(model)

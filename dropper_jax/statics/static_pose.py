@@ -140,11 +140,12 @@ def _settle(full: Model, near: State, loads: Array, there: bool) -> tuple[State,
         return ravel_pytree(problem.residual(unravel(x)))[0]
 
     def find(rows: Linear, x: Array) -> Array:
+        def correct(_: Array, y: Array) -> Array:
+            return y - jnp.linalg.solve(jax.jacfwd(rows)(y), rows(y))
+
         if there:
             return x
-        return jax.lax.fori_loop(
-            0, RIGID_CORRECTIONS, lambda _, y: y - jnp.linalg.solve(jax.jacfwd(rows)(y), rows(y)), x
-        )
+        return jax.lax.fori_loop(0, RIGID_CORRECTIONS, correct, x)
 
     def tangent(linear: Linear, b: Array) -> Array:
         return jnp.linalg.solve(jax.jacfwd(linear)(jnp.zeros_like(b)), b)
@@ -162,9 +163,9 @@ def equilibrium_near(model: Model, near: State, loads: Array, there: bool = Fals
     t = near.t
     near = jax.lax.stop_gradient(near)
     if not there:
-        held, acting = jax.lax.stop_gradient((model, loads))
-        tolerance = rest_tolerance(held)
-        found, size = descend(held, near, acting, tolerance, SMALLEST * soft_scale(held), NEAR_CORRECTIONS)
+        fixed, acting = jax.lax.stop_gradient((model, loads))
+        tolerance = rest_tolerance(fixed)
+        found, size = descend(fixed, near, acting, tolerance, SMALLEST * soft_scale(fixed), NEAR_CORRECTIONS)
         near = replace(near, r=jnp.where(size <= tolerance, found.r, jnp.nan))
     moves = moves_of(model)
     near = replace(near, t=t)

@@ -27,7 +27,7 @@ from dropper_jax.residual import Unknowns
 from dropper_jax.statics.bodies import BodyMoves
 from dropper_jax.statics.host_stiffness import factor_softened, free_motion, stiffness
 from dropper_jax.statics.rest_problem import RestProblem, name_of, rest
-from dropper_jax.statics.tangent import LEFT, REFINEMENTS
+from dropper_jax.statics.tangent import REFINEMENTS, UNSOLVABLE
 
 if TYPE_CHECKING:
     from scipy.sparse import csc_array
@@ -74,57 +74,70 @@ def mooring_stiffness(model: Model, pose: State, names: Sequence[str], loads: Ar
         matrix = _of_bodies(model, pose, loads)
     else:
         matrix = stiffness_with_held(model, pose, loads)
-    condensed = _condense(model, pose, loads, matrix, np.concatenate([np.zeros(0, int), *rows_by_name.values()]))
+    picked = np.concatenate([np.zeros(0, int), *rows_by_name.values()])
+    condensed = _condense(model, pose, loads, matrix, picked)
     freedoms = tuple(f"{name}.{axis}" for name, rows in rows_by_name.items() for axis in FREEDOMS[: len(rows)])
     return Stiffness(tuple(rows_by_name), freedoms, condensed, verges(model, pose))
 
 
+#: A link with a strain, and a tension over the maximum tension, below this is on the verge of going slack.
+VERGE = 1e-9
+
+
 def verges(model: Model, pose: State) -> tuple[str, ...]:
     """Warnings about links at their unstretched length, which are in tension on one side only."""
-    # limits for a link on the verge of going slack: stretch over its length, and tension over the maximum tension
-    verge = 1e-9
     size = np.linalg.norm(np.asarray(model.links(pose.r, model.ends(pose.t))), axis=1)
-    length = np.asarray(model.line.length)
-    tension = np.asarray(pose.tension)
-    there = (np.abs(size / length - 1.0) <= verge) & (np.abs(tension) <= verge * max(np.max(np.abs(tension)), 1e-300))
-    if not np.any(there):
+    strain = size / np.asarray(model.line.length) - 1.0
+    tension = np.abs(np.asarray(pose.tension))
+    on_verge = (np.abs(strain) <= VERGE) & (tension <= VERGE * max(np.max(tension), 1e-300))
+    numbers = [str(i + 1) for i in np.flatnonzero(on_verge)]
+    if not numbers:
         return ()
-    links = ", ".join(str(i + 1) for i in np.flatnonzero(there)[:5])
+    links = ", ".join(numbers[:5])
+    if len(numbers) > 5:
+        links += f" and {len(numbers) - 5} more"
     return (f"links {links} are on the verge of going slack: derivatives are one-sided",)
 
 
 def _resolve_names(model: Model, names: Sequence[str]) -> dict[str, np.ndarray]:
     """Rows of K of each name: of a free or fixed point (3,), or of a body (6,)."""
-    retained = np.arange(model.free_nodes)
-    bodies = ()
-    size = 3 * model.free_nodes
-    if model.constraints:
-        moves = BodyMoves(model)
-        retained = moves.retained_nodes
-        bodies = moves.constraint.names
-        size = moves.size
-    known = [p.name for p in model.points[: len(model.points) - 4 * len(bodies)]]  # corners of bodies come last
-    held = model.geometry.held_points.tolist()
+    moves = BodyMoves(model) if model.constraints else None
+    bodies = moves.constraint.names if moves else ()
+    points = [p.name for p in model.points[: len(model.points) - 4 * len(bodies)]]  # corners of bodies come last
+    known = [*points, *bodies]
     rows: dict[str, np.ndarray] = {}
     for name in names:
         if name in rows:
             raise SceneError(f"points: {name!r} is given twice; allowed: every point once")
-        if name not in (*known, *bodies):
-            raise SceneError(f"points: {name!r} is not a point of the scene; {nearest(name, [*known, *bodies])}")
-        if name in bodies:
-            body = bodies.index(name)
-            if moves.pinned[body]:
-                allowed = "allowed: free and fixed points, other bodies"
-                raise SceneError(f"points: {name!r} is pinned and cannot be moved; {allowed}")
-            rows[name] = moves.first_coordinate(body) + np.arange(6)
-        elif (point := known.index(name)) in held:
-            rows[name] = size + 3 * held.index(point) + np.arange(3)
+        if name not in known:
+            raise SceneError(f"points: {name!r} is not a point of the scene; {nearest(name, known)}")
+        if moves and name in bodies:
+            rows[name] = _rows_of_body(moves, bodies.index(name), name)
         else:
-            index = np.flatnonzero(retained == model.geometry.node_of_point(point))
-            if not index.size:
-                raise SceneError(f"points: {name!r} is on a rigid body. Use the name of the body")
-            rows[name] = 3 * index[0] + np.arange(3)
+            rows[name] = _rows_of_point(model, moves, points.index(name))
     return rows
+
+
+def _rows_of_body(moves: BodyMoves, body: int, name: str) -> np.ndarray:
+    """Rows of K (6,) of the body of this number and name."""
+    if moves.pinned[body]:
+        raise SceneError(
+            f"points: {name!r} is pinned and cannot be moved; allowed: free and fixed points, other bodies"
+        )
+    return moves.first_coordinate(body) + np.arange(6)
+
+
+def _rows_of_point(model: Model, moves: BodyMoves | None, point: int) -> np.ndarray:
+    """Rows of K (3,) of the point of this number, which is not on a body."""
+    retained = moves.retained_nodes if moves else np.arange(model.free_nodes)
+    held = model.geometry.held_points.tolist()
+    if point in held:
+        size = moves.size if moves else 3 * model.free_nodes
+        return size + 3 * held.index(point) + np.arange(3)
+    index = np.flatnonzero(retained == model.geometry.node_of_point(point))
+    if not index.size:
+        raise SceneError(f"points: {model.points[point].name!r} is on a rigid body. Use the name of the body")
+    return 3 * index[0] + np.arange(3)
 
 
 def _shifted_residual(model: Model, pose: State, loads: Array, x: Array, u: Array) -> tuple[Array, Array]:
@@ -138,9 +151,9 @@ def _shifted_residual(model: Model, pose: State, loads: Array, x: Array, u: Arra
 
 def forces_on_held(model: Model, pose: State) -> np.ndarray:
     """Forces (h, 3) [N] of the lines on the fixed points at rest."""
-    none = jnp.zeros((model.geometry.ends, 3), model.dtype)
-    nothing = jnp.zeros_like(pose.r)
-    return -np.asarray(_shifted_residual(model, pose, nothing, nothing, none)[1])
+    free = jnp.zeros_like(pose.r)
+    held = jnp.zeros((model.geometry.ends, 3), model.dtype)
+    return -np.asarray(_shifted_residual(model, pose, free, free, held)[1])
 
 
 @cached_jit()
@@ -184,13 +197,13 @@ def _condense(model: Model, pose: State, loads: Array, matrix: csc_array, picked
     for _ in range(REFINEMENTS):
         x = x + factor.solve(left)
         left = right - inner @ x
-        if np.max(np.abs(left), initial=0.0) <= LEFT * np.max(np.abs(right), initial=0.0):
+        if np.max(np.abs(left), initial=0.0) <= UNSOLVABLE * np.max(np.abs(right), initial=0.0):
             return whole - rows[:, others] @ x
-    words = free_motion(model, pose, loads)
-    if not words:
+    reason = free_motion(model, pose, loads)
+    if not reason:
         node = int(others[np.argmax(np.max(np.abs(left), axis=1))]) // 3
-        words = "nothing holds " + ("a body" if model.constraints else name_of(model, node))
-    raise SceneError(f"points: the others have no equilibrium: {words}. Use constrained points")
+        reason = "nothing holds " + ("a body" if model.constraints else name_of(model, node))
+    raise SceneError(f"points: the others have no equilibrium: {reason}. Use constrained points")
 
 
 def _of_bodies(model: Model, pose: State, loads: Array) -> csc_array:

@@ -32,7 +32,7 @@ from dropper_jax.statics.tangent import NodeMoves
 #: Maximum number of corrections of a descent.
 MOST_CORRECTIONS = 1000
 #: Minimum fraction of a correction that is tried.
-LEAST_SHARE = 2.0**-13
+MIN_SHARE = 2.0**-13
 #: Maximum force against a correction at its end, over the force along it at its start.
 OPPOSING = 0.5
 #: A shortened correction is good from this fraction on. Factors on kappa after a full, a good and a short correction.
@@ -50,8 +50,7 @@ def correct_pose(
     """One correction of the configuration s: the next one, its maximum unbalanced force [N], that of s, the next
     kappa."""
     soft = soft_scale(moves.model)
-    # maximum displacement of a node in one correction: a mean link length
-    reach = jnp.mean(moves.model.line.length)
+    reach = jnp.mean(moves.model.line.length)  # maximum displacement of a node in one correction
     rows_at = partial(moves.rows, s, loads)
     rows, linear = jax.linearize(rows_at, moves.zero_displacement)
     dx = -moves.tangent.factor(linear, kappa, rows)(rows, False)
@@ -62,7 +61,7 @@ def correct_pose(
 
     def overshoots(trial: tuple[Array, ...]) -> Array:
         share, along, _ = trial
-        return ~(along >= allowed) & (share > LEAST_SHARE)
+        return ~(along >= allowed) & (share > MIN_SHARE)
 
     def shorter(trial: tuple[Array, ...]) -> tuple[Array, ...]:
         share = 0.5 * trial[0]

@@ -34,10 +34,10 @@ Linear = Callable[[Array], Array]
 #: A factored map: the displacements for given forces, or of the transposed map.
 Solve = Callable[[Array, bool], Array]
 
-#: Maximum number of corrections of a linear solve, and the remaining fraction of the right side above which the system
-#: has no solution.
+#: Maximum number of corrections of a linear solve.
 REFINEMENTS = 20
-LEFT = 1e-7
+#: Remaining fraction of the right side above which a linear system has no solution.
+UNSOLVABLE = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,17 +111,17 @@ def _tangent(geometry: Graph, reach: int) -> Tangent:
     free = geometry.free
     inside = (geometry.first < free) & (geometry.last < free)
     links = geometry.first[inside], geometry.last[inside]
-    beside = coo_array((np.ones(len(links[0])), links), shape=(free, free))
-    near = (beside + beside.T + eye_array(free)).tocsr()
-    far = near
+    linked = coo_array((np.ones(len(links[0])), links), shape=(free, free))
+    neighbours = (linked + linked.T + eye_array(free)).tocsr()
+    coupled = neighbours
     for _ in range(reach - 1):
-        far = far @ near
-    meeting = (far.T @ far).tocsr()
+        coupled = coupled @ neighbours
+    common_row = (coupled.T @ coupled).tocsr()
     colour = np.full(free, -1)
     for node in range(free):
-        taken = colour[meeting.indices[meeting.indptr[node] : meeting.indptr[node + 1]]]
+        taken = colour[common_row.indices[common_row.indptr[node] : common_row.indptr[node + 1]]]
         colour[node] = np.setdiff1d(np.arange(len(taken) + 1), taken)[0]
-    entries = far.tocoo()
+    entries = coupled.tocoo()
     order = elimination_order(free, list(zip(entries.row.tolist(), entries.col.tolist(), strict=True)))
     return Tangent(entries.row, entries.col, colour, order)
 
@@ -175,7 +175,7 @@ def refine_solution(matrix: Linear, apply: Linear, b: Array) -> Array:
 
     never = jnp.full((), jnp.inf, jnp.finfo(b.dtype).dtype)
     x, left, *_ = jax.lax.while_loop(keep_iterating, correct, (jnp.zeros_like(b), b, never, never, jnp.zeros((), int)))
-    return jnp.where(jnp.max(jnp.abs(left)) <= LEFT * jnp.max(jnp.abs(b)), x, jnp.nan)
+    return jnp.where(jnp.max(jnp.abs(left)) <= UNSOLVABLE * jnp.max(jnp.abs(b)), x, jnp.nan)
 
 
 @dataclass(frozen=True)

@@ -142,3 +142,17 @@ def test_gradient_of_a_rocking_spar_against_differences(spar, slopes_of):
         return jnp.sum(last.r[-4:] * jnp.arange(12.0).reshape(4, 3))
 
     slopes_of(lean, buoyancy.pieces.radius, 1e-5)
+
+
+def test_second_derivatives_of_the_buoyancy_of_cylinders_under_in_and_above_the_surface_are_finite_and_exact():
+    ends = np.array([[[0, 0, -5], [0.3, 0, -3]], [[0, 0, -1.2], [0.9, 0, 1]], [[0, 0, 2], [1, 0, 2.05]]], float)
+    length = jnp.asarray(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1))
+
+    def lift(z):
+        moved = jnp.asarray(ends).at[1, 1, 2].add(z)
+        return jnp.sum(Cylinders.of(moved, jnp.zeros(3), jnp.full(3, 0.5), length).push()[..., 2])
+
+    slope = jax.grad(lift)
+    expected = (slope(1e-5) - slope(-1e-5)) / 2e-5
+    assert abs(expected) > 0.01
+    assert float(jax.grad(slope)(0.0)) == pytest.approx(float(expected), rel=1e-6)

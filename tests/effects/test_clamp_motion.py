@@ -117,6 +117,13 @@ def test_at_rest_the_line_has_the_direction_of_the_clamp():
     np.testing.assert_allclose(line, LENGTH * np.array([np.cos(angle(4.0)), 0.0, np.sin(angle(4.0))]), atol=1e-6)
 
 
+def test_quaternions_of_other_than_four_numbers_per_time_are_refused(refusal):
+    table = scene(links=4, time=[0.0, 1.0], quaternion=[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0], along=[1.0, 0.0, 0.0])
+    del table["effects"]["clamp_motion"]["direction"]
+    message = "effects.clamp_motion.quaternion: has 7 numbers; allowed: 4 per time"
+    assert refusal(dj.load_scene, table).startswith(message)
+
+
 @pytest.mark.parametrize(
     ("clamp", "message"),
     [

@@ -76,3 +76,15 @@ def test_a_table_with_a_ramp_leaves_its_first_row_without_a_jump():
     np.testing.assert_allclose(velocity(0.0), 0.0, atol=1e-12)
     np.testing.assert_allclose(jax.jacfwd(velocity)(0.0), 0.0, atol=1e-12)
     np.testing.assert_allclose(ramped.kinks, [3.0])
+
+
+@pytest.mark.parametrize(
+    "both",
+    [
+        {"time": [0.0, 1.0], "displacement": [[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]], "amplitude": [1.0, 0.0, 0.0]},
+        {"time": [5.0, 9.0], "amplitude": [1.0, 0.0, 0.0], "period": 2.0},
+    ],
+)
+def test_keys_of_a_table_and_of_a_harmonic_motion_are_not_combined(both, chain, refusal):
+    scene = chain([0.3], [0.2], {"kind": "static"}, effects={"weight": {}, "end_motion": {"point": "left", **both}})
+    assert "give either `amplitude` and `period`, or `time` and `displacement`" in refusal(dj.load_scene, scene)

@@ -13,10 +13,10 @@ RHO, G, MASS, VOLUME, DRAG_AREA, ADDED = 1025.0, 9.81, 100.0, 0.02, 0.3, 0.7
 def body(one_line, in_water):
     """`body(z)`: the model of a body at the free end of a line, at height z, and one instant with its water."""
 
-    def make(z, v=0.0):
+    def make(z, v=0.0, volume=VOLUME):
         thread = {"mass": 1e-3, "diameter": 1e-3, "EA": 1e3}
         scene = one_line(10.0, 2, [0.0, 0.0, -2.0], [8.0, 0.0, z], thread, {"weight": {}})
-        values = {"mass": MASS, "volume": VOLUME, "drag_area": DRAG_AREA, "added_mass": ADDED}
+        values = {"mass": MASS, "volume": volume, "drag_area": DRAG_AREA, "added_mass": ADDED}
         scene["point"][1] |= {"kind": "free", **values}
         scene["sea"] = {"depth": 50.0, "density": RHO}
         scene["start"] = {"kind": "points"}
@@ -43,3 +43,10 @@ def test_a_body_in_still_water_is_braked_by_half_rho_cda_u2_and_carries_added_ma
     a = jnp.ones_like(k.r)
     assert float(effect.inertia(k, a)[end, 1]) == pytest.approx(RHO * VOLUME * ADDED, rel=1e-12)
     assert float(effect.point_mass(model)[end]) == MASS
+
+
+@pytest.mark.parametrize(("z", "wet"), [(-10.0, 1.0), (0.0, 0.5), (10.0, 0.0)])
+def test_water_brakes_a_body_without_volume_only_where_it_is_under_water(body, z, wet):
+    model, k, end = body(z, v=0.8, volume=0.0)
+    drag = float(model.effect("point_bodies").force(k)[end, 0])
+    assert drag == pytest.approx(-wet * 0.5 * RHO * DRAG_AREA * 0.8**2, rel=1e-9)

@@ -2,6 +2,7 @@
 
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 import dropper_jax as dj
 from dropper_jax import build_model
@@ -19,3 +20,26 @@ def test_an_end_that_follows_the_sea_moves_with_the_water_at_the_surface(hanging
     np.testing.assert_allclose(ends.start[2], model.sea.elevation(place, t)[0], atol=1e-12)
     np.testing.assert_allclose(ends.velocities[0], model.sea.at(place, t).velocity[0], atol=1e-12)
     assert np.all(np.asarray(model.ends(jnp.array(0.0)).start) == 0.0)
+
+
+@pytest.mark.parametrize(
+    ("factors", "message"),
+    [
+        ({"heave": [0.0, 1.0], "omega": [2.0, 1.0]}, "sea_following_end.omega: needs at least one number, each above"),
+        ({"heave": [0.0, 1.0]}, "heave: has 2 values, but there is no `omega`; allowed: 1"),
+        ({"heave": [0.0, 1.0, 0.0], "omega": [1.0, 2.0]}, "heave: has 3 values; allowed: 1, or 2 as `omega`"),
+    ],
+)
+def test_factors_over_frequencies_that_do_not_rise_or_match_are_refused(factors, message, hanging, refusal):
+    waves = {"kind": "regular", "amplitude": 1.0, "period": 7.0}
+    scene = hanging({"weight": {}, "sea_following_end": {"point": "top", **factors}}, {"waves": waves, "ramp": 2.0})
+    assert message in refusal(dj.load_scene, scene)
+
+
+def test_a_factor_of_one_entry_is_that_of_all_frequencies(hanging):
+    waves = {"kind": "regular", "amplitude": 1.0, "period": 7.0}
+    ends = []
+    for factors in ({"heave": 0.8}, {"heave": [0.8], "omega": [0.5, 2.0]}):
+        scene = hanging({"weight": {}, "sea_following_end": {"point": "top", **factors}}, {"waves": waves, "ramp": 2.0})
+        ends.append(build_model(dj.load_scene(scene)).ends(jnp.array(5.0)).start)
+    np.testing.assert_array_equal(ends[0], ends[1])

@@ -155,7 +155,11 @@ def test_both_conditions_hold_at_the_surface_that_effects_see(steep):
     x, y = jnp.asarray(np.random.default_rng(0).uniform(-40, 40, (2, 30)))
     eta = steep.waves.elevation(x, y, t)
     r = jnp.stack([x, y, eta], axis=1)
-    np.testing.assert_allclose(steep.waves.pressure(r, t, 10.0, 1000.0) / 9810.0, eta, atol=1e-5)
+    wave = finite_wave(sea_of(**STEEP))
+    along = np.array([np.cos(STEEP["direction"]), np.sin(STEEP["direction"]), 0.0])
+    seen_by_wave = np.asarray(steep.at(r, t).velocity) - wave.celerity * along
+    pressure = wave.head - 0.5 * np.sum(seen_by_wave**2, axis=1)  # over the density, by Bernoulli
+    np.testing.assert_allclose(pressure / 9.81, eta, atol=1e-5)
     rate = jax.jvp(lambda s: steep.waves.elevation(x, y, s), (t,), (jnp.ones_like(t),))[1]
     slope = jax.vmap(jax.grad(lambda p: steep.waves.elevation(p[:1], p[1:2], t)[0]))(r)[:, :2]
     u = steep.at(r, t).velocity

@@ -145,6 +145,20 @@ def test_a_direction_next_to_a_file_with_directions_is_refused(tmp_path, refusal
     assert refusal(dj.build, changed(sea__waves=waves)).startswith("sea.waves.direction: given twice")
 
 
+@pytest.mark.parametrize(
+    ("row", "problem"),
+    [
+        ("8,0.5,0,270", "sea.waves.direction.1: 270.0 is out of range"),
+        ("8,-0.5,0,0", "sea.waves.amplitude.1: -0.5 is out of range"),
+    ],
+)
+def test_values_of_component_files_have_the_ranges_of_those_in_the_scene(tmp_path, row, problem, refusal):
+    file = tmp_path / "sea.csv"
+    file.write_text(f"period_s,amplitude_m,phase_rad,direction_rad\n6,0.5,0,1.5\n{row}\n")
+    waves = {"kind": "components", "file": str(file)}
+    assert refusal(dj.load_scene, changed(sea__waves=waves)).startswith(problem)
+
+
 def test_component_files_are_read_with_periods_before_frequencies(tmp_path):
     file = tmp_path / "sea.csv"
     file.write_text("frequency_hz,period_s,amplitude_m,phase_rad\n0.12,8.345,0.873,0.837\n0.13,7.586,0.832,5.658\n")
@@ -214,6 +228,30 @@ def test_a_wavespectra_dataset_becomes_a_sea_of_its_height_and_course():
     assert 0.5 * np.sum(waves["amplitude"] ** 2) == pytest.approx(energy, rel=1e-6)
     np.testing.assert_allclose(waves["direction"], 0.0, atol=1e-12)  # from the west, so towards +x
     assert dj.Scene.from_dict(changed(sea__waves=waves)).sea.waves.kind == "components"
+
+
+def test_a_sector_of_directions_has_the_energy_of_its_bins():
+    xarray = pytest.importorskip("xarray", reason="reading wavespectra datasets needs the extra io")
+    frequency, coming = np.linspace(0.05, 0.3, 26), np.arange(180.0, 275.0, 10.0)
+    density = np.ones((26, 10))
+    data = xarray.Dataset({"efth": (("freq", "dir"), density)}, {"freq": frequency, "dir": coming})
+    assert 0.5 * np.sum(from_wavespectra(data)["amplitude"] ** 2) == pytest.approx(np.sum(density) * 0.01 * 10.0)
+
+
+def test_spectra_of_several_times_or_one_direction_are_refused(refusal):
+    xarray = pytest.importorskip("xarray", reason="reading wavespectra datasets needs the extra io")
+    for axes, shape in ((("time", "freq", "dir"), (2, 3, 4)), (("freq", "dir"), (3, 1))):
+        sizes = dict(zip(axes, shape, strict=True))
+        places = {"freq": 0.1 + 0.1 * np.arange(3), "dir": 10.0 * np.arange(sizes["dir"])}
+        data = xarray.Dataset({"efth": (axes, np.ones(shape))}, places)
+        assert refusal(from_wavespectra, data).startswith("dataset.efth: has the dimensions (")
+
+
+def test_an_elevation_that_does_not_change_is_refused(tmp_path, refusal):
+    file = tmp_path / "flat.csv"
+    file.write_text("t_s,elevation_m\n" + "".join(f"{i},0.3\n" for i in range(8)))
+    waves = {"kind": "elevation", "file": str(file)}
+    assert "has one elevation at all times" in refusal(dj.load_scene, changed(sea__waves=waves))
 
 
 def test_the_interpolated_sea_keeps_its_stated_error():

@@ -13,6 +13,8 @@ from scipy.optimize import brentq, least_squares, minimize, root
 
 import dropper_jax as dj
 from dropper_jax import statics
+from dropper_jax.statics.pose_stability import plane_normal
+from dropper_jax.statics.stiffness import verges
 
 G = 9.81
 STATIC = {"kind": "static"}
@@ -283,6 +285,20 @@ def test_a_lifted_dropper_with_a_link_in_compression_is_found_in_its_plane():
     assert np.all(found.positions[:, 1] == 0.0)
     d = np.diff(found.positions, axis=0)
     np.testing.assert_allclose(np.arctan2(-d[:, 2], d[:, 0]), LIFTED_ANGLES, atol=1.1e-3)
+
+
+def test_two_links_that_are_not_on_one_straight_line_have_a_plane_and_straight_ones_have_none(chain):
+    model, s = dj.build(chain([0.1, 0.1], 0.03, STATIC))
+    top = np.asarray(model.points[0].position)
+    bent = dj.state(model, jnp.asarray(top + [[0.1, 0.0, 0.0], [0.1, 0.0, -0.1]]))
+    np.testing.assert_allclose(np.abs(plane_normal(model, bent)), [0.0, 1.0, 0.0], atol=1e-12)
+    assert plane_normal(model, s) is None
+
+
+def test_warning_of_links_on_the_verge_of_going_slack_counts_those_that_it_leaves_out(chain):
+    model, s = dj.build(chain([0.1] * 8, 0.03, STATIC))
+    (warning,) = verges(model, replace(s, tension=jnp.zeros(8)))
+    assert warning.startswith("links 1, 2, 3, 4, 5 and 3 more are on the verge of going slack")
 
 
 @pytest.mark.check

@@ -47,7 +47,7 @@ def offset_curves(
         links and the line that has it; status `ok` or `not_converged`, then without numbers.
 
     Raises:
-        SceneError: unknown points, free points, or the same point twice.
+        SceneError: unknown points, free points, points at which no line ends, or the same point twice.
     """
     moved = _fixed_points(scene, points)
     model = build_model(scene)
@@ -74,6 +74,7 @@ def offset_curves(
 def _fixed_points(scene: Scene, names: Sequence[str]) -> list[str]:
     """The names, which must be those of different fixed points."""
     known = {point.name: point for point in scene.points}
+    at_ends = {end for line in scene.lines for end in (line.start, line.end)}
     for i, name in enumerate(names):
         if name not in known:
             raise SceneError(f"points: {name!r} is not a point of the scene; {nearest(name, list(known))}")
@@ -82,6 +83,8 @@ def _fixed_points(scene: Scene, names: Sequence[str]) -> list[str]:
         if known[name].is_free:
             held = ", ".join(p.name for p in scene.points if not p.is_free)
             raise SceneError(f"points: {name!r} is free and finds its own position; allowed: fixed points: {held}")
+        if name not in at_ends:
+            raise SceneError(f"points: no line ends at {name!r}; allowed: ends of lines")
     return list(names)
 
 

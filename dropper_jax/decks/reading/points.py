@@ -51,6 +51,9 @@ def read_ends(deck: Deck) -> Ends:
     for row in deck.rows["lines"]:
         row.need(6, "line")
         found.used |= {row.words[start].upper(), row.words[end].upper()}
+    for section, what in (("points", "point"), ("rods", "rod"), ("bodies", "body")):
+        for row in deck.rows[section]:
+            row.need(3, what)  # the words by which rows refer to each other; each reader needs more
     bodies = {row.words[0]: row for row in deck.rows["bodies"]}
     moving = [key for key, row in bodies.items() if _moves(row) and _carries(row, found)]
     for key in moving:

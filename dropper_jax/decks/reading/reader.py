@@ -27,11 +27,22 @@ DEFAULT_DURATION = 60.0
 OUTPUT = re.compile(r"(?:fair|anch)ten(\d+)|l(?:ine)?(\d+)(?:n\d+|[ab])?(?:p|v|t|f|st|sr)\w*", re.IGNORECASE)
 #: Options by the scene paths that they set.
 OPTION_OF = {
-    **{"effects.weight.gravity": "g", "sea.gravity": "g", "sea.density": "rho", "sea.depth": "wtrdpth"},
-    **{"effects.seabed": "seafloorfile", "effects.seabed.depth": "wtrdpth", "effects.seabed.stiffness": "kbot"},
-    **{"effects.seabed.damping": "cbot", "effects.seabed_friction.kinetic": "frictioncoefficient"},
-    **{"effects.seabed_friction.static": "statdynfricscale", "sea.waves": "wavekin", "sea.ramp": "wavekin_rampt"},
-    **{"sea.current": "currents", "run.dt": "dtm", "run.save_every": "dtout", "start": "tmaxic"},
+    "effects.weight.gravity": "g",
+    "sea.gravity": "g",
+    "sea.density": "rho",
+    "sea.depth": "wtrdpth",
+    "effects.seabed": "seafloorfile",
+    "effects.seabed.depth": "wtrdpth",
+    "effects.seabed.stiffness": "kbot",
+    "effects.seabed.damping": "cbot",
+    "effects.seabed_friction.kinetic": "frictioncoefficient",
+    "effects.seabed_friction.static": "statdynfricscale",
+    "sea.waves": "wavekin",
+    "sea.ramp": "wavekin_rampt",
+    "sea.current": "currents",
+    "run.dt": "dtm",
+    "run.save_every": "dtout",
+    "start": "tmaxic",
 }
 #: Sections without a counterpart in a scene.
 WITHOUT = ("control", "external loads", "syrope ic")
@@ -58,9 +69,8 @@ def read_moordyn(path: str | Path, depth: float | None = None) -> Table:
         _check_depth(deck, options, depth)
     types = read_types(deck)
     ends = read_ends(deck)
-    own_lines = _lines(deck, types, ends.names)
+    own_lines = _lines(deck, types, ends)
     _check_outputs(deck)
-    _free_a_node(own_lines, ends, deck.notes)
     used = {line.type for line in own_lines}
     bending = _bending(own_lines, types, ends, deck.notes)
     broken = _failures(deck, own_lines, ends.names)
@@ -161,7 +171,9 @@ def _check_depth(deck: Deck, options: Options, depth: float) -> None:
     options.values["wtrdpth"] = depth
 
 
-def _lines(deck: Deck, types: Table, names: dict[str, str]) -> list[DeckLine]:
+def _lines(deck: Deck, types: Table, ends: Ends) -> list[DeckLine]:
+    """The lines of the deck, with their links in the scene."""
+    names = ends.names
     found: dict[str, DeckLine] = {}
     start_column, end_column, length, links = line_columns(deck)
     for row in deck.require("lines"):
@@ -186,13 +198,15 @@ def _lines(deck: Deck, types: Table, names: dict[str, str]) -> list[DeckLine]:
             links=row.integer(links, "NumSegs"),
             row=row.number,
         )
-    return list(found.values())
+    lines = list(found.values())
+    _free_a_node(lines, ends, deck.notes)
+    return lines
 
 
 def line_parts(deck: Deck) -> dict[str, Part]:
     """Where each line of a deck is in the lines of its scene, by its name."""
     ends = read_ends(deck)
-    return join_lines(_lines(deck, read_types(deck), ends.names), ends.joints)[1]
+    return join_lines(_lines(deck, read_types(deck), ends), ends.joints)[1]
 
 
 def _joint_notes(lines: list[Table], parts: dict[str, Part], as_given: bool) -> Iterator[str]:

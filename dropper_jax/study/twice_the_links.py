@@ -108,6 +108,6 @@ def _halve_value(value: Plain, parts: int) -> Plain:
     """Value of each half of a link, from a number or a list of one per link; a text is unchanged."""
     if isinstance(value, list):
         return np.repeat(np.asarray(value, float) / parts, 2).tolist()
-    if isinstance(value, str):
-        return value
-    return value / parts
+    if isinstance(value, int | float):
+        return value / parts
+    return value

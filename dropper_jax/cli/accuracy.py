@@ -87,7 +87,7 @@ def run(args: Namespace) -> int:
         schemes = [parse(name) for name in names]
     dts = None if args.dts is None else tuple(args.dts)
     say = progress(args.quiet)
-    found = accuracy(scene, schemes, dts, args.span, extras=not args.quick, say=say, each=_row_printer(args.quiet))
+    found = accuracy(scene, schemes, dts, args.span, extras=not args.quick, progress=say, each=_row_printer(args.quiet))
     for item in found["refused"]:
         print_line(f"left out: {item['scheme']}: {item['reason']}")
     failure = STOPPED if found.get("status") == STOPPED[0] else None

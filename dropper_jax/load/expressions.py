@@ -51,9 +51,10 @@ def evaluate(text: str, names: Mapping[str, Number], path: str) -> Number:
         raise SceneError(f"{path}: {text.strip()!r} is not a valid expression; allowed: {ALLOWED}") from None
     try:
         found = _value(tree, names, path)
+        finite = math.isfinite(found)
     except (ZeroDivisionError, OverflowError, ValueError, TypeError, RecursionError) as error:
         raise SceneError(f"{path}: {text.strip()!r} has no value ({error}); allowed: a finite number") from None
-    if isinstance(found, float) and not math.isfinite(found):
+    if not finite:
         raise SceneError(f"{path}: {text.strip()!r} is {found}; allowed: a finite number")
     return found
 

@@ -44,9 +44,9 @@ Item = TypeVar("Item")
 #: Spacing of attached points, relative to the line's length, below which a piece would have no length.
 SAME_POSITION = 1e-9
 #: Keys of a section of a line, or of a line without sections.
-OF_SECTIONS = ("type", "length", "links")
+SECTION_KEYS = ("type", "length", "links")
 #: Keys of a line defined by the link that a line with a type takes from its type.
-OF_TYPES = ("mass", "diameter", "outer_diameter", "axial", "centre_of_mass", "inertia")
+TYPE_KEYS = ("mass", "diameter", "outer_diameter", "axial", "centre_of_mass", "inertia")
 #: Effect and key that take a coefficient of the line types if the scene omits it.
 COEFFICIENTS = {"cdn": "morison_drag", "cdt": "morison_drag", "can": "morison_inertia", "cat": "morison_inertia"}
 
@@ -168,7 +168,7 @@ class Section(DeclaredSection):
 
 
 @dataclass(frozen=True)
-class Stop(DeclaredSection):
+class AttachedPoint(DeclaredSection):
     """An entry of `attach`: a point along a line."""
 
     at: float = parameter("arc length from the first end of the line", unit="m")
@@ -185,8 +185,8 @@ def expand(table: Values) -> Table:
     """The scene's plain values without line types, sections and attached points; a table without them is unchanged.
 
     Raises:
-        SceneError: an unknown type, a type without a coefficient that the scene's effects need, or a point attached
-            outside its line.
+        SceneError: an unknown type, a type without a coefficient that the scene's effects need, a point attached
+            outside its line, or shelter factors of both lines and drag.
     """
     table = dict(table)
     types = _types(table.pop("line_type", []))
@@ -211,9 +211,14 @@ def expand(table: Values) -> Table:
     table["line"] = pieces
     table["effects"] = _with_coefficients(table.get("effects", {}), used)
     if any(factor != 1.0 for factor in shelter):
-        if "morison_drag" not in table["effects"]:
+        drag = table["effects"].get("morison_drag")
+        if drag is None:
             raise SceneError("line.shelter: reduces the current of [effects.morison_drag]; it is missing")
-        table["effects"]["morison_drag"]["shelter"] = shelter
+        if "shelter" in drag:
+            raise SceneError(
+                "effects.morison_drag.shelter: cannot be combined with line.shelter. Remove one of the two"
+            )
+        drag["shelter"] = shelter
     return table
 
 
@@ -229,9 +234,9 @@ def _check_keys_of_types(line: Values, path: str) -> Iterator[Check]:
         typeless,
         f"{path}: no type. If one line has a type, all lines need `type` or `sections`",
     )
-    for key in OF_TYPES:
+    for key in TYPE_KEYS:
         yield key in line, f"{path}.{key}: belongs to the line's type. Set it in its [[line_type]]"
-    for key in OF_SECTIONS:
+    for key in SECTION_KEYS:
         yield (
             key in line and "sections" in line,
             f"{path}.{key}: cannot be combined with `sections`. Set it inside each section",
@@ -250,7 +255,7 @@ def _types(items: Plain) -> dict[str, LineType]:
 def _sections(line: Table, path: str, types: dict[str, LineType]) -> tuple[Section, ...]:
     """The sections of a line; removes their keys from it."""
     if "sections" not in line:
-        return (Section.read({key: line.pop(key) for key in OF_SECTIONS if key in line}, path, types),)
+        return (Section.read({key: line.pop(key) for key in SECTION_KEYS if key in line}, path, types),)
     found = read_items(Section.read, line.pop("sections"), f"{path}.sections", types)
     if not found:
         raise refuse(f"{path}.sections", [], "is empty", "at least one {type, length, links}")
@@ -275,7 +280,7 @@ def _split(
         return [(line, sections)]
     total = sum(s.length for s in sections)
     name = line.get("name", "line")
-    given = read_items(Stop.read, attached, f"{path}.attach")
+    given = read_items(AttachedPoint.read, attached, f"{path}.attach")
     stops = sorted(stop.on(f"{path}.attach.{i}", name, total) for i, stop in enumerate(given))
     for (at, one), (further, other) in pairwise(stops):
         if further - at <= SAME_POSITION * total:

@@ -1,26 +1,17 @@
-"""Values of a scene by path: `effects.linear_damping.b_l`, `line.0.mass`, `point.right.position.0`.
-
-The user's form of lines with types: types, sections and attached points, before they become one value per link.
-
-A `Scene` holds one value per link (`line_types.expand`). Values changed by path have the same meaning as in the file:
-`line.leg.length` is the length of the line, `line_type.chain.EA` that of every line of the type.
-"""
+"""Values of a scene by path: `effects.linear_damping.b_l`, `line.0.mass`, `point.right.position.0`."""
 
 from __future__ import annotations
 
 import copy
 import re
 from collections.abc import Collection, Iterable, Iterator, Mapping
-from contextlib import suppress
-from dataclasses import dataclass
 from typing import Any
 
-from dropper_jax.axial import LAWS
 from dropper_jax.base.errors import SceneError, nearest
-from dropper_jax.base.read import Plain, ScenePath, Table, Values, declared_fields, join, plain, section_keys
+from dropper_jax.base.read import Plain, ScenePath, Table, Values, declared_fields, join, section_keys
 from dropper_jax.effects import EFFECTS
 from dropper_jax.integrators import OPTIONS
-from dropper_jax.load.line_types import COEFFICIENTS, OF_SECTIONS, LineType, expand, law_constants
+from dropper_jax.load.line_types import LineType
 from dropper_jax.scene import (
     AnchorSpec,
     BodySpec,
@@ -49,7 +40,7 @@ Branch = Table | list[Any]
 SectionRow = tuple[str, str, type | None]
 
 #: Keys that are read by hand, by section.
-MORE_KEYS: dict[str, Iterable[str]] = {
+KEYS_BY_HAND: dict[str, Iterable[str]] = {
     "": ("name", "description"),
     "run": OPTIONS,
     "line.*.axial": ("law", "EA", "damping", "strain", "tension"),
@@ -126,44 +117,22 @@ def locate(table: Values, paths: Iterable[str] | None = None) -> dict[str, Steps
         effects = named.union(table.get("effects", ()))
     for pattern, _, cls in declared_sections(effects):
         if pattern not in (*WITHOUT_PATHS, *BY_NAME) and (pattern != "growth" or "growth" in table):
-            found |= _steps(table, pattern, _keys_with_paths(pattern, cls))
+            found |= steps_to(table, pattern, _keys_with_paths(pattern, cls))
     for pattern in BY_NAME:
-        found |= _steps(table, pattern)
+        found |= steps_to(table, pattern)
     return found
 
 
 def _keys_with_paths(pattern: str, cls: type | None) -> list[str]:
     """Keys of a section that have paths, declared or read by hand."""
     if cls is None:
-        return list(MORE_KEYS.get(pattern, ()))
+        return list(KEYS_BY_HAND.get(pattern, ()))
     if pattern in KEYS_ALONE:
         return list(declared_fields(cls))
-    return [*section_keys(cls), *MORE_KEYS.get(pattern, ())]
+    return [*section_keys(cls), *KEYS_BY_HAND.get(pattern, ())]
 
 
-def locate_written(table: Values) -> dict[str, Steps]:
-    """The same for types and lines of a table in its original form; empty without types."""
-    if not table.get("line_type"):
-        return {}
-    of_types = [*declared_fields(LineType)]
-    for law in LAWS:
-        of_types += law_constants(law)
-    lines = _steps(table, "line.*", ("name", "from", "to", "shelter", *OF_SECTIONS))
-    for path, to in list(lines.items()):
-        if to[-1] in OF_SECTIONS and "sections" in table["line"][to[1]]:
-            del lines[path]
-    return {
-        **_steps(table, "line_type.*", of_types),
-        **lines,
-        **_steps(table, "line.*.sections.*", OF_SECTIONS),
-        **_steps(table, "line.*.attach.*", ("point", "at")),
-        **_steps(table, "line.*.growth", declared_fields(GrowthSpec)),
-        **_steps(table, "line.*.length_in_time.*", declared_fields(LengthInTimeSpec)),
-        **_steps(table, "line.*.length_in_time.*.control", declared_fields(WinchSpec)),
-    }
-
-
-def _steps(table: Values, pattern: str, keys: Iterable[str] | None = None) -> dict[str, Steps]:
+def steps_to(table: Values, pattern: str, keys: Iterable[str] | None = None) -> dict[str, Steps]:
     """Steps to these keys of every table at a pattern; without `keys`, to those that it has."""
     found = {}
     for path, to, own in _tables(table, list(filter(None, pattern.split(".")))):
@@ -281,89 +250,3 @@ def _hint(path: str, candidates: set[str]) -> str:
     if len(near) > shown:
         near[shown:] = ["..."]
     return f"known: {', '.join(near)}"
-
-
-def is_written(table: Table, path: str, written: Mapping[str, Steps]) -> bool:
-    """Whether a path is that of a value in its original form, or of an entry of a list there."""
-    stem, entries = ScenePath(path).entry_of(written) or ("", ())
-    if entries:
-        with suppress(SceneError):  # nothing is given there
-            return isinstance(get(table, stem, written), list)
-    return stem in written and not entries
-
-
-@dataclass(frozen=True)
-class Written:
-    """The part of a scene that was expanded.
-
-    Attributes:
-        line_type, line: plain values of these sections.
-        made: points created by `attach`.
-        taken: (effect, key) of coefficients that came from line types or lines.
-    """
-
-    line_type: list[Table]
-    line: list[Table]
-    made: tuple[str, ...]
-    taken: tuple[tuple[str, str], ...]
-
-    @classmethod
-    def of(cls, table: Values, expanded: Values) -> Written | None:
-        """The expanded part of a scene's plain values; None if nothing was expanded."""
-        if not table.get("line_type"):
-            return None
-        given = {point.get("name") for point in table.get("point", [])}
-        made = tuple(p["name"] for p in expanded["point"] if p.get("name") not in given)
-        effects = table.get("effects", {})
-        taken = []
-        for key, effect in {**COEFFICIENTS, "shelter": "morison_drag", "EI": "bending"}.items():
-            if key in expanded["effects"].get(effect, {}) and key not in effects.get(effect, {}):
-                taken.append((effect, key))
-        return cls(plain(table["line_type"]), plain(table["line"]), made, tuple(taken))
-
-    def table(self, expanded: Values, keep_points: bool = False) -> Table:
-        """Plain values of the scene in its original form, from those with one value per link."""
-        effects = {}
-        for name, values in expanded["effects"].items():
-            effects[name] = {key: value for key, value in values.items() if (name, key) not in self.taken}
-        points = [p for p in expanded["point"] if keep_points or p["name"] not in self.made]
-        own = {"line_type": copy.deepcopy(self.line_type), "line": copy.deepcopy(self.line)}
-        return {**expanded, **own, "point": points, "effects": effects}
-
-    def with_changes(self, expanded: Table, values: Values) -> Table:
-        """Plain values in their original form with some changed by path; changes of single links are applied last.
-
-        Args:
-            expanded: plain values of the scene with one value per link.
-        """
-        sections = {ScenePath(path).section for path in values}
-        table = self.table(expanded, keep_points="point" in sections)
-        written = locate_written(table)
-        own = [path for path in values if is_written(table, path, written)]
-        single = {path: value for path, value in values.items() if path not in own and self._of_links(path)}
-        for path, value in values.items():
-            if path in own:
-                set_value(table, path, value, written)
-            elif path not in single:
-                set_value(table, path, value, candidates=written)
-        if not single:
-            return table
-        table = expand(table)
-        for path, value in single.items():
-            set_value(table, path, value, candidates=written)
-        return table
-
-    def _of_links(self, path: str) -> bool:
-        """Whether a path that is not written refers to single links: of a line, or an entry of a coefficient of types.
-
-        Raises:
-            SceneError: the length of a line of sections, which has none; that of links is not what a user means.
-        """
-        if ScenePath(path).section != "line":
-            return path.startswith(tuple(f"effects.{effect}.{key}." for effect, key in self.taken))
-        stem, _, key = path.rpartition(".")
-        for i, line in enumerate(self.line):
-            here = stem in (f"line.{i}", f"line.{line.get('name', i)}")
-            if here and key in OF_SECTIONS and "sections" in line:
-                raise SceneError(f"{path}: the line has sections. Use {stem}.sections.0.{key} and so on")
-        return True

@@ -22,7 +22,7 @@ from dropper_jax.base.read import (
 )
 from dropper_jax.load.library import FLOAT_DENSITY, PREFIX, float_of, part
 from dropper_jax.load.line_types import expand
-from dropper_jax.load.paths import Written
+from dropper_jax.load.original_lines import OriginalLines
 from dropper_jax.load.template import Template
 from dropper_jax.scene import PointSpec
 
@@ -37,7 +37,7 @@ class Resolved(NamedTuple):
     """
 
     table: Table
-    written: Written | None
+    written: OriginalLines | None
     template: Template | None
 
 
@@ -53,7 +53,7 @@ def resolve(table: Plain) -> Resolved:
         given = with_point_types(*template.expand())
     given = with_library_lines(given)
     expanded = expand(given)
-    return Resolved(expanded, Written.of(given, expanded), template)
+    return Resolved(expanded, OriginalLines.of(given, expanded), template)
 
 
 #: Sections that are lists of tables.

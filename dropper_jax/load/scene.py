@@ -34,8 +34,9 @@ from dropper_jax.load.checks_system import (
     check_scene,
     check_span,
 )
+from dropper_jax.load.original_lines import OriginalLines, is_written, locate_written
 from dropper_jax.load.packaged import find_scene, folder_of
-from dropper_jax.load.paths import Written, get, is_written, locate, locate_written, path_as_given, set_value
+from dropper_jax.load.paths import get, locate, path_as_given, set_value
 from dropper_jax.load.periods import with_suggestions
 from dropper_jax.load.resolve import GRAVITIES, resolve, with_one_gravity
 from dropper_jax.load.template import Template
@@ -171,7 +172,7 @@ class Scene(SceneData):
     """
 
     run: RunSpec = part(partial(RunSpec.read, options=OPTIONS), needed="a table with `duration`")
-    written: Written | None = None
+    written: OriginalLines | None = None
     template: Template | None = None
 
     @classmethod

@@ -54,12 +54,12 @@ from dropper_jax.base.read import (
 from dropper_jax.load.expressions import Number, evaluate
 
 #: Sections that only templates have.
-TEMPLATE_KEYS = ("parameters", "unit", "array", "point_type")
+TEMPLATE_SECTIONS = ("parameters", "unit", "array", "point_type")
 #: Sections whose items may be repeated, and that units may contain.
-REPEATED = ("point", "line", "buoy", "failure")
-UNIT = ("point", "line", "buoy")
-LAYOUT = ("name", "origin", "heading", "shared")
-ARRAY = ("of", "repeat", *LAYOUT)
+REPEATED_SECTIONS = ("point", "line", "buoy", "failure")
+UNIT_SECTIONS = ("point", "line", "buoy")
+LAYOUT_KEYS = ("name", "origin", "heading", "shared")
+ARRAY_KEYS = ("of", "repeat", *LAYOUT_KEYS)
 #: Maximum number of items created by one `repeat`: 200 longlines of 60 loops have 12 000.
 MOST_COPIES = 20_000
 NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*\Z")
@@ -71,7 +71,7 @@ class Names(ChainMap[str, Any]):
 
     def __init__(self, *maps: Table) -> None:
         super().__init__(*maps)
-        self._open: list[str] = []
+        self._being_evaluated: list[str] = []
 
     def __getitem__(self, key: str) -> Number:
         value = super().__getitem__(key)
@@ -79,13 +79,13 @@ class Names(ChainMap[str, Any]):
         if not isinstance(value, str):
             read_number(value, path, {})
             return value
-        if key in self._open:
-            raise SceneError(f"{path}: circular reference: {' -> '.join([*self._open, key])}")
-        self._open.append(key)
+        if key in self._being_evaluated:
+            raise SceneError(f"{path}: circular reference: {' -> '.join([*self._being_evaluated, key])}")
+        self._being_evaluated.append(key)
         try:
             return evaluate(value.lstrip().removeprefix("="), self, path)
         finally:
-            self._open.remove(key)
+            self._being_evaluated.remove(key)
 
 
 @dataclass(frozen=True)
@@ -103,8 +103,8 @@ class Template:
     @classmethod
     def of(cls, table: Values) -> Template | None:
         """The template of a scene's plain values; None if it is already a plain scene."""
-        items = itertools.chain.from_iterable(table.get(section, ()) for section in REPEATED)
-        if any(key in table for key in TEMPLATE_KEYS) or any({"repeat", "float"} & set(item) for item in items):
+        items = itertools.chain.from_iterable(table.get(section, ()) for section in REPEATED_SECTIONS)
+        if any(key in table for key in TEMPLATE_SECTIONS) or any({"repeat", "float"} & set(item) for item in items):
             return cls(copy.deepcopy(dict(table)))
         return None
 
@@ -144,25 +144,25 @@ class Template:
         for name in names:  # all of them, used or not
             names[name]
         types = evaluate_values(self.table.get("point_type", []), names, "point_type")
-        rest = {key: value for key, value in self.table.items() if key not in (*TEMPLATE_KEYS, *REPEATED)}
+        rest = {key: value for key, value in self.table.items() if key not in (*TEMPLATE_SECTIONS, *REPEATED_SECTIONS)}
         found = evaluate_table(rest, names, "")
-        for section in REPEATED:
+        for section in REPEATED_SECTIONS:
             items = _items(self.table, section, names)
             if section in self.table or items:
                 found[section] = items
         for i, array in enumerate(self.table.get("array", ())):
-            self._lay(array, f"array.{i}", names, found)
+            self._add_units(array, f"array.{i}", names, found)
         return found, types
 
-    def _lay(self, array: Values, path: str, names: Names, found: Table) -> None:
+    def _add_units(self, array: Values, path: str, names: Names, found: Table) -> None:
         """Add the units of an array to the scene."""
-        check_keys(array, ARRAY, path)
+        check_keys(array, ARRAY_KEYS, path)
         units = self.table.get("unit", {})
         kind = read_text(array.get("of"), f"{path}.of", units)
         unit = units[kind]
-        check_keys(unit, UNIT, f"unit.{kind}")
+        check_keys(unit, UNIT_SECTIONS, f"unit.{kind}")
         for inner in _repetitions(array, path, names):
-            part = {section: _items(unit, section, inner, f"unit.{kind}.") for section in UNIT}
+            part = {section: _items(unit, section, inner, f"unit.{kind}.") for section in UNIT_SECTIONS}
             layout = _Layout.read(array, path, inner, {item["name"] for item in part["point"]})
             known = {item["name"] for item in found.setdefault("point", [])}
             points = [layout.point(point) for point in part["point"]]
@@ -186,7 +186,7 @@ class _Layout:
 
     @classmethod
     def read(cls, array: Values, path: str, names: Names, points: set[str]) -> _Layout:
-        given = evaluate_table({key: array.get(key) for key in LAYOUT}, names, path)
+        given = evaluate_table({key: array.get(key) for key in LAYOUT_KEYS}, names, path)
         origin = read_list(given["origin"] or [0.0, 0.0, 0.0], f"{path}.origin", 3, "3 numbers")
         shared = read_table(given["shared"] or {}, f"{path}.shared")
         check_keys(shared, points, f"{path}.shared")

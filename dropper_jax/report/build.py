@@ -31,37 +31,37 @@ def report_run(solution: Solution, settings: Settings | None = None) -> Table:
         SceneError: the run has fewer than three good samples.
     """
     settings = settings or Settings()
-    part = record(solution, settings.skip)
-    tension = line_tensions(part, settings)
-    snap = line_snaps(part, settings)
+    evaluated = record(solution, settings.skip)
+    tension = line_tensions(evaluated, settings)
+    snap = line_snaps(evaluated, settings)
     try:
-        fatigue = line_fatigue(part, settings)
+        fatigue = line_fatigue(evaluated, settings)
     except SceneError as error:  # the package of an extra is missing: the rest of the report is valid
         fatigue = {"skipped": str(error)}
     return {
-        **_run_facts(solution, part),
+        **_run_facts(solution, evaluated),
         "line_weights": line_weights(solution.scene),
         "link_mass_nodes": solution.scene.link_mass_nodes,
-        "notes": list(part.notes),
+        "notes": list(evaluated.notes),
         "broken": list(solution.broken),
         "parts": parts(tension, snap, fatigue),
         "tension": tension,
-        "anchors": anchors(part) or {"skipped": "the scene has no fixed point"},
-        "bending": line_bending(part),
+        "anchors": anchors(evaluated) or {"skipped": "the scene has no fixed point"},
+        "bending": line_bending(evaluated),
         "snap": snap,
         "fatigue": fatigue,
-        "watch_circle": watch_circles(part),
-        "acceleration": accelerations(part),
-        "submergence": submergence(part),
-        "distance": line_distances(part),
-        "seabed": bed_contact(part, settings),
-        "coefficients": flow_coefficients(part.scene),
-        "bodies": body_motions(part),
-        "crop": crops(part),
+        "watch_circle": watch_circles(evaluated),
+        "acceleration": accelerations(evaluated),
+        "submergence": submergence(evaluated),
+        "distance": line_distances(evaluated),
+        "seabed": bed_contact(evaluated, settings),
+        "coefficients": flow_coefficients(evaluated.scene),
+        "bodies": body_motions(evaluated),
+        "crop": crops(evaluated),
     }
 
 
-def _run_facts(solution: Solution, part: Record) -> Table:
+def _run_facts(solution: Solution, evaluated: Record) -> Table:
     """Scene, status, scheme and samples of a run."""
     damping = [line.axial_damping for line in solution.scene.lines if line.axial_damping is not None]
     used = solution.settings
@@ -73,10 +73,10 @@ def _run_facts(solution: Solution, part: Record) -> Table:
         "dt_s": used.get("dt") if accuracy is None else None,
         "accuracy": accuracy,
         "internal_damping_n_s": float(max(map(np.max, damping), default=0.0)),
-        "saved_every_s": part.interval,
-        "from_s": float(part.t[0]),
-        "to_s": float(part.t[-1]),
-        "samples": len(part.t),
+        "saved_every_s": evaluated.interval,
+        "from_s": float(evaluated.t[0]),
+        "to_s": float(evaluated.t[-1]),
+        "samples": len(evaluated.t),
         "retried_steps": solution.retried_steps,
     }
 

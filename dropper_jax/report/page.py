@@ -34,7 +34,7 @@ __all__ = ["pair_page", "view_page", "write_view"]
 IN_A_WAVE = 8
 
 
-class Shown(NamedTuple):
+class ShownSamples(NamedTuple):
     """Shown samples of the run, times of the surface [s], and notes about them."""
 
     frames: np.ndarray
@@ -42,7 +42,7 @@ class Shown(NamedTuple):
     notes: tuple[str, ...]
 
 
-def choose_samples(run: Run, most: int) -> Shown:
+def choose_samples(run: Run, most: int) -> ShownSamples:
     """At most `most` evenly spaced samples; in waves at least eight per mean period.
 
     Only a part of a longer run is shown, around its maximum tension.
@@ -70,7 +70,7 @@ def choose_samples(run: Run, most: int) -> Shown:
     if period > 0.0 and duration > 0.0:
         # ten frames of the surface per wave period, between which the page interpolates linearly
         count = int(np.clip(np.ceil(duration * 10 / period) + 1, 60, 3750))
-    return Shown(frames, np.linspace(t[first], t[last], count), tuple(notes))
+    return ShownSamples(frames, np.linspace(t[first], t[last], count), tuple(notes))
 
 
 def wave_period(run: Run) -> float:
@@ -118,16 +118,16 @@ def view_page(solution: Solution, limits: tuple[float, float] | None = None) -> 
     """
     run = readable(solution)
     # `<` would let a scene's name end the script element
-    data = json.dumps(_data(run, limits or style.tension_limits(run.tension)), allow_nan=False)
+    data = json.dumps(_page_data(run, limits or style.tension_limits(run.tension)), allow_nan=False)
     data = data.replace("<", "\\u003c")
     return _fill_page(
-        "view.html", TITLE=html.escape(run.scene.name), STYLE=_part("view.css"), DATA=data, SCRIPT=_script()
+        "view.html", TITLE=html.escape(run.scene.name), STYLE=_asset("view.css"), DATA=data, SCRIPT=_script()
     )
 
 
 def _fill_page(name: str, **parts: str) -> str:
     """A page with its marks `/*NAME*/` replaced once: the inserted text may contain such marks."""
-    return re.sub(r"/\*([A-Z]+)\*/", lambda mark: parts[mark[1]], _part(name))
+    return re.sub(r"/\*([A-Z]+)\*/", lambda mark: parts[mark[1]], _asset(name))
 
 
 #: The line of `view.js` before which the other files of the program belong.
@@ -136,20 +136,20 @@ SAMPLES = "// --- samples between frames"
 
 def _script() -> str:
     """The program of the page: its files in the order of their dependencies."""
-    head, body = _part("view.js").split(SAMPLES, 1)
-    return "\n".join([head, _part("pick.js"), _part("solid.js"), _part("pair.js"), SAMPLES + body])
+    head, body = _asset("view.js").split(SAMPLES, 1)
+    return "\n".join([head, _asset("pick.js"), _asset("solid.js"), _asset("pair.js"), SAMPLES + body])
 
 
-def _part(name: str) -> str:
+def _asset(name: str) -> str:
     """A file of the page."""
     return (resources.files("dropper_jax.report") / "assets" / name).read_text(encoding="utf-8")
 
 
-def _data(run: Run, limits: tuple[float, float]) -> Table:
+def _page_data(run: Run, limits: tuple[float, float]) -> Table:
     """The run as plain values, with the ends of the colours [N]; null or empty where it has no water or diameter."""
     scene = run.scene
-    part = choose_samples(run, FRAMES)
-    kept = part.frames
+    shown = choose_samples(run, FRAMES)
+    frames = shown.frames
     shades = style.tension_map()(np.linspace(0.0, 1.0, COLOURS))[:, :3]
     diameter = None
     if scene.line.diameter is not None:
@@ -157,21 +157,21 @@ def _data(run: Run, limits: tuple[float, float]) -> Table:
     water = None
     flows = []
     if scene.sea is not None:
-        water = _water(run, scene.sea.depth, part.surface)
+        water = _water(run, scene.sea.depth, shown.surface)
         flows = _flows(scene.sea, run.t[0])
     return {
         "name": scene.name,
         "description": scene.description,
         "how": style.how(run)[0],
         "ok": run.status == "ok",
-        "frames": len(kept),
+        "frames": len(frames),
         "nodes": run.positions.shape[1],
-        "time": _pack(run.t[kept]),
-        "positions": _pack(run.positions[kept]),
-        "tension": _pack(run.tension[kept]),
+        "time": _pack(run.t[frames]),
+        "positions": _pack(run.positions[frames]),
+        "tension": _pack(run.tension[frames]),
         "range": list(limits),
         "largest": float(np.max(run.max_tension, initial=limits[1], where=np.isfinite(run.max_tension))),
-        "notes": list(part.notes),
+        "notes": list(shown.notes),
         "diameter": diameter,
         "lines": [{"name": line.name, "node": int(line.nodes[len(line.nodes) // 2])} for line in run.written_lines],
         "colours": np.rint(255 * shades).astype(int).tolist(),
@@ -181,7 +181,7 @@ def _data(run: Run, limits: tuple[float, float]) -> Table:
         "parts": part_names(run),
         "joints": list(run.joints),
         "buoys": [buoy._asdict() for buoy in run.buoys],
-        "bodies": _body_data(run.bodies, kept),
+        "bodies": _body_data(run.bodies, frames),
         "bed": _bed_grid(run),
         "water": water,
         "flows": flows,
@@ -282,17 +282,17 @@ def _water(run: Run, depth: float, times: np.ndarray) -> Table:
     }
 
 
-def _body_data(bodies: Bodies | None, kept: np.ndarray) -> Table | None:
+def _body_data(bodies: Bodies | None, frames: np.ndarray) -> Table | None:
     """Plain values of the bodies at the selected frames; None without any.
 
     `poses` has for each frame and body its reference point [m] and its axes, row by row: 12 numbers, float32.
     """
     if bodies is None or not bodies.shapes:
         return None
-    attitude = bodies.attitude[kept]
+    attitude = bodies.attitude[frames]
     axes = np.reshape([rotation(angles) for angles in attitude.reshape(-1, 3)], (*attitude.shape[:2], 9))
     return {
         "names": list(bodies.names),
-        "poses": _pack(np.concatenate([bodies.position[kept], axes], axis=-1)),
+        "poses": _pack(np.concatenate([bodies.position[frames], axes], axis=-1)),
         "shapes": [{"body": shape.body, "rings": np.round(shape.rings(), 5).tolist()} for shape in bodies.shapes],
     }

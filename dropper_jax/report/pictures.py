@@ -37,7 +37,7 @@ def _panels(count: int, height: float) -> tuple[Figure, np.ndarray]:
     return figure, style.panels(figure, count, columns)
 
 
-def _tension_range(part: Record, lines: list[Table], found: Table) -> Figure:
+def _tension_range(record: Record, lines: list[Table], found: Table) -> Figure:
     """Minimum, mean, maximum tension and percentiles against arc length, and the breaking load if it is close."""
     figure, panels = _panels(len(lines), 3.0)
     unit, scale = force_unit([line["largest"]["n"] for line in lines])
@@ -61,32 +61,32 @@ def _tension_range(part: Record, lines: list[Table], found: Table) -> Figure:
     return figure
 
 
-def _anchors(part: Record, anchors: list[Table], found: Table) -> Figure:
+def _anchors(record: Record, anchors: list[Table], found: Table) -> Figure:
     """Horizontal and vertical load of each fixed point against time."""
     figure, panels = _panels(len(anchors), 2.6)
     unit, scale = force_unit([anchor["total_n"]["max"] for anchor in anchors])
-    peaks = load_extremes(part)
-    loads = point_loads(part.motion)
+    peaks = load_extremes(record)
+    loads = point_loads(record.motion)
     for axes, anchor in zip(panels, anchors, strict=True):
         load = loads[anchor["point"]] / scale
         values = (np.hypot(load[:, 0], load[:, 1]), load[:, 2])
         low, high, *_ = peaks[anchor["point"]]
         for i, name in enumerate(("horizontal", "vertical, upwards")):
-            axes.fill_between(part.t_tension, low[:, i] / scale, high[:, i] / scale, color=CYCLE[i], alpha=0.28, lw=0)
-            axes.plot(part.t_tension, values[i], color=CYCLE[i], lw=0.9, label=name)
+            axes.fill_between(record.t_tension, low[:, i] / scale, high[:, i] / scale, color=CYCLE[i], alpha=0.28, lw=0)
+            axes.plot(record.t_tension, values[i], color=CYCLE[i], lw=0.9, label=name)
         axes.axhline(0.0, color=FAINT, lw=0.7)
         axes.set_ylabel(f"load [{unit}]")
         title = anchor["point"]
         if anchor["holding"] is not None:
             title = f"{title}, maximum utilisation {anchor['holding']['utilisation']['max']:.2f}"
         axes.set_title(title, loc="left")
-        style.time_axis(axes, part.t)
+        style.time_axis(axes, record.t)
     style.share_scales(panels)
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower left", ncols=2)
     return figure
 
 
-def _fatigue(part: Record, lines: list[Table], found: Table) -> Figure:
+def _fatigue(record: Record, lines: list[Table], found: Table) -> Figure:
     """Equivalent range along each line, and the damage per year if there is a breaking load."""
     damaged = all(line["damage"] is not None for line in lines)
     height = 5.6 if damaged else 3.4
@@ -108,7 +108,7 @@ def _fatigue(part: Record, lines: list[Table], found: Table) -> Figure:
     return figure
 
 
-def _watch(part: Record, points: list[Table], found: Table) -> Figure:
+def _watch(record: Record, points: list[Table], found: Table) -> Figure:
     """Plan view of each moving point about its mean position, with its watch circle, and its z over time."""
     columns = -(-len(points) // 2)
     figure = style.new_figure(4.0 + 2.4 * columns, 4.6)
@@ -117,7 +117,7 @@ def _watch(part: Record, points: list[Table], found: Table) -> Figure:
     height = right.subplots()
     widest = max(p["radius_max_m"] for p in points) or 1.0
     for colour, point, plan in zip(CYCLE, points, plans, strict=False):
-        path = part.point(point["point"])
+        path = record.point(point["point"])
         about = path - point["mean_m"]
         plan.plot(about[:, 0], about[:, 1], color=colour, lw=0.8)
         plan.add_patch(Circle((0, 0), point["radius_max_m"], fill=False, ec=colour, lw=0.9, ls="--"))
@@ -125,7 +125,7 @@ def _watch(part: Record, points: list[Table], found: Table) -> Figure:
             offset = np.asarray(point["static_m"]) - point["mean_m"]
             plan.plot(*offset[:2], "x", color=colour, ms=7)
             widest = max(widest, *np.abs(offset[:2]))
-        height.plot(part.t, path[:, 2], color=colour, lw=0.9, label=point["point"])
+        height.plot(record.t, path[:, 2], color=colour, lw=0.9, label=point["point"])
         plan.plot(0, 0, "+", color=DARK, ms=9)
         plan.set_title(point["point"], loc="left", fontsize=9)
     limits = (-1.1 * widest, 1.1 * widest)
@@ -134,12 +134,12 @@ def _watch(part: Record, points: list[Table], found: Table) -> Figure:
     left.supxlabel("x from the mean [m]; + mean, x static, dashed: maximum radius", fontsize=9)
     left.supylabel("y from the mean [m]", fontsize=9)
     height.set_ylabel("z [m]")
-    style.time_axis(height, part.t)
+    style.time_axis(height, record.t)
     style.legend_above(height, 3, "left")
     return figure
 
 
-def _along(part: Record, lines: list[Table], found: Table) -> Figure:
+def _along(record: Record, lines: list[Table], found: Table) -> Figure:
     """Fraction of time under water and on the seabed, and accelerations, against arc length.
 
     A constant fraction is given as text instead of a panel.
@@ -200,7 +200,7 @@ PICTURES = {
 
 
 @style.plot_style()
-def draw_run(part: Record, found: Table, folder: Path) -> dict[str, Path]:
+def draw_run(record: Record, found: Table, folder: Path) -> dict[str, Path]:
     """All pictures for the sections of a run, by name; a title has the numbers of items if some are not shown."""
     files = {}
     for name, picture in PICTURES.items():
@@ -211,8 +211,8 @@ def draw_run(part: Record, found: Table, folder: Path) -> dict[str, Path]:
         title = picture.title
         if len(shown) < len(rows):
             title = f"{title}, {len(shown)} of {len(rows)} (the largest)"
-        figure = picture.draw(part, shown, found)
-        files[name] = style.finish(figure, readable(part.solution), title, folder / f"{name}.png")
+        figure = picture.draw(record, shown, found)
+        files[name] = style.finish(figure, readable(record.solution), title, folder / f"{name}.png")
     return files
 
 

@@ -29,7 +29,7 @@ def accuracy(
     dts: tuple[float, ...] | None = None,
     span: float | None = None,
     extras: bool = True,
-    say: Progress | None = None,
+    progress: Progress = silent,
     each: Each = lambda row: None,
 ) -> Table:
     """Measure accuracy against run time on a scene.
@@ -56,7 +56,7 @@ def accuracy(
         raise SceneError(f"--integrators: none of them can run this scene: {refused[0]['reason']}")
     found: Table = {"scene": scene.name, "rows": [], "reference": None, "refused": refused, "skipped": []}
     steps = REPORT_DTS if dts is None else dts
-    study = _Study(scene, model, s, steps, say or silent, each, found)
+    study = _Study(scene, model, s, steps, progress, each, found)
     try:
         # first the loads: the programs of runs are compiled sooner than those of the comparison
         if model.line.axial.elastic:
@@ -64,7 +64,7 @@ def accuracy(
         target = study.find_reference(span)
         study.measure_schemes(chosen, target, extras)
         if extras:
-            found |= _extras(model, s, target, steps, study.say)
+            found |= _extras(model, s, target, steps, study.progress)
     except KeyboardInterrupt:
         found["status"] = "interrupted"
     found["orders"] = orders(found["rows"])
@@ -84,13 +84,13 @@ class _Study:
     model: Model
     s: State
     dts: tuple[float, ...]
-    say: Progress
+    progress: Progress
     each: Each
     found: Table
 
     def find_reference(self, span: float | None) -> Reference:
         """The reference over the time during which errors characterise a scheme, or over `span` [s]."""
-        self.say(0.3, "how long errors mean something")
+        self.progress(0.3, "how long errors mean something")
         grid = max(self.dts)
         run = self.scene.run
         longest = max(min(run.duration, LONGEST_COMPARISON), 2 * grid)
@@ -98,7 +98,7 @@ class _Study:
         if span is None:
             span = trusted
         saves = max(2, round(span / grid))
-        self.say(0.35, f"reference over {saves * grid:.3g} s")
+        self.progress(0.35, f"reference over {saves * grid:.3g} s")
         target = reference(self.model, self.s, grid, saves, exponent)
         self.found["reference"] = {**target.summary(), "trusted_span_s": trusted}
         return target
@@ -106,9 +106,11 @@ class _Study:
     def measure_schemes(self, schemes: list[Scheme], target: Reference, extras: bool) -> None:
         """A row for each scheme and step."""
         end = 0.7 if extras else 1.0
-        say = part_of(self.say, 0.4, end)
+        progress = part_of(self.progress, 0.4, end)
         keep = partial(self._keep_row, self.found["rows"])
-        _, skipped = measure(self.model, self.s, schemes, list(self.dts), target, say=say, retry=extras, each=keep)
+        _, skipped = measure(
+            self.model, self.s, schemes, list(self.dts), target, progress=progress, retry=extras, each=keep
+        )
         self.found["skipped"] = skipped
 
     def _keep_row(self, rows: list[Table], row: Table) -> None:
@@ -123,16 +125,18 @@ class _Study:
         if by_accuracy:
             key, values = "accuracy", LOAD_ACCURACIES
         keep = partial(self._keep_row, rows)
-        self.found["loads"] = load_convergence(self.scene, key, values, say=part_of(self.say, 0.0, 0.3), each=keep)
+        self.found["loads"] = load_convergence(
+            self.scene, key, values, progress=part_of(self.progress, 0.0, 0.3), each=keep
+        )
 
 
-def _extras(model: Model, s: State, target: Reference, dts: tuple[float, ...], say: Progress) -> Table:
+def _extras(model: Model, s: State, target: Reference, dts: tuple[float, ...], progress: Progress) -> Table:
     """Convergence by link, numerical damping and the claims on Euler's schemes."""
-    say(0.7, "convergence by link")  # first, by the programs of the rows, which later ones would displace
+    progress(0.7, "convergence by link")  # first, by the programs of the rows, which later ones would displace
     found = convergence(model, s, target.grid, len(target.t), list(dts))
-    say(0.75, "numerical damping")
+    progress(0.75, "numerical damping")
     damping = numerical_damping()
-    say(0.92, "Euler's schemes")
+    progress(0.92, "Euler's schemes")
     return {"numerical_damping": damping, "euler": euler_claims(), "convergence": found}
 
 

@@ -12,9 +12,7 @@ from dropper_jax.study.schemes import Scheme, runnable
 SCHEMES = (Scheme("energy_momentum"), Scheme("thesis_angles", 0.51))
 
 
-def convergence(
-    model: Model, s: State, grid: float, saves: int, dts: list[float], schemes: tuple[Scheme, ...] = SCHEMES
-) -> list[Table]:
+def convergence(model: Model, s: State, grid: float, saves: int, dts: list[float]) -> list[Table]:
     """RMS difference of each link's angles [rad] between a step and half of it, over the first `saves * grid` seconds.
 
     Returns:
@@ -23,7 +21,7 @@ def convergence(
     """
     found = []
     everies = sorted({max(1, round(grid / dt)) for dt in dts})
-    for scheme in runnable(schemes, model)[0]:
+    for scheme in runnable(SCHEMES, model)[0]:
         stepper = scheme.stepper(model)
         runs = [grid_run(stepper, model, s, grid, every, saves) for every in [*everies, 2 * everies[-1]]]
         changes = np.diff([run.angles for run in runs], axis=0)

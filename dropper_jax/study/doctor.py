@@ -192,12 +192,10 @@ def loads_stored_programs() -> Check:
 
 
 def _probe(folder: str) -> Table | None:
-    """What a process prints that runs `PROBE` with the folder; None if it fails."""
+    """What a process prints that runs `PROBE` with the folder; None if it fails or takes longer than 120 s."""
     call = [sys.executable, "-c", PROBE, folder]
-    done = subprocess.run(call, capture_output=True, text=True, check=False, timeout=120)
-    if done.returncode != 0:
-        return None
     try:
+        done = subprocess.run(call, capture_output=True, text=True, check=True, timeout=120)
         return json.loads(done.stdout)
-    except ValueError:
+    except (subprocess.SubprocessError, ValueError):
         return None

@@ -27,7 +27,7 @@ def load_convergence(
     scene: Scene,
     key: str,
     values: Sequence[float],
-    say: Progress = silent,
+    progress: Progress = silent,
     each: Each = lambda row: None,
 ) -> Table:
     """Errors of the loads of each line, relative to a run with half the finest step, by the scheme of the scene.
@@ -46,7 +46,7 @@ def load_convergence(
     finest = FINER[key] * min(values)
     runs: list[_LoadRun] = []
     for i, value in enumerate([*sorted(values, reverse=True), finest]):
-        say(i / (len(values) + 1), f"loads, {key} {value:.4g}")
+        progress(i / (len(values) + 1), f"loads, {key} {value:.4g}")
         runs.append(_LoadRun.of(scene, key, value))
         if i > 0:
             each(runs[-2].row(runs[-1].loads()))

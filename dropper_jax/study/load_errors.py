@@ -41,7 +41,7 @@ def load_errors(
     run: Callable[[Scene], Samples],
     skip: float = 0.0,
     first: Samples | None = None,
-    say: Progress = silent,
+    progress: Progress = silent,
 ) -> Table:
     """Loads of a run with an estimate of their error.
 
@@ -77,7 +77,7 @@ def load_errors(
     loads = {"base": line_loads(record(base, skip))}
     horizon = None
     for i, (name, variant) in enumerate(variants.items(), start=1):
-        say(i / (1 + len(variants)), name)
+        progress(i / (1 + len(variants)), name)
         solution = run(variant)
         if name == "finer":
             _require_loads(solution, "with half the step or a quarter of the accuracy")

@@ -144,9 +144,10 @@ def march_with_accuracy(
     start = begin(stepper, model, s, follows=True)
     end, found = advance(stepper, model, start, grid, saves, accuracy=jnp.asarray(accuracy, model.dtype))
     both = jnp.stack([found.tension, jnp.roll(found.tension, 1, axis=0)], axis=1)
+    first = jnp.sum(jnp.square(s.v))
     speed = jnp.sum(jnp.square(found.v), axis=(1, 2))
     # a loop, not `cumsum`, which would prevent one kernel
-    passed = jax.lax.scan(lambda total, x: (total + x, total + x), jnp.zeros((), model.dtype), speed)[1]
+    passed = jax.lax.scan(lambda total, x: (total + x, total + x), 0.5 * first, speed)[1]
     path = grid * (passed - 0.5 * speed)
     run = Marched(found.r, found.v, both, found.work, found.residual, found.first_bad, found.retried, path)
     return MarchResult(run, accepted_steps(found), control_of(end).refused)

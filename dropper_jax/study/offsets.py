@@ -47,9 +47,9 @@ def offset_curves(
         links and the line that has it; status `ok` or `not_converged`, then without numbers.
 
     Raises:
-        SceneError: unknown points, free points, or the same point twice.
+        SceneError: unknown points, free points, points at which no line ends, or the same point twice.
     """
-    moved = _fixed_points(scene, points)
+    _check_points(scene, points)
     model = build_model(scene)
     loads = release_loads(model, scene.start)
     rows: list[Table] = []
@@ -59,30 +59,32 @@ def offset_curves(
         along = np.array([np.cos(np.radians(direction)), np.sin(np.radians(direction)), 0.0])
         near = base
         for distance in distances:
-            pose = search(_displace_points(model, moved, distance * along), loads, 0.0, near)
+            pose = search(_displace_points(model, points, distance * along), loads, 0.0, near)
             row = {"direction_deg": float(direction), "distance_m": float(distance), "status": pose.status}
             if pose.status == "ok":
                 near = pose.state
                 if base is None:
                     base = near
-                row |= _loads(scene, moved, pose.positions, pose.tension, along)
+                row |= _loads(scene, points, pose.positions, pose.tension, along)
             rows.append(row)
     progress(1.0, "")
     return rows
 
 
-def _fixed_points(scene: Scene, names: Sequence[str]) -> list[str]:
-    """The names, which must be those of different fixed points."""
+def _check_points(scene: Scene, names: Sequence[str]) -> None:
+    """Check that the names are those of different fixed points at which lines end."""
     known = {point.name: point for point in scene.points}
+    at_ends = {end for line in scene.lines for end in (line.start, line.end)}
     for i, name in enumerate(names):
         if name not in known:
             raise SceneError(f"points: {name!r} is not a point of the scene; {nearest(name, list(known))}")
         if name in names[:i]:
             raise SceneError(f"points: {name!r} is given twice; allowed: every point once")
         if known[name].is_free:
-            held = ", ".join(p.name for p in scene.points if not p.is_free)
-            raise SceneError(f"points: {name!r} is free and finds its own position; allowed: fixed points: {held}")
-    return list(names)
+            fixed = ", ".join(p.name for p in scene.points if not p.is_free)
+            raise SceneError(f"points: {name!r} is free and finds its own position; allowed: fixed points: {fixed}")
+        if name not in at_ends:
+            raise SceneError(f"points: no line ends at {name!r}; allowed: ends of lines")
 
 
 def _displace_points(model: Model, names: Sequence[str], by: np.ndarray) -> Model:

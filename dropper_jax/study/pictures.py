@@ -150,7 +150,7 @@ def tide(name: str, rows: Sequence[Table], path: str | Path) -> Path:
     loads = column(rows, "held_load_n", dict)
     for i, point in enumerate(loads[0]):
         tension.plot(hours, np.linalg.norm([load[point] for load in loads], axis=1) / 1e3, label=point, **marks(i))
-    tension.set(xlabel="time [h]", ylabel="pull [kN]")
+    tension.set(xlabel="time [h]", ylabel="force [kN]")
     for axes in (water, tension):
         style.legend_above(axes, 4, fontsize=8, borderaxespad=0.2)
     figure.align_ylabels()

@@ -31,8 +31,8 @@ def responses(
     Returns:
         {period_s, status, mean_rad, amplitude_rad, phase_rad, wet, amplitude_10_percent_more} per period: mean and
         first harmonic of the angle from the vertical in the plane of the waves, its phase relative to the elevation at
-        the fixed point (0 in phase, -pi/2 a quarter period behind), mean wet fraction of the far end, and the amplitude
-        at 1.1 times the height.
+        the fixed point (0 in phase, -pi/2 a quarter period behind), mean wet fraction of the far end, and the relative
+        change of the amplitude at 1.1 times the height, only with `more`.
 
     Raises:
         SceneError: no regular waves of a period, or runs shorter than three periods.

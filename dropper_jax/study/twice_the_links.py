@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import Plain, Table, declared_fields
 from dropper_jax.effects import EFFECTS
 from dropper_jax.load.scene import Scene, load_scene
+from dropper_jax.scene import LineSpec
+from dropper_jax.scene.start import rows_of_pieces
 
 #: Units of the quantities of a link or a node that are divided between its halves; all others are equal.
 DIVIDED_UNITS = ("N", "kg", "kg/s", "kg/m")
 #: Quantities of a line per link, and the divisor that gives those of each half.
-PER_LINK = {"length": 2, "mass": 2, "diameter": 1, "breaking_load": 1}
+PER_LINK = {"length": 2, "mass": 2, "diameter": 1, "outer_diameter": 1, "breaking_load": 1}
 
 
 def twice_the_links(scene: Scene) -> Scene:
@@ -30,7 +34,7 @@ def twice_the_links(scene: Scene) -> Scene:
     table = scene.to_dict()
     table["line"] = [_refine_line(line) for line in table["line"]]
     table["effects"] = {name: _refine_effect(name, values) for name, values in table["effects"].items()}
-    table["start"] = _refine_start(table["start"])
+    table["start"] = _refine_start(table["start"], scene.lines)
     for failure in table.get("failure", ()):
         if failure.get("link") is not None:
             failure["link"] = 2 * failure["link"] - 1
@@ -41,8 +45,21 @@ def _refine_line(line: Table) -> Table:
     """A line of a scene with twice the links."""
     halves = {key: _halve_value(line[key], parts) for key, parts in PER_LINK.items() if key in line}
     if "axial" in line:
-        halves["axial"] = {key: _halve_value(value, 1) for key, value in line["axial"].items()}
+        halves["axial"] = _refine_axial(line["axial"])
     return {**line, **halves, "links": 2 * line["links"]}
+
+
+def _refine_axial(axial: Table) -> Table:
+    """An axial law with twice the links: a table of tensions is one list for all links, or a list for each."""
+    refined = {}
+    for key, value in axial.items():
+        if key in ("strain", "tension"):
+            if isinstance(value[0], list):
+                value = [rows for rows in value for _ in (0, 1)]
+            refined[key] = value
+        else:
+            refined[key] = _halve_value(value, 1)
+    return refined
 
 
 def _refine_effect(name: str, values: Table) -> Table:
@@ -59,8 +76,8 @@ def _refine_effect(name: str, values: Table) -> Table:
     return refined
 
 
-def _refine_start(start: Table) -> Table:
-    """The start of a scene with twice the links: new nodes are in the middle of links."""
+def _refine_start(start: Table, lines: Sequence[LineSpec]) -> Table:
+    """The start of a scene with twice the links: new nodes are in the middle of the links of these lines."""
     refined = dict(start)
     for key in ("polar", "azimuth", "polar_rate", "azimuth_rate"):
         if refined.get(key) is not None:
@@ -68,17 +85,29 @@ def _refine_start(start: Table) -> Table:
     for key in ("positions", "velocities"):
         if refined.get(key) is not None:
             given = np.asarray(refined[key], float)
-            middles = 0.5 * (given[:-1] + given[1:])
-            refined[key] = np.insert(given, np.arange(1, len(given)), middles, axis=0).tolist()
+            ends = _first_rows_of_links(lines)
+            middles = 0.5 * (given[ends] + given[ends + 1])
+            refined[key] = np.insert(given, ends + 1, middles, axis=0).tolist()
     if refined.get("release_nodes") is not None:
         refined["release_nodes"] = [2 * node for node in refined["release_nodes"]]
     return refined
 
 
+def _first_rows_of_links(lines: Sequence[LineSpec]) -> np.ndarray:
+    """The row of the first node of each link in the list of the nodes of all lines."""
+    rows = rows_of_pieces(lines)
+    found = []
+    first = 0
+    for line in lines:
+        found += rows[first : first + line.links].tolist()
+        first += line.links + 1
+    return np.array(found)
+
+
 def _halve_value(value: Plain, parts: int) -> Plain:
-    """Value of each half of a link, from a number or a list of one per link."""
+    """Value of each half of a link, from a number or a list of one per link; a text is unchanged."""
     if isinstance(value, list):
-        return [_halve_value(x, parts) for x in value for _ in (0, 1)]
-    if isinstance(value, int | float) and not isinstance(value, bool):
+        return np.repeat(np.asarray(value, float) / parts, 2).tolist()
+    if isinstance(value, int | float):
         return value / parts
     return value

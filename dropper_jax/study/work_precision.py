@@ -55,7 +55,7 @@ def measure(
     dts: list[float],
     target: Reference,
     repeats: int = 3,
-    say: Progress = silent,
+    progress: Progress = silent,
     pick: Callable[[list[float]], float] = statistics.median,
     retry: bool = True,
     each: Each = lambda row: None,
@@ -76,7 +76,7 @@ def measure(
     comparison = _Comparison(model, s, target, repeats, pick, evaluation_work(model, s))
     everies = sorted({max(1, round(target.grid / dt)) for dt in dts})
     for i, scheme in enumerate(schemes):
-        say(i / len(schemes), scheme.label)
+        progress(i / len(schemes), scheme.label)
         for row in comparison.scheme_rows(scheme, everies, retry):
             if "reason" in row:
                 skipped.append(row)

@@ -15,7 +15,8 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import ScenePath, declared_fields
-from dropper_jax.load.paths import describe, locate_written
+from dropper_jax.load.original_lines import locate_written
+from dropper_jax.load.paths import describe
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model
 from dropper_jax.run.build import build_model

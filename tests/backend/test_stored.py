@@ -339,3 +339,13 @@ def test_a_process_killed_while_it_writes_leaves_only_whole_programs(tmp_path):
     for file in programs_of(tmp_path):
         assert Folder(file.parent).read(file.name) is not None
     assert "rror" not in run(tmp_path).stderr
+
+
+def test_doctor_reports_a_process_that_does_not_end(monkeypatch):
+    def never_ends(call, timeout, **options):
+        raise subprocess.TimeoutExpired(call, timeout)
+
+    monkeypatch.setattr("dropper_jax.study.doctor.subprocess.run", never_ends)
+    check = loads_stored_programs()
+    assert not check.ok
+    assert "fails" in check.found

@@ -149,3 +149,12 @@ def test_a_node_of_a_given_pose_below_the_bed_is_named():
     with pytest.raises(SceneError, match=r"start.polar: node 2 is at z = -5.29556 m, below .* allowed: >= -5.2 m"):
         Scene.from_dict(LYING).with_values({"start.polar": [0.1, 0.197, 0.0]})
     Scene.from_dict(LYING).with_values({"start.polar": [0.1, 0.12, 0.0]})  # pressed in by less than its diameter
+
+
+def test_shelter_of_both_lines_and_drag_is_refused_never_ignored():
+    table = load_scene("paper-case-4").as_written()
+    table["effects"]["morison_drag"].pop("shelter", None)
+    table["line"][0]["shelter"] = 0.5
+    scene = Scene.from_dict(table)
+    with pytest.raises(SceneError, match="effects.morison_drag.shelter: cannot be combined with line.shelter"):
+        scene.with_values({"effects.morison_drag.shelter": 0.7})

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dropper_jax import SceneError, Solution, equilibrium, load_scene, read_moordyn, write_moordyn
+from dropper_jax import SceneError, Solution, equilibrium, load_scene, read_moordyn, simulate, write_moordyn
 from dropper_jax.cli import main
 from dropper_jax.decks.writing.outputs import channel_values, numbers_of, write_out
 
@@ -342,3 +342,20 @@ def test_a_written_body_rests_as_in_moordyn(tmp_path):
     ours = equilibrium(scene).tension
     # the chain lies on the bed up to its anchor: what MoorDyn's has left there is the rest of its motion
     np.testing.assert_allclose([ours[0], ours[-1]], [theirs[0], theirs[-1]], atol=0.01 * theirs[-1])
+
+
+def test_outputs_of_a_line_of_one_segment_between_fixed_points_are_those_of_its_ends(deck):
+    """Such a line has two links here, so that a node is free; its end B stays the end of the line."""
+    text = CHAIN.replace("  100       20 ", "  100       1 ")
+    path = deck(text)
+    solution = simulate(path, dt=0.01, duration=0.02)
+    assert solution.scene.lines[0].links == 2
+    end = solution.scene.point(solution.scene.lines[0].end).position
+    x, _ = channel_values(solution, "L1NBPx", numbers_of(path))
+    np.testing.assert_array_equal(x, end[0])
+
+
+def test_any_name_goes_to_a_file_and_back(tmp_path):
+    scene = load_scene("edulis-longline").with_values({"name": "ostrón \U0001f9aa"})
+    write_moordyn(scene, tmp_path / "mooring.txt")
+    assert load_scene(tmp_path / "mooring.txt").name == "ostrón \U0001f9aa"

@@ -116,3 +116,84 @@ def test_a_row_of_line_types_is_checked_against_its_header(deck):
     head = next(line for line in text.splitlines() if "CdAx" in line)
     with pytest.raises(SceneError, match=r"mooring.txt:\d+: LINE TYPES: columns CdAx CaAx without EI"):
         load_scene(deck(text.replace(head, head.replace(" EI", "   ")).replace(row, short)))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("100           TmaxIC", "inf dtOut", "dtOut: 'inf' is not a number"),
+        ("100           TmaxIC", "nan dtM", "dtM: 'nan' is not a number"),
+    ],
+)
+def test_options_are_finite_numbers(old, new, words, deck):
+    text = (DECKS / "catenary.txt").read_text()
+    assert old in text
+    with pytest.raises(SceneError, match=words):
+        load_scene(deck(text.replace(old, new)))
+
+
+@pytest.mark.parametrize(
+    ("step", "rows", "words"),
+    [
+        ("0", "0 0\n1 0.5\n2 0\n3 -0.5\n", "dtWave: 0 is out of range"),
+        ("-1", "0 0\n1 0.5\n2 0\n3 -0.5\n", "dtWave: -1 is out of range"),
+        ("0.25", "0 0.5\n", "at least 4"),
+        ("0.25", "0 0\n2 0\n1 0.5\n3 -0.5\n", "the times do not rise"),
+        ("0.25", "0 0.5\n1 0.5\n2 0.5\n", "the elevation is constant"),
+    ],
+)
+def test_an_elevation_series_without_waves_is_refused(step, rows, words, deck):
+    text = (DECKS / "catenary.txt").read_text()
+    path = deck(text.replace("100           TmaxIC", f"3 WaveKin\n{step} dtWave"))
+    (path.parent / "wave_elevation.txt").write_text(rows)
+    with pytest.raises(SceneError, match=words):
+        load_scene(path)
+
+
+RODS = """---------------------- ROD TYPES -----
+TypeName Diam Mass/m Cd Ca CdEnd CaEnd
+(name) (m) (kg/m) (-) (-) (-) (-)
+post 0.5 0.0 1.0 1.0 1.0 1.0
+---------------------- BODIES -----
+ID Attachment X0 Y0 Z0 r0 p0 y0 Mass CG I Volume CdA Ca
+(#) (word) (m) (m) (m) (deg) (deg) (deg) (kg) (m) (kg-m^2) (m^3) (m^2) (-)
+1 Free 0 0 -12 0 0 0 500 0 1e3 0.5 CDA 0
+---------------------- RODS -----
+ID RodType Attachment Xa Ya Za Xb Yb Zb NumSegs RodOutputs
+(#) (name) (word/ID) (m) (m) (m) (m) (m) (m) (-) (-)
+1 post Body1 0 0 0 0 0 1 3 -
+---------------------- POINTS -----"""
+
+
+@pytest.fixture
+def body_deck(deck):
+    """`body_deck(old, new)`: a line to a free body with a rod, with one row changed."""
+    text = (DECKS / "catenary.txt").read_text().replace("2     Coupled ", "2     Body1   ")
+    head = next(line for line in text.splitlines() if " POINTS -" in line)
+    return lambda old, new: deck(text.replace(head, RODS.replace(old, new)).replace("CDA", "2.0"))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("1 post Body1 0 0 0 0 0 1 3 -", "1 post", "rod: has 2 values"),
+        ("1 Free 0 0 -12 0 0 0 500 0 1e3 0.5 CDA 0", "1", "body: has 1 values"),
+        ("500 0 1e3", "500 0 1e3|2e3", "I: '1e3|2e3' has 2 numbers; allowed: 1 or 3"),
+        ("500 0 1e3", "500 0|1 1e3", "CG: '0|1' has 2 numbers; allowed: 1 or 3"),
+    ],
+)
+def test_rows_of_bodies_and_rods_are_refused_with_their_line(old, new, words, body_deck):
+    with pytest.raises(SceneError, match=rf"mooring.txt:\d+: {re.escape(words)}"):
+        load_scene(body_deck(old, new))
+
+
+def test_a_body_needs_no_added_mass_whether_or_not_a_rod_is_on_it(body_deck):
+    body = load_scene(body_deck("CDA 0", "CDA")).bodies[0]
+    assert body.spheres[0].ca == 0.0
+    assert len(body.cylinders) == 1
+
+
+def test_of_two_drag_areas_the_second_is_that_of_rotations(body_deck):
+    """MoorDyn: `translation|rotation`; cd = CdA/(pi d^2/4)."""
+    sphere = load_scene(body_deck("CDA", "3.0|50.0")).bodies[0].spheres[0]
+    assert sphere.cd * np.pi * sphere.diameter**2 / 4 == pytest.approx(3.0)

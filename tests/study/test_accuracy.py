@@ -11,10 +11,13 @@ from hard_scenes import chain
 import dropper_jax as dj
 from dropper_jax import load_scene
 from dropper_jax.cli import main
+from dropper_jax.run.build import build
+from dropper_jax.stepping.stepper import make_stepper
 from dropper_jax.study.accuracy import accuracy, advice
 from dropper_jax.study.counted_work import evaluation_work, step_work
 from dropper_jax.study.damping import numerical_damping
-from dropper_jax.study.euler_claims import euler_claims
+from dropper_jax.study.euler_claims import euler_claims, single_pendulum
+from dropper_jax.study.march import march_with_accuracy
 from dropper_jax.study.reference import instant_tension
 from dropper_jax.study.schemes import Scheme, parse
 
@@ -139,6 +142,16 @@ def test_equivalent_damping_of_a_damped_run_is_its_coefficient() -> None:
     implicit = [row["equivalent_linear_damping"] for row in rows if row["label"] == "theta 1"]
     assert implicit[0] > implicit[1] > 0.002  # both larger than what the thesis fitted to the water
     assert all(abs(row["equivalent_linear_damping"]) < 1e-9 for row in rows if row["label"] == "energy_momentum")
+
+
+def test_the_path_of_a_motion_of_constant_speed_is_that_speed_squared_times_the_time() -> None:
+    """The integral of |v|^2 includes the start, also for steps that follow an accuracy."""
+    table = single_pendulum().to_dict()
+    table["effects"]["weight"]["gravity"] = 0.0
+    table["start"] = {"kind": "angles", "zero": "down", "polar": [0.0], "polar_rate": [3.0]}
+    model, s = build(load_scene(table), "float64")
+    run = march_with_accuracy(make_stepper(model, "energy_momentum"), model, s, 0.25, 1e-3, 4).run
+    np.testing.assert_allclose(run.path, 9.0 * 0.25 * np.arange(1, 5), rtol=1e-6)
 
 
 def test_the_thesis_own_scheme_has_no_numerical_damping_at_its_own_step_because_it_fails() -> None:

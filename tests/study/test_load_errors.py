@@ -73,6 +73,56 @@ def test_halves_of_packaged_scenes_have_the_same_numbers(name):
     assert twice_the_links(finer).line.links == 4 * scene.line.links
 
 
+def test_halves_have_the_outer_diameter_of_their_link():
+    scene = load_scene(hanging(2, diameter=0.1, outer_diameter=[0.2, 0.3]))
+    assert twice_the_links(scene).lines[0].outer_diameter.tolist() == [0.2, 0.2, 0.3, 0.3]
+
+
+def test_halves_have_the_table_of_tensions_of_their_link():
+    soft = ([0.0, 0.1, 0.2], [0.0, 1e3, 3e3])
+    stiff = ([0.0, 0.1], [0.0, 1e4])
+    for strain, tension in (soft, zip(soft, stiff, strict=True)):
+        axial = {"law": "tabulated", "strain": list(strain), "tension": list(tension), "damping": [10.0, 20.0]}
+        line = load_scene(hanging(2) | {"line": [{**hanging(2)["line"][0], "axial": axial}]}).lines[0]
+        finer = twice_the_links(load_scene(hanging(2) | {"line": [{**hanging(2)["line"][0], "axial": axial}]})).lines[0]
+        assert finer.axial_damping.tolist() == [10.0, 10.0, 20.0, 20.0]
+        for link, half in enumerate(finer.tables):
+            np.testing.assert_array_equal(half.strain, line.tables[link // 2].strain)
+            np.testing.assert_array_equal(half.tension, line.tables[link // 2].tension)
+
+
+def test_new_nodes_of_a_given_start_are_in_the_middle_of_links_never_between_lines():
+    positions = [
+        [0.0, 0.0, 0.0],
+        [1.0, 0.0, -1.0],
+        [2.0, 0.0, -1.0],
+        [2.0, 0.0, -1.0],
+        [3.0, 0.0, -1.0],
+        [4.0, 0.0, 0.0],
+    ]
+    line = {"type": "rope", "length": 2.2, "links": 2}
+    scene = load_scene(
+        {
+            "run": {"dt": 0.01, "duration": 0.1},
+            "line_type": [{"name": "rope", "mass": 1.0, "diameter": 0.02, "EA": 1e5}],
+            "point": [
+                {"name": "west", "position": positions[0]},
+                {"name": "middle", "position": positions[2], "kind": "free"},
+                {"name": "east", "position": positions[-1]},
+            ],
+            "line": [
+                {"name": "a", "from": "west", "to": "middle", **line},
+                {"name": "b", "from": "middle", "to": "east", **line},
+            ],
+            "effects": {"weight": {}},
+            "start": {"kind": "positions", "positions": positions},
+        }
+    )
+    finer = twice_the_links(scene).start.positions
+    np.testing.assert_array_equal(finer[[0, 2, 4, 5, 7, 9]], positions)
+    np.testing.assert_array_equal(finer[[1, 6]], [[0.5, 0.0, -0.5], [2.5, 0.0, -1.0]])
+
+
 def test_what_has_no_halves_is_refused(refusal):
     refused = refusal(twice_the_links, load_scene("dropper-release-a-compound"))
     assert "centre_of_mass: compound links have no halves" in refused

@@ -64,6 +64,13 @@ def test_forces_of_two_chains_are_those_of_the_catenary(curves):
         assert row["end_tension_n"] == pytest.approx(tension, rel=1e-3)
 
 
+def test_a_point_at_which_no_line_ends_is_refused():
+    vessel = {"name": "boat", "position": [0.0, 0.0, 9.0], "time": [0.0, 1.0], "motion": [[0.0] * 6] * 2}
+    scene = dj.load_scene({**CHAINS, "vessel": [{**vessel, "attachments": {"bow": [1.0, 0.0, 0.0]}}]})
+    with pytest.raises(dj.SceneError, match="points: no line ends at 'bow'"):
+        offset_curves(scene, ["bow"], [0.0], [1.0])
+
+
 def test_points_displaced_together_keep_the_force_between_them():
     """All three fixed points displaced: the configuration is carried along, and no force changes."""
     rows = offset_curves(dj.load_scene(CHAINS), ["west", "middle", "east"], [30.0], [0.0, 3.0])

@@ -13,7 +13,7 @@ import numpy as np
 
 from dropper_jax.base.read import Table
 from dropper_jax.decks.reading.sections import Row
-from dropper_jax.decks.reading.spars import rod_values
+from dropper_jax.decks.reading.spars import BODY_PARTS, rod_values
 
 #: Products of inertia below this fraction of the maximum moment are rounding.
 ROUNDING = 1e-12
@@ -34,10 +34,10 @@ def free_body(row: Row, rods: list[Row]) -> Table:
     angles = np.radians(row.values(5, 8, "r0, p0, y0")).tolist()
     if np.count_nonzero(angles) > 1:
         row.refuse(f"{what}: is rotated about several axes; allowed: about one of x, y and z")
-    centre = row.parts(9, "CG")
-    if len(centre) != 3:  # MoorDyn: one number is the height of the centre on the body's z-axis
+    centre = row.parts(9, "CG", (1, 3))
+    if len(centre) == 1:  # MoorDyn: one number is the height of the centre on the body's z-axis
         centre = [0.0, 0.0, centre[0]]
-    moments = np.broadcast_to(row.parts(10, "I"), 3)
+    moments = np.broadcast_to(row.parts(10, "I", (1, 3)), 3)
     own = Solid(row.value(8, "Mass", 0.0), np.array(centre), np.diag(moments))
     cylinders = []
     solids = [own]
@@ -55,7 +55,7 @@ def free_body(row: Row, rods: list[Row]) -> Table:
         if not own.mass:  # a massless body has no centre of its own: that of its rods
             centre = found["centre_of_mass"]
         found["spheres"] = [_sphere(row, centre)]
-    elif any(row.parts(12, "CdA")):
+    elif any(row.parts(12, "CdA", BODY_PARTS)):
         row.note(f"CdA of {what} is not represented, because the body has no volume")
     return found
 
@@ -112,14 +112,21 @@ def _combine_solids(row: Row, what: str, parts: list[Solid]) -> Table:
 
 def _sphere(row: Row, centre: list[float]) -> Table:
     """A body's own volume, with the mean of its drag areas and added masses."""
-    area = row.parts(12, "CdA")
-    added = [0.0]
+    area, turning_area = _directions(row.parts(12, "CdA", BODY_PARTS))
+    added, turning_added = [0.0], [0.0]
     if len(row.words) > 13:
-        added = row.parts(13, "Ca")
+        added, turning_added = _directions(row.parts(13, "Ca", BODY_PARTS))
     of = f"body {row.words[0]}"
-    if len({*area[:3]}) > 1 or len({*added[:3]}) > 1 or any(area[3:]) or any(added[3:]):
+    if len({*area}) > 1 or len({*added}) > 1 or any(turning_area) or any(turning_added):
         row.note(f"the means of CdA and Ca of {of} are used; rotational values are ignored")
     row.note(f"the volume of {of} is a sphere about its centre of mass, which can leave the water; MoorDyn's stays wet")
     diameter = (6.0 * row.value(11, "Volume") / math.pi) ** (1.0 / 3.0)
-    cd = float(np.mean(area[:3])) / (0.25 * math.pi * diameter**2)
-    return {"centre": centre, "diameter": diameter, "cd": cd, "ca": float(np.mean(added[:3]))}
+    cd = float(np.mean(area)) / (0.25 * math.pi * diameter**2)
+    return {"centre": centre, "diameter": diameter, "cd": cd, "ca": float(np.mean(added))}
+
+
+def _directions(parts: list[float]) -> tuple[list[float], list[float]]:
+    """Values of a body for its translations, and those for its rotations, from one of `BODY_PARTS` numbers."""
+    if len(parts) == 2:
+        return parts[:1], parts[1:]
+    return parts[:3], parts[3:]

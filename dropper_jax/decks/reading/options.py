@@ -16,8 +16,8 @@ from dropper_jax.base.references import find_referenced
 from dropper_jax.decks.reading.sections import Deck, Row, is_number
 
 #: Coefficients in the columns after BA in version 1, and after EI in version 2.
-FIRST = ("can", "cat", "cdn", "cdt")
-SECOND = ("cdn", "can", "cdt", "cat")
+COEFFICIENTS_1 = ("can", "cat", "cdn", "cdt")
+COEFFICIENTS_2 = ("cdn", "can", "cdt", "cat")
 
 
 def read_types(deck: Deck) -> dict[str, Table]:
@@ -39,10 +39,10 @@ def read_types(deck: Deck) -> dict[str, Table]:
             **_stiffness(row),
             **_damping(row),
         }
-        second = _second_version(row)
-        columns = enumerate(FIRST, 5)
+        second = _is_second_version(row)
+        columns = enumerate(COEFFICIENTS_1, start=5)
         if second:
-            columns = enumerate(SECOND, 6)
+            columns = enumerate(COEFFICIENTS_2, start=6)
         for i, key in columns:
             kind[key] = row.value(i, key, 0.0)
         if second:
@@ -53,7 +53,7 @@ def read_types(deck: Deck) -> dict[str, Table]:
     return found
 
 
-def _second_version(row: Row) -> bool:
+def _is_second_version(row: Row) -> bool:
     """Whether a row has EI and the order of version 2, by the column names; without these by their number."""
     names = {*row.deck.columns("line types")}
     if "ei" in names:
@@ -184,9 +184,22 @@ NUMBERS = {
 TEXTS = ("seafloorfile",)
 #: Known, but without a counterpart in a scene: how MoorDyn integrates, starts, prints and couples.
 WITHOUT = (
-    *("writelog", "cfl", "tscheme", "dtic", "cdscaleic", "threshic", "icgendynamic", "unifycurrentgrid", "writeunits"),
-    *("disableoutput", "disableouttime", "inertialf", "inertialf_rampt"),
-    *("outswitch", "echo", "fileic"),
+    "writelog",
+    "cfl",
+    "tscheme",
+    "dtic",
+    "cdscaleic",
+    "threshic",
+    "icgendynamic",
+    "unifycurrentgrid",
+    "writeunits",
+    "disableoutput",
+    "disableouttime",
+    "inertialf",
+    "inertialf_rampt",
+    "outswitch",
+    "echo",
+    "fileic",
 )
 #: Known, without a counterpart, and relevant to the results: each is reported separately, with what is missing without
 #: it.
@@ -240,7 +253,7 @@ def read_options(deck: Deck) -> Options:
             known = [*NUMBERS, *TEXTS, *WITHOUT, *MISSED, *OTHER_NAMES]
             row.refuse(f"option {given!r} is unknown; {nearest(name, known)}")
         elif is_number(value):
-            found.values[name] = float(value)
+            found.values[name] = row.read(value, given)
         elif name == "wtrdpth":  # MoorDyn-F accepts the path of a bathymetry file here
             found.texts["seafloorfile"] = value
         else:

@@ -51,18 +51,21 @@ def read_ends(deck: Deck) -> Ends:
     for row in deck.rows["lines"]:
         row.need(6, "line")
         found.used |= {row.words[start].upper(), row.words[end].upper()}
+    for section, what in (("points", "point"), ("rods", "rod"), ("bodies", "body")):
+        for row in deck.rows[section]:
+            row.need(3, what)  # the words by which rows refer to each other; each reader needs more
     bodies = {row.words[0]: row for row in deck.rows["bodies"]}
-    moving = [key for key, row in bodies.items() if _moves(row) and _carries(row, found)]
+    moving = [key for key, row in bodies.items() if _is_rigid_body(row) and _carries_a_line(row, found)]
     for key in moving:
-        _free_body(bodies[key], found)
+        _add_free_body(bodies[key], found)
     taken = {*moving}
     for row in deck.rows["points"]:
-        taken.add(_point(row, bodies, found))
+        taken.add(_add_point(row, bodies, found))
     for row in deck.rows["rods"]:
-        if _holder(row) in moving:
+        if _body_number(row) in moving:
             continue
         if {f"R{row.words[0]}A", f"R{row.words[0]}B"} & found.used:
-            taken.add(_rod(row, bodies, found))
+            taken.add(_add_rod(row, bodies, found))
         else:
             row.note(f"rod {row.words[0]} is not represented: no line ends on it")
     for key, row in bodies.items():
@@ -85,7 +88,7 @@ def line_columns(deck: Deck) -> tuple[int, int, int, int]:
     return 2, 3, 4, 5
 
 
-def _holder(row: Row) -> str:
+def _body_number(row: Row) -> str:
     """Number of the body that a rod is attached to; empty for others."""
     if row.words[2].lower().startswith("body"):
         return row.words[2][4:]
@@ -93,14 +96,14 @@ def _holder(row: Row) -> str:
 
 
 def _rods_on(body: Row) -> list[Row]:
-    return [row for row in body.deck.rows["rods"] if _holder(row) == body.words[0]]
+    return [row for row in body.deck.rows["rods"] if _body_number(row) == body.words[0]]
 
 
 def _points_on(body: Row) -> list[Row]:
     return [row for row in body.deck.rows["points"] if row.words[1].lower() == f"body{body.words[0]}"]
 
 
-def _carries(body: Row, found: Ends) -> bool:
+def _carries_a_line(body: Row, found: Ends) -> bool:
     """Whether a line ends on a body."""
     words = {row.words[0].upper() for row in _points_on(body)}
     for row in _rods_on(body):
@@ -108,7 +111,7 @@ def _carries(body: Row, found: Ends) -> bool:
     return bool(words & found.used)
 
 
-def _moves(body: Row) -> bool:
+def _is_rigid_body(body: Row) -> bool:
     """Whether a body rotates: a pinned one, or a free one other than a spar buoy (see `spar`)."""
     kind = body.words[1].lower()
     if kind != "free":
@@ -117,7 +120,7 @@ def _moves(body: Row) -> bool:
     return len(rods) != 1 or spar(body, rods[0]) is None
 
 
-def _free_body(row: Row, found: Ends) -> None:
+def _add_free_body(row: Row, found: Ends) -> None:
     """A body with its rods, and the points on it at which lines end."""
     on = _rods_on(row)
     rods = [rod for rod in on if not _is_connector(rod)]
@@ -128,11 +131,11 @@ def _free_body(row: Row, found: Ends) -> None:
             point.need(5, "point")
             attached[point.name("point")] = point.values(2, 5, "X, Y, Z")
     for rod, shape in zip(rods, body.get("cylinders", []), strict=True):
-        attached |= _rod_ends(rod, shape["from"], shape["to"], found)
+        attached |= _add_rod_ends(rod, shape["from"], shape["to"], found)
     for rod in on:
         if _is_connector(rod):
             position = rod.values(3, 6, "Xa, Ya, Za")
-            attached |= _rod_ends(rod, position, position, found)
+            attached |= _add_rod_ends(rod, position, position, found)
     _add_body(row, f"body {row.words[0]}", row.words[1].lower(), body | {"attachments": attached}, found)
 
 
@@ -151,7 +154,7 @@ def _is_connector(row: Row) -> bool:
     return not row.integer(9, "NumSegs", 0)
 
 
-def _rod_ends(rod: Row, start: list[float], end: list[float], found: Ends) -> dict[str, list[float]]:
+def _add_rod_ends(rod: Row, start: list[float], end: list[float], found: Ends) -> dict[str, list[float]]:
     """Positions in a body's axes of the ends of a rod at which lines end, by name of the point."""
     attached = {}
     for word, position in ((f"R{rod.words[0]}A", start), (f"R{rod.words[0]}B", end)):
@@ -162,7 +165,7 @@ def _rod_ends(rod: Row, start: list[float], end: list[float], found: Ends) -> di
     return attached
 
 
-def _point(row: Row, bodies: dict[str, Row], found: Ends) -> str:
+def _add_point(row: Row, bodies: dict[str, Row], found: Ends) -> str:
     """A point of the scene; returns the body to which it is attached, or an empty text."""
     row.need(5, "point")
     key = row.words[0]
@@ -177,11 +180,11 @@ def _point(row: Row, bodies: dict[str, Row], found: Ends) -> str:
     if holder != kind:
         body = bodies.get(holder)
     if body is not None:
-        if not _moves(body):
-            found.points.append(point | {"position": _on_held(row, body, point["position"])})
+        if not _is_rigid_body(body):
+            found.points.append(point | {"position": _position_on_fixed_body(row, body, point["position"])})
         return holder
     if kind in FREE:
-        point |= {"kind": "free", **_body(row)}
+        point |= {"kind": "free", **_point_body(row)}
     elif kind in COUPLED:
         row.note(f"point {key} is coupled: it is fixed at its position; use effects.end_motion to move it")
     elif kind.startswith(("body", "turbine")):
@@ -192,7 +195,7 @@ def _point(row: Row, bodies: dict[str, Row], found: Ends) -> str:
     return ""
 
 
-def _on_held(row: Row, body: Row, position: list[float]) -> list[float]:
+def _position_on_fixed_body(row: Row, body: Row, position: list[float]) -> list[float]:
     """Position of a point on a coupled or fixed body: the body's own position plus the point's offset."""
     body.need(8, "body")
     kind = body.words[1].lower()
@@ -214,7 +217,7 @@ def _on_held(row: Row, body: Row, position: list[float]) -> list[float]:
     return np.add(body.values(2, 5, "X0, Y0, Z0"), position).tolist()
 
 
-def _body(row: Row) -> dict[str, float]:
+def _point_body(row: Row) -> dict[str, float]:
     """Mass, volume, drag area and added mass of a free point, if it has any."""
     words = list(row.words[5:])
     if row.deck.columns("points")[7:10] == FORCES:
@@ -229,25 +232,25 @@ def _body(row: Row) -> dict[str, float]:
     return found
 
 
-def _rod(row: Row, bodies: dict[str, Row], found: Ends) -> str:
+def _add_rod(row: Row, bodies: dict[str, Row], found: Ends) -> str:
     """A free rod, a joint, a fixed rod, or a spar buoy and its point; returns its body, or an empty text."""
     holder = row.words[2].lower()
     if holder == "free" and _is_connector(row):
-        _joint(row, found)
+        _add_joint(row, found)
     elif holder in ("free", *PINNED):
         body = free_rod(row)
         shape = body["cylinders"][0]
-        body["attachments"] = _rod_ends(row, shape["from"], shape["to"], found)
+        body["attachments"] = _add_rod_ends(row, shape["from"], shape["to"], found)
         _add_body(row, f"rod {row.words[0]}", holder, body, found)
     elif holder in (*COUPLED, *FIXED):
-        _fixed_rod(row, found)
+        _add_fixed_rod(row, found)
     else:
-        _spar(row, bodies.get(_holder(row)), found)
-        return _holder(row)
+        _add_spar(row, bodies.get(_body_number(row)), found)
+        return _body_number(row)
     return ""
 
 
-def _joint(row: Row, found: Ends) -> None:
+def _add_joint(row: Row, found: Ends) -> None:
     """A free rod without length: a free point."""
     key = f"R{row.words[0]}"
     name = row.given_name or f"point-{key}"
@@ -257,7 +260,7 @@ def _joint(row: Row, found: Ends) -> None:
     found.joints.append(name)
 
 
-def _fixed_rod(row: Row, found: Ends) -> None:
+def _add_fixed_rod(row: Row, found: Ends) -> None:
     """The ends of a fixed or coupled rod as fixed points."""
     row.need(10, "rod")
     key = row.words[0]
@@ -278,7 +281,7 @@ def _fixed_rod(row: Row, found: Ends) -> None:
         row.note(f"rod {key} is coupled: its ends are fixed; use [[vessel]] to move such points together")
 
 
-def _spar(row: Row, body: Row | None, found: Ends) -> None:
+def _add_spar(row: Row, body: Row | None, found: Ends) -> None:
     """A spar buoy and its point, at end A of its rod."""
     key = row.words[0]
     buoy = None

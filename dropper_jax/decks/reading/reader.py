@@ -27,11 +27,22 @@ DEFAULT_DURATION = 60.0
 OUTPUT = re.compile(r"(?:fair|anch)ten(\d+)|l(?:ine)?(\d+)(?:n\d+|[ab])?(?:p|v|t|f|st|sr)\w*", re.IGNORECASE)
 #: Options by the scene paths that they set.
 OPTION_OF = {
-    **{"effects.weight.gravity": "g", "sea.gravity": "g", "sea.density": "rho", "sea.depth": "wtrdpth"},
-    **{"effects.seabed": "seafloorfile", "effects.seabed.depth": "wtrdpth", "effects.seabed.stiffness": "kbot"},
-    **{"effects.seabed.damping": "cbot", "effects.seabed_friction.kinetic": "frictioncoefficient"},
-    **{"effects.seabed_friction.static": "statdynfricscale", "sea.waves": "wavekin", "sea.ramp": "wavekin_rampt"},
-    **{"sea.current": "currents", "run.dt": "dtm", "run.save_every": "dtout", "start": "tmaxic"},
+    "effects.weight.gravity": "g",
+    "sea.gravity": "g",
+    "sea.density": "rho",
+    "sea.depth": "wtrdpth",
+    "effects.seabed": "seafloorfile",
+    "effects.seabed.depth": "wtrdpth",
+    "effects.seabed.stiffness": "kbot",
+    "effects.seabed.damping": "cbot",
+    "effects.seabed_friction.kinetic": "frictioncoefficient",
+    "effects.seabed_friction.static": "statdynfricscale",
+    "sea.waves": "wavekin",
+    "sea.ramp": "wavekin_rampt",
+    "sea.current": "currents",
+    "run.dt": "dtm",
+    "run.save_every": "dtout",
+    "start": "tmaxic",
 }
 #: Sections without a counterpart in a scene.
 WITHOUT = ("control", "external loads", "syrope ic")
@@ -58,12 +69,11 @@ def read_moordyn(path: str | Path, depth: float | None = None) -> Table:
         _check_depth(deck, options, depth)
     types = read_types(deck)
     ends = read_ends(deck)
-    own_lines = _lines(deck, types, ends.names)
+    own_lines = _read_lines(deck, types, ends)
     _check_outputs(deck)
-    _free_a_node(own_lines, ends, deck.notes)
     used = {line.type for line in own_lines}
-    bending = _bending(own_lines, types, ends, deck.notes)
-    broken = _failures(deck, own_lines, ends.names)
+    bending = _bending_values(own_lines, types, ends, deck.notes)
+    broken = _read_failures(deck, own_lines, ends.names)
     lines, parts = join_lines(own_lines, ends.joints)
     _move_failures(broken, parts)
     as_given = options.values["tmaxic"] == 0.0
@@ -74,19 +84,19 @@ def read_moordyn(path: str | Path, depth: float | None = None) -> Table:
     for point in ends.points:
         if point["name"] not in {*at_ends, *ends.joints}:
             deck.notes.append(f"point {point['name']!r} is not represented: no line ends there")
-    seafloor = _seafloor(options, path.parent)
+    seafloor = _seafloor_values(options, path.parent)
     scene: Table = {
         "name": path.stem,
         "description": "",
-        "run": _run(options, deck.notes),
+        "run": _run_values(options, deck.notes),
         "line_type": [kind for name, kind in types.items() if name in used],
         "point": [point for point in ends.points if point["name"] in at_ends],
         "line": lines,
         "buoy": ends.buoys,
         "body": ends.bodies,
-        "effects": _effects(options, seafloor, bending),
+        "effects": _effect_values(options, seafloor, bending),
         "failure": broken,
-        **_sea(deck, options, seafloor),
+        **_sea_values(deck, options, seafloor),
     }
     scene = {key: value for key, value in scene.items() if value or key not in ("buoy", "body", "failure")}
     if as_given:
@@ -161,7 +171,9 @@ def _check_depth(deck: Deck, options: Options, depth: float) -> None:
     options.values["wtrdpth"] = depth
 
 
-def _lines(deck: Deck, types: Table, names: dict[str, str]) -> list[DeckLine]:
+def _read_lines(deck: Deck, types: Table, ends: Ends) -> list[DeckLine]:
+    """The lines of the deck, with their links in the scene."""
+    names = ends.names
     found: dict[str, DeckLine] = {}
     start_column, end_column, length, links = line_columns(deck)
     for row in deck.require("lines"):
@@ -186,13 +198,15 @@ def _lines(deck: Deck, types: Table, names: dict[str, str]) -> list[DeckLine]:
             links=row.integer(links, "NumSegs"),
             row=row.number,
         )
-    return list(found.values())
+    lines = list(found.values())
+    _free_a_node(lines, ends, deck.notes)
+    return lines
 
 
 def line_parts(deck: Deck) -> dict[str, Part]:
     """Where each line of a deck is in the lines of its scene, by its name."""
     ends = read_ends(deck)
-    return join_lines(_lines(deck, read_types(deck), ends.names), ends.joints)[1]
+    return join_lines(_read_lines(deck, read_types(deck), ends), ends.joints)[1]
 
 
 def _joint_notes(lines: list[Table], parts: dict[str, Part], as_given: bool) -> Iterator[str]:
@@ -219,7 +233,7 @@ def _check_outputs(deck: Deck) -> None:
                 row.refuse(f"output {word!r}: there is no such line; allowed: {', '.join(known)}")
 
 
-def _failures(deck: Deck, lines: list[DeckLine], names: dict[str, str]) -> list[Table]:
+def _read_failures(deck: Deck, lines: list[DeckLine], names: dict[str, str]) -> list[Table]:
     """`[[failure]]` entries: the first or last link of each line that detaches from a point."""
     found: list[Table] = []
     by_number = {row.words[0]: line for row, line in zip(deck.rows["lines"], lines, strict=True)}
@@ -243,7 +257,7 @@ def _failures(deck: Deck, lines: list[DeckLine], names: dict[str, str]) -> list[
     return found
 
 
-def _run(options: Options, notes: list[str]) -> Table:
+def _run_values(options: Options, notes: list[str]) -> Table:
     dt = options.values["dtm"]
     if dt <= 0.0:
         notes.append(f"the file has no time step dtM: {DEFAULT_STEP:g} s is used")
@@ -261,7 +275,7 @@ def _run(options: Options, notes: list[str]) -> Table:
     return run
 
 
-def _bending(lines: list[DeckLine], types: Table, ends: Ends, notes: list[str]) -> Table | None:
+def _bending_values(lines: list[DeckLine], types: Table, ends: Ends, notes: list[str]) -> Table | None:
     """`[effects.bending]` of lines with EI, clamped where they end at fixed rods (as in MoorDyn); None without any."""
     stiff = [line for line in lines if "EI" in types[line.type]]
     if not stiff:
@@ -282,7 +296,7 @@ def _bending(lines: list[DeckLine], types: Table, ends: Ends, notes: list[str]) 
     return {}
 
 
-def _effects(options: Options, seafloor: Table, bending: Table | None) -> Table:
+def _effect_values(options: Options, seafloor: Table, bending: Table | None) -> Table:
     values = options.values
     found: Table = {"weight": {"gravity": values["g"]}}
     bed = {"stiffness": values["kbot"], "damping": values["cbot"], **seafloor}
@@ -302,7 +316,7 @@ def _effects(options: Options, seafloor: Table, bending: Table | None) -> Table:
     return found
 
 
-def _seafloor(options: Options, folder: Path) -> Table:
+def _seafloor_values(options: Options, folder: Path) -> Table:
     """The seabed file: in the input's folder or, as in MoorDyn, relative to the working folder; empty without one."""
     text = options.texts.get("seafloorfile")
     if text is None:
@@ -313,7 +327,7 @@ def _seafloor(options: Options, folder: Path) -> Table:
     return read_seafloor(find_referenced(text, "SeafloorFile", base))
 
 
-def _sea(deck: Deck, options: Options, seafloor: Table) -> Table:
+def _sea_values(deck: Deck, options: Options, seafloor: Table) -> Table:
     """`[sea]`; empty if the water has no density."""
     values = options.values
     folder = deck.path.parent

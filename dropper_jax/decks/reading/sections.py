@@ -154,9 +154,14 @@ class Row:
         """The numbers of several words."""
         return [self.read(word, what, low) for word in self.words[first:end]]
 
-    def parts(self, at: int, what: str) -> list[float]:
-        """The numbers of a word, which bars separate."""
-        return [self.read(part, what) for part in self.words[at].split("|")]
+    def parts(self, at: int, what: str, counts: tuple[int, ...]) -> list[float]:
+        """The numbers of a word, which bars separate; `counts` are the allowed numbers of them."""
+        parts = self.words[at].split("|")
+        if len(parts) not in counts:
+            self.refuse(
+                f"{what}: {self.words[at]!r} has {len(parts)} numbers; allowed: {' or '.join(map(str, counts))}"
+            )
+        return [self.read(part, what) for part in parts]
 
     def integer(self, at: int, what: str, low: int = 1) -> int:
         """The whole number of a word, at least `low`."""

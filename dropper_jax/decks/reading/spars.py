@@ -15,6 +15,8 @@ UPRIGHT = 1e10
 SEGMENTS = 10
 #: Coefficients in the order of a rod type.
 COEFFICIENTS = ("cdn", "can", "cdt", "cat")
+#: Numbers that a body's CdA or Ca may have: one for all axes; translation and rotation; x, y and z; all six.
+BODY_PARTS = (1, 2, 3, 6)
 
 
 def rod_values(rod: Row) -> tuple[float, Table]:
@@ -29,11 +31,11 @@ def rod_values(rod: Row) -> tuple[float, Table]:
 
 def spar(body: Row, rod: Row) -> Table | None:
     """`[[buoy]]` of a body and its rod, at the position of the body; None if they are not a spar."""
-    body.need(14, "body")
+    body.need(13, "body")
     rod.need(9, "rod")
     mass, shape = rod_values(rod)
-    inertia = min(body.parts(10, "I"))
-    loads = [*body.values(5, 8, "r0, p0, y0"), *body.parts(11, "Volume"), *body.parts(12, "CdA"), mass]
+    inertia = min(body.parts(10, "I", (1, 3)))
+    loads = [*body.values(5, 8, "r0, p0, y0"), body.value(11, "Volume"), *body.parts(12, "CdA", BODY_PARTS), mass]
     *base, height = rod.values(3, 9, "Xa to Zb")
     free = body.words[1].lower() == "free"
     if not free or inertia < UPRIGHT or any(loads) or any(base) or height <= 0.0:

@@ -33,9 +33,7 @@ def read_waves(folder: Path, kind: int, step: float, notes: list[str]) -> Table:
         SceneError: a missing file or a line that is not a row of numbers.
     """
     if kind == 3:
-        t, eta = np.array([row[:2] for row in _rows(folder / ELEVATION, 2, 0)]).T
-        even = np.arange(t[0], t[-1] + 1e-9 * step, step)
-        found = _largest(elevation_components(even, np.interp(even, t, eta)), notes)
+        found = _largest(_elevation_series(folder / ELEVATION, step), notes)
         return {"kind": "components", "direction": 0.0, **{key: value.tolist() for key, value in found.items()}}
     rows = [row for row in _rows(folder / FREQUENCIES, 3, 0) if row[0] > 0.0 and (row[1] or row[2])]
     if not rows:
@@ -56,6 +54,22 @@ def read_waves(folder: Path, kind: int, step: float, notes: list[str]) -> Table:
     if len(set(courses)) <= 1:
         direction = courses[0]
     return {"kind": "components", "direction": direction, **found}
+
+
+def _elevation_series(path: Path, step: float) -> dict[str, np.ndarray]:
+    """Components of an elevation series, resampled to a step [s]."""
+    t, eta = np.array([row[:2] for row in _rows(path, 2, 0)]).T
+    if not step > 0.0:
+        raise SceneError(f"dtWave: {step:g} is out of range; allowed: > 0 s")
+    if np.any(np.diff(t) <= 0.0):
+        raise SceneError(f"{path}: the times do not rise; allowed: rows of time and elevation in rising order")
+    even = np.arange(t[0], t[-1] + 1e-9 * step, step)
+    if len(even) < 4:
+        raise SceneError(f"{path}: has {len(even)} times dtWave = {step:g} s apart; allowed: at least 4")
+    eta = np.interp(even, t, eta)
+    if np.ptp(eta) == 0.0:
+        raise SceneError(f"{path}: the elevation is constant; allowed: waves, or WaveKin 0")
+    return elevation_components(even, eta)
 
 
 def read_current(folder: Path) -> Table:

@@ -30,10 +30,14 @@ TYPE = (
 )
 #: Kinds of points by parts of their words, in the order in which MoorPy looks for them.
 KINDS = {
-    **dict.fromkeys(("anch", "fix"), "fixed"),
+    "anch": "fixed",
+    "fix": "fixed",
     "body": "body",
-    **dict.fromkeys(("fair", "ves", "coupled"), "vessel"),
-    **dict.fromkeys(("con", "free"), "free"),
+    "fair": "vessel",
+    "ves": "vessel",
+    "coupled": "vessel",
+    "con": "free",
+    "free": "free",
 }
 
 
@@ -116,7 +120,10 @@ def _scene(table: Table, depth: float | None) -> Table:
         "point": [point for name, point in points.items() if name in ends],
         "line": list(lines.values()),
         "effects": {
-            **{"weight": {"gravity": gravity}, "buoyancy": {}, "morison_drag": {}, "morison_inertia": {}},
+            "weight": {"gravity": gravity},
+            "buoyancy": {},
+            "morison_drag": {},
+            "morison_inertia": {},
             "seabed": {"stiffness": 3.0e6, "damping": 3.0e5},  # [Pa/m], [Pa s/m]: MoorDyn's
         },
         "sea": {"depth": deep, "density": density, "gravity": gravity},

@@ -12,7 +12,7 @@ import numpy as np
 
 from dropper_jax.base.errors import Check, SceneError, raises_first
 from dropper_jax.base.files import atomic_write
-from dropper_jax.base.read import Table, Values
+from dropper_jax.base.read import Plain, Table, Values
 from dropper_jax.decks.reading.water import CURRENT, FREQUENCIES
 from dropper_jax.decks.writing.bodies import body_numbers, body_tables, check_bodies, rule, section, words_of
 from dropper_jax.decks.writing.differences import differences, moved_points
@@ -97,12 +97,12 @@ def _check_scene(scene: Scene) -> Iterator[Check]:
 def _front(scene: Scene, parts: list[Stretch]) -> Iterator[str]:
     """Free text: values without a counterpart in MoorDyn."""
     yield rule("MoorDyn input, written by dropper-jax")
-    yield f"! name = {json.dumps(scene.name)}"
-    yield f"! description = {json.dumps(' '.join(scene.description.split()))}"
+    yield f"! name = {_toml(scene.name)}"
+    yield f"! description = {_toml(' '.join(scene.description.split()))}"
     if scene.notes:
-        yield f"! notes = {json.dumps(scene.notes)}"
+        yield f"! notes = {_toml(scene.notes)}"
     for key, value in scene.to_dict()["run"].items():
-        yield f"! run.{key} = {json.dumps(value)}"
+        yield f"! run.{key} = {_toml(value)}"
     if any(line.axial_law == "damped_rope" for line in scene.lines):
         yield '! law = "damped_rope"'  # the axial law of MoorDyn's lines; by default they become ropes when read
     whole: dict[str, list[str]] = {}
@@ -111,7 +111,12 @@ def _front(scene: Scene, parts: list[Stretch]) -> Iterator[str]:
         if name != part.name:
             whole.setdefault(name, [name]).append(part.name)
     if whole:  # lines that the file has in pieces: the name of each, then those of its pieces
-        yield f"! pieces = {json.dumps(list(whole.values()))}"
+        yield f"! pieces = {_toml(list(whole.values()))}"
+
+
+def _toml(value: Plain) -> str:
+    """A value as TOML, in which JSON's escapes of characters above U+FFFF are invalid."""
+    return json.dumps(value, ensure_ascii=False)
 
 
 def _tables(scene: Scene, parts: list[Stretch], path: Path) -> Iterator[str]:

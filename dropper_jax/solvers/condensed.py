@@ -118,8 +118,6 @@ class Condensed(Solver):
             return "it follows one line, but the scene is a system of lines; use network or dense"
         if not integrator.condensable:
             return f"integrator {integrator.name!r} does not offer the pieces it needs; use dense or banded"
-        if not model.line.axial.condensable:
-            return "the damper of its slack links is not in the condensed matrix; use banded or dense"
         if model.laws:
             return f"effect {model.laws[0].name!r} has its own unknowns; use dense"
         if model.reach > 0:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from dropper_jax.axial.changing_length import LENGTH_IN_TIME, ChangingLength
 from dropper_jax.axial.damped_rope import DampedRope
 from dropper_jax.axial.elastic import AXIAL_RINGING, Elastic
@@ -12,7 +14,7 @@ from dropper_jax.axial.rope import Rope
 from dropper_jax.axial.tabulated import Tabulated
 
 #: Class of each law by its name in a scene.
-LAWS: dict[str, type[AxialLaw]] = {
+LAWS: dict[str, Callable[..., AxialLaw]] = {
     "rigid": Rigid,
     "elastic": Elastic,
     "rope": Rope,

@@ -63,6 +63,7 @@ def solve_multipliers(unit: Array, inverse: Array, rhs: Array) -> Array:
 
 
 def _times(inverse: Inverse, x: Components) -> Components:
+    """Inverses of the node blocks times vectors of the nodes."""
     if isinstance(inverse, tuple):
         first, second, third = inverse
         return dot_components(first, x), dot_components(second, x), dot_components(third, x)
@@ -70,6 +71,7 @@ def _times(inverse: Inverse, x: Components) -> Components:
 
 
 def _part(x: Components, where: slice) -> Components:
+    """Some of the vectors."""
     return each(operator.itemgetter(where), x)
 
 

@@ -13,6 +13,7 @@ from dropper_jax.axial.rigid import Rigid
 from dropper_jax.axial.rope import Rope
 from dropper_jax.axial.tabulated import Tabulated
 
+#: Class of each law by its name in a scene.
 LAWS: dict[str, Callable[..., AxialLaw]] = {
     "rigid": Rigid,
     "elastic": Elastic,

@@ -42,10 +42,6 @@ class ChangingLength(AxialLaw):
         return self.law.elastic
 
     @property
-    def condensable(self) -> bool:
-        return self.law.condensable
-
-    @property
     def intact(self) -> Array | None:
         return self.law.intact
 

@@ -36,5 +36,4 @@ class DampedRope(Rope):
             return spring
         return spring + self.damping / length * stretching
 
-    def _damper_over(self, step: StretchStep, size: Array, spring: Array) -> Array:
-        return Elastic._damper_over(self, step, size, spring)
+    _damper_over = Elastic._damper_over  # also of slack links

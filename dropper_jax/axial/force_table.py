@@ -28,7 +28,6 @@ class ForceTable:
             SceneError: an entry is not a number, the numbers of rows differ, strain does not rise, the first strain is
                 negative, the first tension is not 0, tension falls, or does not rise at the end.
         """
-
         e = _read_column(strain, f"{path}.strain", "-")
         force = _read_column(tension, f"{path}.tension", "N")
         if len(e) < 2:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import operator
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
@@ -34,31 +33,35 @@ class Groups(AxialLaw):
         return all(law.elastic for law in self.laws)
 
     @property
-    def condensable(self) -> bool:
-        return all(law.condensable for law in self.laws)
-
-    @property
     def intact(self) -> Array | None:
-        if all(law.intact is None for law in self.laws):
+        known = [law.intact for law in self.laws if law.intact is not None]
+        if not known:
             return None
-        return self._together(jnp.ones(len(m)) if law.intact is None else law.intact for law, m in self._each())
+        found = []
+        for law, m in self._each():
+            if law.intact is None:  # of rigid links, which do not break
+                found.append(jnp.ones(len(m), known[0].dtype))
+            else:
+                found.append(law.intact)
+        return self._together(found)
 
     def axial_stiffness(self) -> Array:
         return self._together(jnp.broadcast_to(law.axial_stiffness(), len(m)) for law, m in self._each())
 
     def _each(self) -> Iterator[tuple[AxialLaw, np.ndarray]]:
+        """Each law and the indices of its links."""
         return zip(self.laws, map(np.array, self.members), strict=True)
 
     def _together(self, found: Iterable[Array]) -> Array:
         """Values of the groups in the order of the links."""
         return jnp.concatenate(list(found))[np.argsort(np.concatenate(self.members))]
 
-    def _results(self, method: str, *of_links: Any, h: tuple[Array, ...] = ()) -> list[Any]:
-        """Results of a method of each law for its own links, with the step where it takes one."""
+    def _results(self, method: str, *of_links: Any, step: tuple[Array, ...] = ()) -> list[Any]:
+        """Results of a method of each law for its own links, with `step` (h,) where it takes one."""
         found = []
         for law, m in self._each():
             own = jax.tree.map(operator.itemgetter(m), of_links)
-            found.append(getattr(law, method)(*own, *h))
+            found.append(getattr(law, method)(*own, *step))
         return found
 
     def _change_each(self, change: Callable[[AxialLaw, np.ndarray], AxialLaw]) -> Groups:
@@ -90,7 +93,7 @@ class Groups(AxialLaw):
         return tuple(dict.fromkeys(name for law in self.laws for name in law.work_names))
 
     def residual(self, start: LinkStart, d1: Array, tension: Array, length: Array, h: Array) -> Array:
-        return self._together(self._results("residual", start, d1, tension, length, h=(h,)))
+        return self._together(self._results("residual", start, d1, tension, length, step=(h,)))
 
     def at_rest(self, d: Array, tension: Array, length: Array) -> Array:
         return self._together(self._results("at_rest", d, tension, length))
@@ -108,13 +111,18 @@ class Groups(AxialLaw):
         return sum(self._results("energy", d, length), jnp.zeros((), d.dtype))
 
     def works(self, start: LinkStart, d1: Array, length: Array, h: Array) -> dict[str, Array]:
-        return self._add_tables(self._results("works", start, d1, length, h=(h,)))
+        return _add_tables(self._results("works", start, d1, length, step=(h,)))
 
     def powers(self, d: Array, rate: Array, tension: Array, length: Array) -> dict[str, Array]:
-        return self._add_tables(self._results("powers", d, rate, tension, length))
+        return _add_tables(self._results("powers", d, rate, tension, length))
 
-    def _add_tables(self, tables: list[dict[str, Array]]) -> dict[str, Array]:
-        found = {}
-        for name in self.work_names:
-            found[name] = functools.reduce(operator.add, [table[name] for table in tables if name in table])
-        return found
+
+def _add_tables(tables: list[dict[str, Array]]) -> dict[str, Array]:
+    """Sums by name; a law has no entry for what it does not do, such as ringing at one instant."""
+    found: dict[str, Array] = {}
+    for table in tables:
+        for name, value in table.items():
+            if name in found:
+                value = found[name] + value
+            found[name] = value
+    return found

@@ -55,11 +55,6 @@ class AxialLaw(ABC):
         """Whether the tensions of all links follow from lengths: `axial_stiffness`, `instant` and the energy exist."""
 
     @property
-    def condensable(self) -> bool:
-        """Whether the condensed matrix, of which links at the ends of a step are all, is good enough for the law."""
-        return True
-
-    @property
     def intact(self) -> Array | None:
         """(n,): 0 if the link has broken, else 1; None if no link can break."""
         return None
@@ -77,8 +72,8 @@ class AxialLaw(ABC):
         return jnp.zeros_like(length)
 
     def springs(self, EA: Array, pushes: bool = False) -> AxialLaw:
-        """The same law where it stretches; ropes, or springs that also push, of stiffness EA (n,) [N] in place of rigid
-        links."""
+        """The law of links that stretch; for rigid ones that of ropes of stiffness EA (n,) [N], with `pushes` that of
+        springs."""
         return self
 
     def soften(self, share: float) -> AxialLaw:
@@ -95,13 +90,12 @@ class AxialLaw(ABC):
 
     @property
     def work_names(self) -> tuple[str, ...]:
-        """The names under which the law takes energy."""
+        """The names under which the law books work."""
         return ()
 
     @abstractmethod
     def residual(self, start: LinkStart, d1: Array, tension: Array, length: Array, h: Array) -> Array:
-        """Residual of the law over a step, (n,) [m]: zero if the law holds. It depends on d1 through its length
-        only."""
+        """Residual of the law over a step, (n,) [m]: zero if the law holds; a function of the length of d1 alone."""
 
     @abstractmethod
     def at_rest(self, d: Array, tension: Array, length: Array) -> Array:

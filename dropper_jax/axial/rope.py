@@ -16,8 +16,6 @@ from dropper_jax.base.springs import mean_positive_part, never_more
 #: Bound of the tension over a step that goes slack, over the tension of the spring at its end. Larger ones take effect
 #: closer to the slack length, but have a steeper slope there.
 STEEPEST = 10.0
-
-
 #: Weight of a guessed stretch relative to a guessed tension in deciding whether a link is taut, any number in (0, 1].
 STRETCH_WEIGHT = 1e-3
 
@@ -48,9 +46,9 @@ class Rope(Elastic):
     """
 
     def with_tangent(self, tangent: SlackTangent) -> AxialLaw:
-        if type(self) is not Rope:  # kinds of rope with laws of their own keep their derivatives
+        if type(self) is not Rope:  # the tangent is that of this law; others keep their derivatives
             return self
-        return TangentRope(self.EA, self.damping, self.intact, tangent)
+        return TangentRope(EA=self.EA, damping=self.damping, intact=self.intact, tangent=tangent)
 
     def spring(self, size: Array, length: Array) -> Array:
         return self.EA / length * positive_part(size - length)

@@ -155,7 +155,7 @@ class RigidBodies(HolonomicConstraint):
         carried = self._carried_mass()[:, None, None] * own[:, :, None] * own[:, None, :]
         return total - scatter_add(self._owners, carried, self.count)
 
-    def at_hand(self) -> RigidBodies:
+    def with_known_mass(self) -> RigidBodies:
         """The same bodies with their mass matrix computed."""
         return replace(self, matrix=self.mass_matrix())
 

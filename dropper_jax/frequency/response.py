@@ -26,7 +26,6 @@ from dropper_jax.sea.spec import SeaSpec, WaveSpec
 from dropper_jax.sea.waves import Waves
 from dropper_jax.statics.search import Equilibrium
 from dropper_jax.statics.static_pose import equilibrium, release_loads
-from dropper_jax.statics.system import with_axial
 
 #: Largest error of the basis that stays below that of the linearisation.
 BASIS_ERROR = 0.02
@@ -247,7 +246,7 @@ SPRING_STRETCH = 1e-4
 def _with_springs(model: Model, pose: Equilibrium, loads: Array) -> tuple[Model, Equilibrium]:
     """The model with springs for rigid links, and its equilibrium."""
     stiffness = jnp.full(pose.tension.shape, jnp.max(jnp.asarray(pose.tension)) / SPRING_STRETCH)
-    model = with_axial(model, model.line.axial.springs(stiffness))
+    model = model.with_axial(model.line.axial.springs(stiffness))
     return model, equilibrium(model, loads, near=pose.state)
 
 

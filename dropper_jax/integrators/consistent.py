@@ -1,5 +1,4 @@
-"""Velocities that are consistent with rigid links: the smallest change, in the mass metric, after which no link
-stretches.
+"""Velocities that are consistent with rigid links: the smallest change, in the mass metric, with the rates wanted.
 
     M x = G' y,    d/L . (rate of the links at v + x) = aim  (y = 0 of links that stretch)
 
@@ -7,7 +6,7 @@ y are the impulses [N s] that cause the change. A midpoint scheme enforces lengt
 link, caused by a jump of a prescribed point (its velocity or acceleration), therefore changes sign at every step and
 never decays, and tensions alternate by `2 m w/h`. Steps that contain a jump end with this projection. A
 smooth motion of the scheme has `d . d' = h^2 d' . d''/4` at the ends of its steps, which `w1 = -w0 + h^2 d' . d''/2`
-leaves unchanged. The target rate of the links is this value rather than zero.
+leaves unchanged. The wanted rate `aim` of the links is this value rather than zero.
 """
 
 from __future__ import annotations
@@ -34,6 +33,7 @@ class ProjectionProblem(StepProblem):
         self.h = jnp.ones((), k.r.dtype)
         self.k = k
         self.added = added
+        #: Accelerations (held, 3) [m/s^2] of the fixed points; None at rest.
         self.moved: Array | None = None
         self.force: Array | float = 0.0
         if added:
@@ -41,8 +41,9 @@ class ProjectionProblem(StepProblem):
             self.force = self.model.inertia(self.k, jnp.zeros_like(k.r))
         self.link_direction = k.links / k.line.length[:, None]
         self.rigid = k.line.axial.rigid(k.line.links)
-        #: Target rate of stretch per length of rigid links, and impulses of others.
-        self.aim = self.law = jnp.zeros((), k.r.dtype)
+        #: Wanted rate of stretch per length of rigid links, and impulses of others.
+        self.aim = jnp.zeros((), k.r.dtype)
+        self.law = jnp.zeros((), k.r.dtype)
 
     def node_rows(self, x: Array, z: PerLaw) -> NodeRows:
         if self.added:
@@ -88,7 +89,7 @@ def consistent(k: Kinematics, added: bool = False, aim: Array | None = None) -> 
     Args:
         k: positions, velocities and fixed points of one instant; with `added` prepared, as added mass requires.
         added: whether added mass is included.
-        aim: target rate of stretch per length of rigid links, (n,) [1/s]; default zero.
+        aim: wanted rate of stretch per length of rigid links, (n,) [1/s]; default zero.
     """
     problem = ProjectionProblem(k, added and bool(k.model.having(AddedMass)))
     if aim is not None:
@@ -109,6 +110,7 @@ def instant(k: Kinematics, end_acceleration: Array | None = None) -> tuple[Array
 
 
 def _solve_projection(problem: ProjectionProblem) -> Unknowns:
+    """The solution of a linear problem, by one correction from zero with a matrix that is exact for its rows."""
     k = problem.k
     model = problem.model
     u = Unknowns(jnp.zeros_like(k.r), jnp.zeros_like(k.line.length))

@@ -101,6 +101,7 @@ class MidpointProblem(StepProblem):
         self.prepared = model.prepare(model.kinematics(s.r + gamma * h * s.v, s.v, self.t_mid, self.ends))
 
     def _link_start(self) -> LinkStart:
+        """The links at the start of the step, with what the laws of those that stretch need of them."""
         model = self.model
         s = self.s
         if model.line.axial.rigid(model.line.links).all():
@@ -120,8 +121,7 @@ class MidpointProblem(StepProblem):
         h = self.h
         v = s.v + x / h
         r = s.r + self.gamma * h * v
-        over = {"prepared": self.prepared, "h": h, "before": s.v}
-        return self.model.kinematics(r, v, self.t_mid, self.ends, **over)
+        return self.model.kinematics(r, v, self.t_mid, self.ends, self.prepared, h=h, before=s.v)
 
     def node_rows(self, x: Array, z: PerLaw) -> NodeRows:
         middle = self.instant(x)
@@ -129,24 +129,29 @@ class MidpointProblem(StepProblem):
         force = self.model.inertia(middle, a, self.end_acceleration) - self.model.force(middle)
         if not z:
             return force, ()
-        laws, rows = self._laws(middle, z)
-        return force - laws, rows
+        of_unknowns, rows = self._law_and_constraint_rows(middle, z)
+        return force - of_unknowns, rows
 
     def link_vectors(self, x: Array) -> Array:
         s = self.s
         return self.model.links(s.r + (self.h * s.v + x), self.ends1)
 
     def _directions(self, links1: Array) -> Array:
+        """Directions (n, 3) of the tension forces over the step, whose end has the links (n, 3) [m]."""
         mean = (1 - self.gamma) * self.links0 + self.gamma * links1
         line = self.model.line
         return line.axial.direction(self.links0, links1, mean, line.length)
 
-    def _laws(self, mid: Kinematics, z: PerLaw) -> NodeRows:
-        """Forces (nodes, 3) [N] of the unknowns of laws and constraints, and the rows that determine them."""
+    def _law_and_constraint_rows(self, k: Kinematics, z: PerLaw) -> NodeRows:
+        """Forces (nodes, 3) [N] of the unknowns of laws and constraints, and the rows that determine them.
+
+        Multipliers act along the gradient at the middle of the step (gamma may be another time), gaps vanish at its
+        end.
+        """
         model = self.model
-        force, rows = self.law_rows(mid, z)
-        middle = mid.r + (0.5 - self.gamma) * self.h * mid.v
-        end = mid.r + (1.0 - self.gamma) * self.h * mid.v
+        force, rows = self.law_rows(k, z)
+        middle = k.r + (0.5 - self.gamma) * self.h * k.v
+        end = k.r + (1.0 - self.gamma) * self.h * k.v
         for constraint, multipliers in zip(model.constraints, z[len(rows) :], strict=True):
             force = force + constraint.constraint_force(model, middle, multipliers)
             rows = (*rows, constraint.gap(model, end))

@@ -14,7 +14,7 @@ steps. In turn, energy is conserved only as accurately as the motion is computed
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax.numpy as jnp
 from jax import Array
@@ -23,7 +23,7 @@ from dropper_jax.base.fields import parameter
 from dropper_jax.base.numerics import safe_norm
 from dropper_jax.integrators.runge_kutta import accelerations, powers
 from dropper_jax.integrators.stop_held import stop_held_nodes
-from dropper_jax.model import Ends, Kinematics, LengthOverTime, Model, State
+from dropper_jax.model import Ends, Frozen, Kinematics, LengthOverTime, Model, State
 from dropper_jax.residual import Implicit, LocalError, NodeRows, PerLaw, StepProblem, Unknowns, couples_inertia
 
 
@@ -128,6 +128,7 @@ class GeneralizedAlphaProblem(StepProblem):
         self.ends = Ends(before + self.new_f * (after - before), at_f.velocities)
         self.end_acceleration = model.end_acceleration(s.t + self.new_a * h)
         zero = jnp.zeros_like(s.r)
+        self.prepared: dict[str, Frozen] = {}
         predicted = self._kinematics(zero)
         self.prepared = model.prepare(predicted)
         #: Link vectors (n, 3) [m] at the end of the step and their rates [m/s] at t_f, for x = 0.
@@ -147,14 +148,16 @@ class GeneralizedAlphaProblem(StepProblem):
         s = self.s
         return s.v + self.h * ((1.0 - self.gamma) * s.acceleration + self.gamma * self._acceleration(x))
 
-    def _kinematics(self, x: Array, **prepared: Any) -> Kinematics:
+    def _kinematics(self, x: Array, h: Array | None = None) -> Kinematics:
+        """Positions and velocities at t_f; with h as an instant of the step."""
         s = self.s
         share = self.new_f
         v = s.v + share * (self._velocity(x) - s.v)
-        return self.model.kinematics(s.r + share * (self.h * s.v + x), v, self.t_f, self.ends, **prepared)
+        r = s.r + share * (self.h * s.v + x)
+        return self.model.kinematics(r, v, self.t_f, self.ends, self.prepared, h=h)
 
     def instant(self, x: Array) -> Kinematics:
-        return self._kinematics(x, prepared=self.prepared, h=self.h)
+        return self._kinematics(x, self.h)
 
     def guess(self) -> Unknowns:
         s = self.s

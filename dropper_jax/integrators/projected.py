@@ -2,20 +2,18 @@
 
     k_i = f(t + c_i h, y + h sum_j a_ij k_j),    y1 = P(y + h sum_i b_i k_i),    error = h sum_i e_i k_i
 
-y contains positions, velocities and the work done, f is the motion with reduced index (`moving`). P projects
-positions and velocities back onto the lengths of the links (`on_links`); without it these drift and errors
-grow. Stable while h b/m stays below `stable`, b/m the rate at which damping would stop a node.
-
-A rigid line of point masses as an ordinary differential equation: tensions from zero acceleration of link lengths.
+y contains positions, velocities and the work done. Stable while h b/m stays below `stable`, b/m the rate at which
+damping stops a node. f is the motion of the line as an ordinary differential equation (`moving`): its tensions are
+those of lengths that do not accelerate,
 
     M a = F(r, v, t) + G' T,    d . d'' + |d'|^2 = 0 of every link
 
-With u = d/L the tensions follow from one symmetric tridiagonal system with a row per link (index reduction):
+With u = d/L they follow from one symmetric tridiagonal system with a row per link (index reduction):
 
     (G M^-1 G') T = u . (difference of F/m over the link, of prescribed points their acceleration) + |d'|^2/L
 
-Lengths and their rates are then invariants of the motion, from which a scheme drifts by its error. `on_links` restores
-both, each by the smallest change in the mass metric.
+Lengths and their rates are then invariants of the motion, from which a scheme drifts by its error. The projection P
+(`on_links`) restores both, each by the smallest change in the mass metric.
 """
 
 from __future__ import annotations
@@ -189,5 +187,5 @@ def _after_jump(model: Model, s: State, track: bool) -> State:
 
 
 def _combine_slopes(weights: Array, slopes: Array) -> Array:
-    """The weighted sum of slopes (s, k) with weights (s,), not as a matrix product, which may call a library."""
+    """The weighted sum (k,) of slopes (s, k) with weights (s,), not as a matrix product, which may call a library."""
     return jnp.sum(weights[:, None] * slopes, axis=0)

@@ -1,4 +1,4 @@
-"""Explicit Runge-Kutta schemes for lines that stretch: each is a tableau; the rates of change at one instant."""
+"""Explicit Runge-Kutta schemes, each a tableau, for lines that stretch, and the rates of change at one instant."""
 
 from __future__ import annotations
 
@@ -16,11 +16,12 @@ from dropper_jax.model import AddedMass, Kinematics, Model, State, Works, book_w
 from dropper_jax.residual import Explicit, local_jacobian
 from dropper_jax.solvers.elimination import apply, inverse
 
+#: Rates of positions (nodes, 3) [m/s], of velocities (nodes, 3) [m/s^2], and powers (k,) [W].
 Rates = tuple[Array, Array, Array]
 
 
 def rates(model: Model, r: Array, v: Array, t: Array, track: bool) -> tuple[Rates, Array]:
-    """(r', v', work') and the tensions (n,) [N] at one instant."""
+    """(r', v', work') and the tensions (n,) [N] at one instant; without `track` no powers."""
     model = model.with_lengths(t)
     k = model.instant(r, v, t)
     tension = model.tension_by_law(k)
@@ -58,9 +59,8 @@ def powers(model: Model, k: Kinematics, tension: Array, a: Array, laws: Works | 
     forces = {name: jnp.sum(force * k.v) for name, force in model.working_forces(k).items()}
     turned = {turning(e): _turning(model, e, k, a) for e in model.having(AddedMass)}
     axial = line.axial.powers(k.links, k.link_velocities, tension, line.length)
-    return book_works(
-        model, forces, laws or {}, turned, axial, model.end_powers(tension[:, None] * k.tangents, k.ends, k)
-    )
+    ends = model.end_powers(tension[:, None] * k.tangents, k.ends, k)
+    return book_works(model, forces, laws or {}, turned, axial, ends)
 
 
 def _turning(model: Model, effect: AddedMass, k: Kinematics, a: Array) -> Array:
@@ -90,7 +90,7 @@ class RungeKutta(Explicit):
     Stable only for steps well below the axial period of the stiffest link.
     """
 
-    #: Rows of the tableau below the first stage, each (1, i), and the weights (s,).
+    #: Rows of the tableau below the first stage, each (i,), and the weights (s,).
     a: ClassVar[tuple[tuple[float, ...], ...]]
     b: ClassVar[tuple[float, ...]]
 

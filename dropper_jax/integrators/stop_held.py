@@ -36,12 +36,14 @@ def stop_held_joints(model: Model, z: PerLaw, middle: Kinematics, after: Kinemat
     """
     held = tuple(law.holding(middle, torque, h) for law, torque in zip(model.laws, z, strict=True))
     some = jnp.any(jnp.stack([jnp.any(one) for one in held]))
-    # most steps have no stuck joint, and then none of this is executed
+    # a copy of the end: what the branch computes must not be kept for uses outside of it
     stopped = partial(_stop_nodes, model, held, z, after.with_velocity(after.v), h)
+    # most steps have no stuck joint, and then none of this is executed
     return jax.lax.cond(some, stopped, lambda: (after.v, jnp.zeros((), after.v.dtype)))
 
 
 def _stop_nodes(model: Model, held: PerLaw, z: PerLaw, after: Kinematics, h: Array) -> tuple[Array, Array]:
+    """The results of `stop_held_joints` where a joint is stuck; `held` are these of each law (joints, 1)."""
     # neither solution nor factors are differentiated: one more correction with differentiated rows has the exact
     # derivative of the solution, at the cost of a few operations
     u, factor, over, aim = _solve(*jax.lax.stop_gradient((model, held, after.v, after.r, after.t, z, h)))

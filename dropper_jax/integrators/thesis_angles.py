@@ -68,8 +68,11 @@ def angles_of_state(model: Model, s: State) -> tuple[Array, ...]:
 def angles_of_links(d: Array, rate: Array) -> tuple[Array, ...]:
     """theta, phi, theta', phi' (n,) of link vectors d and their rates (n, 3), planar links with phi = 0."""
     planar = jnp.all(jnp.abs(d[:, 1]) <= 1e-12 * jnp.max(jnp.abs(d)))
-    theta = jnp.arctan2(-d[:, 2], jnp.where(planar, d[:, 0], jnp.sqrt(d[:, 0] ** 2 + d[:, 1] ** 2)))
-    phi = jnp.where(planar, 0.0, jnp.arctan2(d[:, 1], d[:, 0]))
+    # both are finite, with finite derivatives, of a vertical link of a planar line too, which does not use them
+    x = jnp.where(planar, 1.0, d[:, 0])
+    across = jnp.where(planar, d[:, 0], jnp.sqrt(x**2 + d[:, 1] ** 2))
+    theta = jnp.arctan2(-d[:, 2], across)
+    phi = jnp.where(planar, 0.0, jnp.arctan2(d[:, 1], x))
     length = jnp.sqrt(jnp.sum(d * d, axis=-1))
     polar = jnp.stack([-jnp.sin(theta) * jnp.cos(phi), -jnp.sin(theta) * jnp.sin(phi), -jnp.cos(theta)], -1)
     round_ = jnp.stack([-jnp.sin(phi), jnp.cos(phi), jnp.zeros_like(phi)], -1)
@@ -82,6 +85,7 @@ def angles_of_links(d: Array, rate: Array) -> tuple[Array, ...]:
 
 
 def _unit(theta: Array, phi: Array) -> Array:
+    """Unit vectors (n, 3) of links at these angles (n,) [rad]."""
     return jnp.stack([jnp.cos(theta) * jnp.cos(phi), jnp.cos(theta) * jnp.sin(phi), -jnp.sin(theta)], -1)
 
 
@@ -119,6 +123,7 @@ class AnglesProblem(StepProblem):
         return Unknowns(moved, self.s.tension)
 
     def _motion(self, x: Array, t: Array, ends: Ends, tension: Array) -> Motion:
+        """The instant of angles and rates x (n, 4) and tensions (n,) [N]."""
         length = self.model.line.length[:, None]
         theta, phi, *rate = x.T
 
@@ -153,6 +158,7 @@ class AnglesProblem(StepProblem):
         return Unknowns(jnp.concatenate([kinematic * h * self._force(), rows[:, :2]], 1), rows[:, 2])
 
     def _force(self) -> Array:
+        """Size of the force rows (n, 1) [N]: max(m g, m L/h^2)."""
         line = self.model.line
         return (line.mass * jnp.maximum(GRAVITY_SCALE, line.length / self.h**2))[:, None]
 

@@ -72,12 +72,11 @@ class Effect:
                 raise TypeError(f"{cls.__name__}: defines `{given}`, which also needs `{needed}`")
 
     def moves(self, name: str) -> bool:
-        """Whether `displace` moves the fixed point of that name: that of the option `point`."""
+        """Whether `displace` moves the fixed point of that name, which the option `point` gives."""
         return name == getattr(self, "point", None)
 
     def of(self, name: str) -> Effect:
-        """The effect that moves the fixed point of that name; if several effects move points separately, the one for
-        it."""
+        """The effect whose `displace` moves the fixed point of that name: of a group of motions, the one for it."""
         return self
 
     @classmethod
@@ -118,8 +117,8 @@ class HeldMotion(Effect):
 class Law(Effect, ABC):
     """An effect with its own unknowns, `components` per joint, solved together with the step.
 
-    Joint j is at node j, j = 0..n (the last one only if that end is fixed). The unknown z (joints, c) enters the motion
-    through `law_force` and is determined by `law_residual` = 0. Both reach one neighbour at most.
+    Joint j is at node j of a single line, j = 0..n (the last one only if that end is fixed). The unknown z (joints, c)
+    enters the motion through `law_force` and is determined by `law_residual` = 0. Both reach one neighbour at most.
     """
 
     #: Whether each row of z acts on one free node and depends on that node only; rows are then the free nodes.

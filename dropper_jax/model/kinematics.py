@@ -1,4 +1,4 @@
-"""Positions and velocities of a line at one instant, and derived quantities, computed only when requested."""
+"""Positions and velocities of the lines at one instant, and derived quantities, computed only when requested."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from dropper_jax.model.graph import Graph
 from dropper_jax.model.line import Line, Point
 from dropper_jax.sea import Sea, Water
 
+#: The protocol of a slot, see `model.slots`.
 Role = TypeVar("Role")
 
 
@@ -48,8 +49,8 @@ class ModelView(Protocol):
     def having(self, slot: type[Role]) -> tuple[Role, ...]:
         """The effects that fill a slot, in order."""
 
-    def nodes(self, r: Array, ends: Ends, rates: bool = False) -> Array:
-        """All nodes (n + lines, 3) [m], or their velocities."""
+    def nodes(self, r: Array, ends: Ends) -> Array:
+        """All nodes (n + lines, 3) [m]."""
 
     def links(self, r: Array, ends: Ends) -> Array:
         """Link vectors (n, 3) [m]."""
@@ -84,15 +85,14 @@ class Named(Protocol):
 
 @dataclass(eq=False)
 class Kinematics:
-    """One instant of a line, as effects receive it.
+    """One instant of the lines, as effects receive it.
 
     Attributes:
-        model, line: the moving system.
+        model: the lines, points and effects without their motion.
         r, v: free nodes (nodes, 3) [m], [m/s].
         t: time [s].
         ends: fixed points.
         frozen: the data that effects freeze over a step, by effect.
-        free: number of free nodes.
         h: the step [s] of which this is the middle; None at a plain instant.
         before: velocities (nodes, 3) [m/s] at the start of that step; None at a plain instant.
     """
@@ -117,6 +117,7 @@ class Kinematics:
 
     @property
     def free(self) -> int:
+        """Number of free nodes."""
         return self.r.shape[0]
 
     def with_velocity(self, v: Array) -> Kinematics:
@@ -152,7 +153,7 @@ class Kinematics:
 
     @cached_property
     def nodes(self) -> Array:
-        """All nodes (n + 1, 3) [m]."""
+        """All nodes (n + lines, 3) [m]."""
         return self.model.nodes(self.r, self.ends)
 
     @cached_property

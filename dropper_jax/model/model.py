@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterable, Mapping
-from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -12,12 +11,12 @@ import numpy as np
 from jax import Array
 from jax.typing import DTypeLike
 
-from dropper_jax.axial import ChangingLength
+from dropper_jax.axial import AxialLaw, ChangingLength
 from dropper_jax.base.fields import component
 from dropper_jax.model.effect import Effect, HolonomicConstraint, Law
 from dropper_jax.model.geometry import Ends
 from dropper_jax.model.graph import Graph
-from dropper_jax.model.kinematics import Frozen, Kinematics
+from dropper_jax.model.kinematics import Frozen, Kinematics, Role
 from dropper_jax.model.line import Line, Point
 from dropper_jax.model.slots import (
     AddedMass,
@@ -32,9 +31,6 @@ from dropper_jax.model.slots import (
     Stateful,
 )
 from dropper_jax.sea import Sea
-
-Role = TypeVar("Role")
-
 
 #: The name under which the work of moving ends is recorded.
 MOVING_ENDS = "moving_ends"
@@ -58,8 +54,8 @@ class Model:
     lines: tuple[Line, ...] = ()
     effects: tuple[Effect, ...] = ()
     sea: Sea | None = None
-    #: `node_mass` if it has been computed: in the equations of a step, which use it many times.
-    lump: Array | None = None
+    #: `node_mass` where it is computed once, in the equations of a step.
+    known_node_mass: Array | None = None
 
     @property
     def line(self) -> Line:
@@ -96,7 +92,7 @@ class Model:
 
     @property
     def kinks(self) -> Array | None:
-        """Times (k,) [s] at which fixed points jump in velocity or acceleration; None if they never do."""
+        """Times (k,) [s] at which the velocity or acceleration of a fixed point jumps; None if none ever does."""
         return _join_times(e.kinks for e in self.having(Displacement))
 
     @property
@@ -138,7 +134,7 @@ class Model:
 
     @property
     def node_reach(self) -> int:
-        """`reach` without those."""
+        """`reach` without the forces of elements."""
         return self.without_slot(ElementForce).reach
 
     @property
@@ -172,11 +168,13 @@ class Model:
         return effect.displace(t)
 
     def _position(self, index: int, t: Array) -> Array:
+        """Position (3,) [m] of a fixed point at time t."""
         point = self.points[index]
         moving = [e.of(point.name) for e in self.having(Displacement) if e.moves(point.name)]
         return sum((self.displacement(e, t) for e in moving), point.position)
 
     def _held_positions(self, time: Array) -> Array:
+        """Positions (held, 3) [m] of the fixed points at a time."""
         held = [self._position(int(i), time) for i in self.geometry.held_points]
         if not held:
             return jnp.zeros((0, 3), self.dtype)
@@ -202,12 +200,19 @@ class Model:
         t: Array,
         ends: Ends | None = None,
         prepared: Mapping[str, Frozen] | None = None,
-        **more: Any,
+        h: Array | None = None,
+        before: Array | None = None,
     ) -> Kinematics:
-        """One instant of the line; `ends` and the frozen data of the effects if they are known already."""
+        """One instant of the lines.
+
+        Args:
+            ends: the fixed points, if they are known already.
+            prepared: the data that the effects freeze over the step, if they are known already.
+            h, before: the step of which this is the middle, see `Kinematics`.
+        """
         if ends is None:
             ends = self.ends(t)
-        return Kinematics(self, r, v, t, ends, prepared or {}, **more)
+        return Kinematics(self, r, v, t, ends, prepared or {}, h, before)
 
     def instant(self, r: Array, v: Array, t: Array, ends: Ends | None = None) -> Kinematics:
         """One instant with the data that effects freeze over a step from there."""
@@ -224,10 +229,8 @@ class Model:
             return self.geometry.differences(v, None)
         return self.geometry.differences(v, ends.velocities)
 
-    def nodes(self, r: Array, ends: Ends, rates: bool = False) -> Array:
-        """All nodes, line after line, both ends of each included (n + lines, 3); with `rates` their velocities."""
-        if rates:
-            return self.geometry.nodes(r, ends.velocities)
+    def nodes(self, r: Array, ends: Ends) -> Array:
+        """All nodes, line after line, both ends of each included (n + lines, 3) [m]."""
         return self.geometry.nodes(r, ends.positions)
 
     def gather(self, link_force: Array) -> Array:
@@ -247,25 +250,30 @@ class Model:
     @property
     def node_mass(self) -> Array:
         """Diagonal of the mass matrix (nodes,) [kg]."""
-        if self.lump is not None:
-            return self.lump
+        if self.known_node_mass is not None:
+            return self.known_node_mass
         return sum((e.point_mass(self) for e in self.having(PointMass)), self.line.node_mass)
 
     @property
     def link_lightness(self) -> Array:
-        """Sum of 1/m of both nodes of each link (n,) [1/kg]; zero of fixed points."""
-        lighter = self.geometry.everywhere(1.0 / self.node_mass, None)
-        return lighter[self.geometry.first] + lighter[self.geometry.last]
+        """Sum of 1/m of both nodes of each link (n,) [1/kg]; a fixed point counts as zero."""
+        inverse = self.geometry.everywhere(1.0 / self.node_mass, None)
+        return inverse[self.geometry.first] + inverse[self.geometry.last]
 
-    def lump_mass(self) -> Model:
-        """The same with `node_mass` and the couplings between nodes computed."""
+    def with_known_mass(self) -> Model:
+        """The same with `node_mass` and the masses that couple nodes computed, which the equations of a step use
+        often."""
         effects = []
         for effect in self.effects:
             if isinstance(effect, CoupledMass):
-                effect = effect.at_hand()
+                effect = effect.with_known_mass()
             effects.append(effect)
         known = dataclasses.replace(self, effects=tuple(effects))
-        return dataclasses.replace(known, lump=known.node_mass)
+        return dataclasses.replace(known, known_node_mass=known.node_mass)
+
+    def with_axial(self, axial: AxialLaw) -> Model:
+        """The model with another axial law."""
+        return dataclasses.replace(self, lines=(dataclasses.replace(self.line, axial=axial),))
 
     def nodal_inertia(self, a: Array, ends: Array | None = None) -> Array:
         """M a on the free nodes (nodes, 3) [N]; `ends` (held, 3) are the accelerations of the ends (None: at rest)."""
@@ -286,10 +294,9 @@ class Model:
         bent = tuple(e for e in self.having(Potential) if isinstance(e, ElementForce))
         if k is None or not bent:
             return {MOVING_ENDS: power}
-        r, v, t = k.r, k.v, k.t
 
         def stored_energy(positions: Array) -> Array:
-            moved = self.kinematics(r, v, t, Ends(positions, rates.velocities))
+            moved = self.kinematics(k.r, k.v, k.t, Ends(positions, rates.velocities))
             return sum((e.potential(moved) for e in bent), jnp.zeros((), self.dtype))
 
         return {MOVING_ENDS: power + jax.jvp(stored_energy, (rates.positions,), (rates.velocities,))[1]}
@@ -349,8 +356,7 @@ class Model:
             before = lengths(t)
             after = lengths(t + h)
             rate = (after - before) / h
-        axial = ChangingLength(self.line.axial, before, after, rate)
-        return dataclasses.replace(self, lines=(dataclasses.replace(self.line, axial=axial),))
+        return self.with_axial(ChangingLength(self.line.axial, before, after, rate))
 
     def initial_internal_state(self) -> dict[str, Frozen]:
         """Internal states of the effects at the start of a run, by effect."""
@@ -362,8 +368,8 @@ class Model:
         """The same after a step (see `slots.Stateful`), from the model as it was during the step."""
         return {e.name: e.advance(before, after, tension, h) for e in self.having(Stateful)}
 
-    def prepare(self, k: Kinematics) -> dict[str, Any]:
-        """The data that effects freeze over a step."""
+    def prepare(self, k: Kinematics) -> dict[str, Frozen]:
+        """The data that effects freeze over a step, by effect, and the water."""
         own = {e.name: e.prepare(k) for e in self.having(Prepared)}
         if self.sea is None or not any(e.needs_water for e in self.effects):
             return own

@@ -8,7 +8,6 @@ import numpy as np
 from jax import Array
 
 from dropper_jax.base.indexed_sums import scatter_add_many
-from dropper_jax.model.graph import Graph
 from dropper_jax.model.kinematics import Frozen, Kinematics, ModelView, Named
 from dropper_jax.model.line import Line
 from dropper_jax.sea import Sea
@@ -66,7 +65,7 @@ class LimitsTimeStep(Protocol):
 
 @runtime_checkable
 class AddedMass(Named, Protocol):
-    """Inertia beyond that of the lines."""
+    """Inertia in addition to that of the lines."""
 
     @property
     def reach(self) -> int:
@@ -162,7 +161,7 @@ class CoupledMass(PointMass, Protocol):
     def coupled(self, model: ModelView, a: Array) -> Array:
         """Inertia force (nodes, 3) [N] of accelerations a (nodes, 3) through the masses between nodes."""
 
-    def at_hand(self) -> CoupledMass:
+    def with_known_mass(self) -> CoupledMass:
         """The same with its masses computed, for the equations of a step."""
 
     def node_size(self, model: ModelView) -> Array:
@@ -183,7 +182,7 @@ PAIRS = (("potential", "force"), ("inertia", "kinetic"))
 
 def at_pieces(k: Kinematics, nodes: np.ndarray) -> tuple[Array, Array]:
     """Positions [m] and velocities [m/s] (pieces, m, 3) of the nodes (pieces, m) of elements in a system of lines."""
-    graph: Graph = k.model.geometry
+    graph = k.model.geometry
     return graph.everywhere(k.r, k.ends.positions)[nodes], graph.everywhere(k.v, k.ends.velocities)[nodes]
 
 

@@ -1,9 +1,7 @@
 """The state that a run carries from step to step: positions and velocities, broken links, the ledger of work.
 
-The ledger of work: all contributions to work that the energies do not contain, by name.
-
-Effects, axial laws and moving ends declare the names of their work, and return it as tables `{name: scalar}`. Schemes
-add these up and record them. No other code keeps a list.
+The ledger lists all work that the energies do not contain, by name. Effects, axial laws and moving ends declare the
+names of their work, and return it as tables `{name: scalar}`. Schemes add these up and record them.
 """
 
 from __future__ import annotations
@@ -80,7 +78,7 @@ class Parted:
 
 
 def nothing_parted(model: Model) -> Parted | None:
-    """The state at the start of a run; None for a model in which nothing can break."""
+    """No broken links, as at the start of a run; None for a model in which nothing can break."""
     failures = model.line.failures
     if failures is None:
         return None
@@ -93,8 +91,7 @@ def as_parted(model: Model, parted: Parted | None) -> Model:
     if parted is None:
         return model
     broken = jnp.any(parted.link[:, None] == jnp.arange(model.line.links), axis=0)
-    axial = model.line.axial.with_broken_links(1.0 - broken.astype(model.dtype))
-    return dataclasses.replace(model, lines=(dataclasses.replace(model.line, axial=axial),))
+    return model.with_axial(model.line.axial.with_broken_links(1.0 - broken.astype(model.dtype)))
 
 
 @component

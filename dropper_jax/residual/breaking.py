@@ -22,6 +22,10 @@ def with_breaking(model: Model, s: State, advance: Callable[[Model, State], tupl
     return break_links(model, before, s, s1), *more
 
 
+#: Relative rounding of a time that is a whole number of steps.
+SAME_TIME = 1e-9
+
+
 def break_links(model: Model, before: Model, s: State, s1: State) -> State:
     """The end of a step with the links that break there; their energy is booked as work of breaking.
 
@@ -49,11 +53,8 @@ def _link_energy(model: Model, s: State) -> Array:
     return sum((e.potential(k) for e in model.having(Potential) if e.parts), own)
 
 
-#: Relative rounding of a time that is a whole number of steps.
-SAME_TIME = 1e-9
-
-
 def _part(failures: Failures, parted: Parted, s1: State) -> Parted:
+    """The broken links after a step: each entry acts once, and which link breaks and when has no derivative."""
     tension, t = jax.lax.stop_gradient((s1.tension, s1.t))
     share = tension / failures.load
     named = jnp.asarray(failures.named, jnp.int32)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from copy import copy
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -14,9 +14,8 @@ from jax import Array
 from dropper_jax.base.constants import GRAVITY
 from dropper_jax.model import Effect, ElementForce, Ends, Kinematics, Model, State, Works
 
-GRAVITY_SCALE = GRAVITY  # [m/s^2]; only scales residuals, the gravity of the scene is a parameter of an effect
-
-
+#: Scale of residuals [m/s^2]; the gravity of the scene is a parameter of an effect.
+GRAVITY_SCALE = GRAVITY
 #: One array per law of an effect: its unknowns (joints, c), or the rows that determine them.
 PerLaw = tuple[Array, ...]
 #: Force rows of the nodes (nodes, 3) [N], and the rows of laws.
@@ -44,7 +43,9 @@ class StepProblem:
     easing: Array | None = None
 
     def __init__(self, model: Model, s: State, h: Array) -> None:
-        self.model, self.s, self.h = model.lump_mass(), s, h
+        self.model = model.with_known_mass()
+        self.s = s
+        self.h = h
 
     @property
     def pieces(self) -> tuple[ElementForce, ...]:
@@ -52,6 +53,7 @@ class StepProblem:
         return self.model.pieces
 
     def guess(self) -> Unknowns:
+        """The unknowns from which Newton's method starts."""
         raise NotImplementedError
 
     def residual(self, u: Unknowns) -> Unknowns:
@@ -73,12 +75,11 @@ class StepProblem:
         return other
 
     def instant(self, x: Array) -> Kinematics:
-        """Positions and velocities at which forces act at the unknowns x; those of each node depend only on its own
-        x."""
+        """Positions and velocities at which forces act at the unknowns x; of each node by its own x only."""
         raise NotImplementedError
 
     def node_rows(self, x: Array, z: PerLaw) -> NodeRows:
-        """Force rows (nodes, 3) without the links' tensions, and the rows of laws; each node's depend on its own x
+        """Force rows (nodes, 3) [N] without the links' tensions, and the rows of laws; of each node by its own x
         only."""
         raise NotImplementedError
 
@@ -100,19 +101,39 @@ class StepProblem:
         """The state at the end of the step."""
         raise NotImplementedError
 
-    def end_state(self, r: Array, v: Array, tension: Array, work: Callable[[], Array], **more: Any) -> State:
-        """The state at the end of the step from its positions and velocities (nodes, 3), tensions (n,) and work
-        (k,)."""
+    def end_state(
+        self,
+        r: Array,
+        v: Array,
+        tension: Array,
+        work: Callable[[], Array],
+        acceleration: Array | None = None,
+        law: PerLaw | None = None,
+        angles: tuple[Array, ...] | None = None,
+    ) -> State:
+        """The state at the end of the step, see `State`.
+
+        Args:
+            work: computes the work (k,) [J] of the step; not called in runs that do not record it.
+            acceleration, law: None: those at the start of the step remain.
+        """
         model = self.model
         s = self.s
-        t = self.s.t + self.h
+        t = s.t + self.h
         own = s.own
         if own:
-            own = model.advance_internal_state(
-                model.kinematics(s.r, s.v, s.t), model.kinematics(r, v, t), tension, self.h
-            )
-        done = s.work + work() if s.work.size else s.work
-        return replace(s, r=r, v=v, tension=tension, t=t, work=done, own=own, **{"angles": None, **more})
+            before = model.kinematics(s.r, s.v, s.t)
+            own = model.advance_internal_state(before, model.kinematics(r, v, t), tension, self.h)
+        done = s.work
+        if done.size:
+            done = done + work()
+        if acceleration is None:
+            acceleration = s.acceleration
+        if law is None:
+            law = s.law
+        return replace(
+            s, r=r, v=v, tension=tension, t=t, acceleration=acceleration, law=law, work=done, angles=angles, own=own
+        )
 
     def force_works(self, k: Kinematics, v: Array, share: Array | float = 1.0) -> Works:
         """Work [J] over the step, by name, of this share of the forces of an instant on nodes that move at v (nodes, 3)
@@ -120,9 +141,10 @@ class StepProblem:
         forces = self.model.working_forces(k)
         return {name: share * self.h * jnp.sum(force * v) for name, force in forces.items()}
 
-    def end_works(self, pull: Array, rates: Ends, share: float = 1.0, k: Kinematics | None = None) -> Works:
+    def end_works(self, link_force: Array, ends: Ends, share: float = 1.0, k: Kinematics | None = None) -> Works:
         """Work [J] over the step, by name, of this share of `Model.end_powers`."""
-        return {name: share * self.h * power for name, power in self.model.end_powers(pull, rates, k).items()}
+        powers = self.model.end_powers(link_force, ends, k)
+        return {name: share * self.h * power for name, power in powers.items()}
 
     def row_scale(self) -> Unknowns:
         """Sizes of the rows: max(m g, m L/h^2) on nodes, L on links, and those of the laws."""
@@ -132,9 +154,8 @@ class StepProblem:
         force = model.node_mass * jnp.maximum(GRAVITY_SCALE, model.node_length / h**2)
         laws = zip(model.laws, self.s.law, strict=False)  # then multipliers
         z = tuple(jnp.broadcast_to(law.law_scale(line, h), guess.shape) for law, guess in laws)
-        return Unknowns(
-            force[:, None], line.length, z + tuple(constraint.gap_size(model) for constraint in model.constraints)
-        )
+        gaps = tuple(constraint.gap_size(model) for constraint in model.constraints)
+        return Unknowns(force[:, None], line.length, z + gaps)
 
     def column_scale(self) -> Unknowns:
         """Sizes of the unknowns: x by `unknown_size`, tensions by mean weights or inertia, those of the laws as their
@@ -142,8 +163,8 @@ class StepProblem:
         line = self.model.line
         force = jnp.mean(line.mass) * jnp.maximum(GRAVITY_SCALE, jnp.mean(line.length) / self.h**2)
         laws = self.row_scale().z[: len(self.model.laws)]
-        pulls = tuple(constraint.force_size(self.model) for constraint in self.model.constraints)
-        return Unknowns(self.unknown_size(), jnp.broadcast_to(force, line.length.shape), laws + pulls)
+        multipliers = tuple(constraint.force_size(self.model) for constraint in self.model.constraints)
+        return Unknowns(self.unknown_size(), jnp.broadcast_to(force, line.length.shape), laws + multipliers)
 
     def unknown_size(self) -> Array:
         """Size of x, (nodes, 1): a length [m]."""
@@ -155,7 +176,8 @@ class SpeedProblem(StepProblem):
 
     def __init__(self, model: Model, s: State, h: Array) -> None:
         super().__init__(model, s, h)
-        self.ends0, self.ends1 = model.ends(s.t), model.ends(s.t + h)
+        self.ends0 = model.ends(s.t)
+        self.ends1 = model.ends(s.t + h)
         self.mass = model.line.node_mass
         self.pull0 = self.unit_forces(model.links(s.r, self.ends0))
         #: Link vectors (n, 3) [m] of nodes that do not move between ends that do.
@@ -178,7 +200,11 @@ class SpeedProblem(StepProblem):
         return self.model.line.length[: self.model.free_nodes, None] / jnp.abs(self.h)
 
 
-def local_jacobian(f: Callable[[Array], Any], x: Array) -> Any:
+#: An array, or a tree of arrays.
+Rows = TypeVar("Rows")
+
+
+def local_jacobian(f: Callable[[Array], Rows], x: Array) -> Rows:
     """Blocks (n, ..., c) of a map that acts on each row of x (n, c), or each entry (n,), by itself.
 
     All rows move together, so `jax.jacfwd` needs one direction per column.

@@ -1,4 +1,4 @@
-"""Interfaces of time integrators: supported models, an implicit or explicit step."""
+"""Interfaces of time integrators: `Implicit`, `Explicit`, and `Embedded` with an error estimate."""
 
 from __future__ import annotations
 
@@ -143,10 +143,9 @@ class Implicit(Integrator, ABC):
         if self.point_masses and (reason := point_masses_only(model)):
             return reason
         if not model.geometry.is_path and not self.networkable:
+            elastic = ""
             if model.line.axial.elastic:
                 elastic = ", rk2, rk4, semi_implicit_euler"
-            else:
-                elastic = ""
             return f"it runs single lines only; use energy_momentum, theta_midpoint{elastic}"
         if model.line.failures is not None and not self.networkable:
             return "it has no links that break; use energy_momentum, theta_midpoint, rk2 or rk4"
@@ -179,7 +178,7 @@ class Explicit(Integrator, ABC):
 class Embedded(Explicit):
     """An explicit scheme that estimates the error of its step."""
 
-    #: h b/m above which damping makes the scheme unstable; b/m is the rate at which damping would stop a node.
+    #: h b/m up to which steps are stable; b/m [1/s] is the rate at which damping stops a node.
     stable: ClassVar[float]
 
     @property

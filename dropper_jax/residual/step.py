@@ -7,8 +7,8 @@ the implicit function theorem at the solution, never through the corrections:
 
     R_u du = -R_theta dtheta
 
-The scheme writes the residual (`StepProblem`), the solver takes and factors the matrix (`Solver`), and nothing here
-knows either of them.
+The scheme writes the residual (`StepProblem`), the solver takes and factors the matrix (`Solver`); this module knows
+neither.
 """
 
 from __future__ import annotations
@@ -45,8 +45,8 @@ EASING = (1.0,) * 3 + tuple(0.4**k for k in range(1, 31)) + (0.0,) * 4
 #: origin) in float64, and about 1e-5 in float32.
 TOLERANCE = {"float64": 1e-11, "float32": 1e-4}
 
-#: What a step depends on: model, state at its start, length [s].
-Theta = tuple[Model, State, Array]
+#: What a step depends on, theta: model, state at its start, length [s].
+StepInputs = tuple[Model, State, Array]
 
 
 class Linear(Protocol):
@@ -209,7 +209,9 @@ def correct_until_enough(
         return (c.count < method.least) | wanted
 
     def correct(matrix: Linear, c: Corrections) -> Corrections:
-        fraction = jnp.asarray(0.5, c.now.dtype) ** c.halved if method.shortened else 1.0
+        fraction = 1.0
+        if method.shortened:
+            fraction = jnp.asarray(0.5, c.now.dtype) ** c.halved
         u = subtract(c.u, matrix.apply(c.rows), fraction)
         rows = store_once(problem.residual(u))
         after = Corrections(u, rows, largest_row(rows, scale), c.now, c.count + 1, jnp.zeros_like(c.halved), c.filtered)
@@ -239,7 +241,9 @@ def correct_until_enough(
     # systems of lines compile up to twice as long.
     far = jnp.full((), jnp.inf, guess.x.dtype)
     none = jnp.zeros((), jnp.int32)
-    filtered = None if filtering is None else jnp.zeros_like(guess.x)
+    filtered = None
+    if filtering is not None:
+        filtered = jnp.zeros_like(guess.x)
     start = Corrections(guess, jax.tree.map(jnp.zeros_like, guess), far, far, none - 1, none, filtered)
     return jax.lax.while_loop(unsolved, correct_with_one_matrix, start)
 
@@ -263,7 +267,7 @@ def solve_smoothed(method: Newton, problem: StepProblem) -> tuple[Unknowns, Arra
     return u, largest_row(problem.residual(u), problem.row_scale())
 
 
-def solve(stepper: Stepper, theta: Theta, filtering: Filter | None = None) -> tuple[Unknowns, Array, Array | None]:
+def solve(stepper: Stepper, theta: StepInputs, filtering: Filter | None = None) -> tuple[Unknowns, Array, Array | None]:
     """The solution of a step, its largest scaled row, and what the matrix lets pass of the rows of `filtering`, (nodes,
     3); not differentiated."""
     model, s, h = jax.lax.stop_gradient(theta)
@@ -281,14 +285,14 @@ def solve(stepper: Stepper, theta: Theta, filtering: Filter | None = None) -> tu
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
-def solution(stepper: Stepper, theta: Theta, u: Unknowns) -> Unknowns:
+def solution(stepper: Stepper, theta: StepInputs, u: Unknowns) -> Unknowns:
     """u, which solves `R(theta, u) = 0`, as a function of theta."""
     return u
 
 
 @partial(solution.defjvp, symbolic_zeros=True)
 def _implicit_derivative(
-    stepper: Stepper, primals: tuple[Theta, Unknowns], tangents: tuple[Any, Any]
+    stepper: Stepper, primals: tuple[StepInputs, Unknowns], tangents: tuple[Any, Any]
 ) -> tuple[Unknowns, Unknowns]:
     theta, u = primals
     u = solution(stepper, theta, u)  # so that this rule can be differentiated again
@@ -302,8 +306,7 @@ def _implicit_derivative(
             given[i] = value
         model, s, h = jax.tree.unflatten(tree, given)
         if stepper.tangent is not None:
-            axial = model.line.axial.with_tangent(stepper.tangent)
-            model = replace(model, lines=(replace(model.line, axial=axial), *model.lines[1:]))
+            model = model.with_axial(model.line.axial.with_tangent(stepper.tangent))
         return stepper.integrator.problem(model, s, h)
 
     # reverse mode stores theta and u of a step, and takes the matrix again on its way back
@@ -401,22 +404,23 @@ def step_and_filter(
 
 
 def solve_and_finish(
-    stepper: Stepper, theta: Theta, filtering: Filter | None = None
+    stepper: Stepper, theta: StepInputs, filtering: Filter | None = None
 ) -> tuple[State, Array, Array | None]:
     """The state after an implicit step, its largest scaled row, and what `solve` filters."""
     u, row, filtered = solve(stepper, theta, filtering)
     s1 = stepper.integrator.problem(*theta).finish(solution(stepper, theta, u))
-    return s1, limit_pace(*jax.lax.stop_gradient((theta[0], theta[1], s1)), row), filtered
+    model, s, _ = theta
+    return s1, mark_too_far(*jax.lax.stop_gradient((model, s, s1)), row), filtered
 
 
 def explicit_row(model: Model, s: State, s1: State) -> Array:
     """The row of an explicit step from s to s1, which solves nothing: 0, or what is wrong with it."""
     finite = jnp.all(jnp.isfinite(s1.r)) & jnp.all(jnp.isfinite(s1.v))
     row = jnp.where(finite, 0.0, jnp.nan).astype(model.dtype)
-    return limit_pace(model, s, s1, row)
+    return mark_too_far(model, s, s1, row)
 
 
-def limit_pace(model: Model, s: State, s1: State, row: Array) -> Array:
+def mark_too_far(model: Model, s: State, s1: State, row: Array) -> Array:
     """The largest row of a step from s to s1; `TOO_FAR` if nodes moved farther than an effect can follow."""
     watching = model.having(LimitsTimeStep)
     if not watching:

@@ -35,12 +35,14 @@ class Layout:
         self.padding = ~used.reshape(self.blocks, self.size)
 
     def pack(self, u: Unknowns) -> Array:
+        """The unknowns as blocks (blocks, size); unused entries are zero."""
         rows = self.blocks * self.width
         x = jnp.pad(u.x, ((0, rows - self.nodes), (0, 0)))
         y = jnp.pad(u.y, (0, rows - self.links))
         return jnp.concatenate([x, y[:, None]], axis=1).reshape(self.blocks, self.size)
 
     def unpack(self, packed: Array) -> Unknowns:
+        """The inverse of `pack`."""
         rows = packed.reshape(self.blocks * self.width, 4)
         return Unknowns(rows[: self.nodes, :3], rows[: self.links, 3])
 

@@ -103,6 +103,7 @@ def _blocks_at(pairs: np.ndarray, coupling: Coupling, chosen: np.ndarray) -> Cou
 
 @lru_cache(maxsize=64)
 def _without_nodes(graph: Graph, away: tuple[int, ...]) -> Graph:
+    """The graph in which the points at these free nodes are fixed."""
     held = tuple(fixed or int(node) in away for fixed, node in zip(graph.held, graph.point_node, strict=True))
     return replace(graph, held=held)
 
@@ -182,9 +183,8 @@ class BodyFactor:
         link_force = nodes.pad_seats(force[nodes.seats])
         right = force[nodes.corners].reshape(bodies, 4, 3)
         if nodes.edge.size:
-            right = right + (self.shares.T @ (link_force - lines.response(off, force, stretch)[2])).reshape(
-                bodies, 4, 3
-            )
+            from_lines = link_force - lines.response(off, force, stretch)[2]
+            right = right + (self.shares.T @ from_lines).reshape(bodies, 4, 3)
         rows = jnp.concatenate([right.reshape(bodies, BODY_COORDINATES), edges, *pins], axis=1)
         found = lu_solve(self.bodies, rows.ravel(), trans=int(self.turned)).reshape(bodies, -1)
         corner = found[:, :BODY_COORDINATES].reshape(-1, 3)

@@ -63,6 +63,7 @@ def solve_multipliers(unit: Array, inverse: Array, rhs: Array) -> Array:
 
 
 def _times(inverse: Inverse, x: Components) -> Components:
+    """Inverses of the node blocks times vectors of the nodes."""
     if isinstance(inverse, tuple):
         first, second, third = inverse
         return dot_components(first, x), dot_components(second, x), dot_components(third, x)
@@ -70,6 +71,7 @@ def _times(inverse: Inverse, x: Components) -> Components:
 
 
 def _part(x: Components, where: slice) -> Components:
+    """Some of the vectors."""
     return each(operator.itemgetter(where), x)
 
 
@@ -118,8 +120,6 @@ class Condensed(Solver):
             return "it follows one line, but the scene is a system of lines; use network or dense"
         if not integrator.condensable:
             return f"integrator {integrator.name!r} does not offer the pieces it needs; use dense or banded"
-        if not model.line.axial.condensable:
-            return "the damper of its slack links is not in the condensed matrix; use banded or dense"
         if model.laws:
             return f"effect {model.laws[0].name!r} has its own unknowns; use dense"
         if model.reach > 0:

@@ -4,14 +4,12 @@ With D the blocks of the nodes of a round, L their rows for their neighbours and
 
     A' = A - U D^-1 L,    b' = b - U D^-1 b_D;    back: x_D = D^-1 (b_D - L x)
 
-The operations are gathers by static tables and elementwise products, without library calls or scatters, so a loop
-around them can be one kernel. A longline of 99 nodes takes 23 us, compared with 174 us for padded lines and a dense
-matrix of their points. There is no pivoting between blocks: the method is for matrices like inertia plus stiffness.
-
-Elimination order of nodes that are coupled as a graph, in rounds of nodes that are not neighbours.
-
-A chain of m nodes takes log2(m) rounds (every other node, which is cyclic reduction), and lines that hang on a line are
-eliminated in the same rounds: a longline of 99 nodes takes 7 rounds, one of 234 takes 10.
+There is no pivoting between blocks: the method is for matrices like inertia plus stiffness. The order of the nodes is
+found once for a graph, with NumPy (`elimination_order`). A chain of m nodes takes log2(m) rounds (every other node,
+which is cyclic reduction), and lines that hang on a line are eliminated in the same rounds: a longline of 99 nodes
+takes 7 rounds, one of 234 takes 10. A factorisation (`eliminate`) and a solution (`solve`) are gathers by the static
+tables of the rounds and elementwise products, without library calls or scatters, so a loop around them can be one
+kernel. A longline of 99 nodes takes 23 us, compared with 174 us for padded lines and a dense matrix of their points.
 """
 
 from __future__ import annotations
@@ -28,6 +26,7 @@ from jax import Array
 
 from dropper_jax.base.indexed_sums import gather_sums, index_table, with_zero_row
 
+#: Row and column of a block.
 Pair = tuple[int, int]
 #: Maximum number of neighbours of nodes in one round if second neighbours are coupled, as by bending. A chain of 200
 #: then takes 15 rounds; 69 with 4, and 101 with 2, which eliminate it from its ends.

@@ -1,4 +1,4 @@
-"""Of the links alone: the parts of the matrix that come from each link's own vector and tension."""
+"""The parts of the matrix of a step that come from each link's own vector and tension."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Elimination of a system of lines: with elastic links tensions first, with inextensible links tensions and positions.
+"""Elimination of a system of lines: tensions first where all links stretch, else tensions together with positions.
 
     A x + D'(G D x + p y) = r_x,    g . D x + c y = r_y        (c = 0 of rigid links; D takes differences over links)
 
@@ -158,7 +158,7 @@ def _last(graph: Graph) -> np.ndarray:
 def factor_lines(
     model: Model, graph: Graph, node: Array, links: LinkParts, between: Coupling | None
 ) -> Stretching | Saddle:
-    """From A = `node` (free, 3, 3), and its off-diagonal blocks."""
+    """The factored matrix from A = `node` (free, 3, 3), the parts of the links, and the blocks of elements."""
     if model.line.axial.elastic:
         return Stretching.of(graph, node, links, between)
     return Saddle.of(graph, node, links, between)

@@ -10,7 +10,6 @@ increases after shortened ones: descent far from equilibrium, Newton near it. De
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
@@ -19,7 +18,6 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from dropper_jax.axial import AxialLaw
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.numerics import safe_norm
 from dropper_jax.effects.bending import CRUSHED
@@ -204,13 +202,8 @@ def find_softened(model: Model, s: State, loads: Array, tolerance: float) -> tup
     residual = np.inf
     # fractions of the axial stiffness in the continuation to a stiff system
     for share in (1e-5, 1e-3, 1e-1, 1.0):
-        s, residual = find_rest(with_axial(model, model.line.axial.soften(share)), s, loads, tolerance)
+        s, residual = find_rest(model.with_axial(model.line.axial.soften(share)), s, loads, tolerance)
     return s, residual
-
-
-def with_axial(model: Model, axial: AxialLaw) -> Model:
-    """The model with another axial law."""
-    return replace(model, lines=(replace(model.line, axial=axial),))
 
 
 #: Stretch of the springs that replace rigid links.
@@ -220,7 +213,7 @@ SPRING_STRETCH = 1e-4
 def with_springs(model: Model, pushes: bool = False) -> Model:
     """The model with stiff ropes, or springs that also push, instead of rigid links; they stretch by about 0.01 %."""
     weight = force_scale(model) * model.line.links / SPRING_STRETCH
-    return with_axial(model, model.line.axial.springs(jnp.broadcast_to(weight, model.line.length.shape), pushes))
+    return model.with_axial(model.line.axial.springs(jnp.broadcast_to(weight, model.line.length.shape), pushes))
 
 
 def describe_unbalance(model: Model, s: State, loads: Array, residual: float, extent: str) -> str:

@@ -1,1 +1,1 @@
-"""One step: choosing how, solving it, its derivatives, parting links, and many of them."""
+"""Runs of many steps: choice of scheme and solver, halved steps, steps that follow an accuracy, saved states."""

@@ -1,7 +1,7 @@
 """Growth of the derivative of a run in reverse mode, which warns once where it predicts no change of a useful size.
 
 The cotangent of the positions passes through the backward pass of a run step by step. A meter passes along with it: a
-variable that is 0 in the run itself, whose cotangent holds the largest position cotangent at the first of `SEGMENTS`
+variable that is 0 in the run itself, whose cotangent holds the largest position cotangent at the first of the measured
 times at which it is not 0, and the maximum since then. Their ratio is the growth. A mean over k steps adds a
 contribution at every step, so that the cotangent grows by about k: the times are far apart for that reason.
 """
@@ -20,7 +20,7 @@ import numpy as np
 from jax import Array
 from jax.flatten_util import ravel_pytree
 
-#: Times of a run at which the cotangent is measured.
+#: Minimum number of times of a run at which the cotangent is measured, if it has as many steps.
 SEGMENTS = 16
 #: Growth, as a power of e, above which a derivative is warned of.
 LIMIT = 10.0

@@ -204,16 +204,22 @@ def integrate(
         The last state, and the saved ones.
 
     Raises:
-        ValueError: steps that are not a whole number >= 1, `save_every` that does not divide them, or is given together
-            with an accuracy.
+        ValueError: steps or `save_every` that are not whole numbers >= 1, `save_every` that does not divide them, or
+            is given together with an accuracy, another shape of dt.
     """
-    if not isinstance(steps, int | np.integer) or steps < 1:
-        raise ValueError(f"steps: {steps!r} is not a number of steps; allowed: a whole number >= 1")
+    for name, number in (("steps", steps), ("save_every", save_every)):
+        if not isinstance(number, int | np.integer) or number < 1:
+            raise ValueError(f"{name}: {number!r} is not a number of steps; allowed: a whole number >= 1")
     if steps % save_every:
         raise ValueError(f"steps: {steps} is not a multiple of save_every = {save_every}")
     if accuracy is not None and save_every != 1:
         raise ValueError(f"save_every: {save_every} counts equal steps; allowed: 1 with an accuracy. Use a larger dt")
     dt = jnp.asarray(dt, model.dtype)
+    shapes = [()]
+    if accuracy is None:
+        shapes.append((steps,))
+    if dt.shape not in shapes:
+        raise ValueError(f"dt: has the shape {dt.shape}; allowed: {' or '.join(map(str, shapes))}")
     meter = growth_meter(model, s, dt) if warn else None
     follows = accuracy is not None
     if follows or (stepper.halvings and stepper.integrator.implicit):
@@ -260,7 +266,8 @@ def growth_meter(*differentiated: Any) -> Array | None:
 
 
 def _measured(number: Array, last: Array | int) -> Array:
-    """After which of the numbers 1..last the growth of derivatives is measured: `SEGMENTS` of them, from the end."""
+    """After which of the numbers 1..last the growth of derivatives is measured: the last and, evenly spaced, at least
+    `SEGMENTS - 1` others; all of few."""
     return (last - number) % jnp.maximum(last // SEGMENTS, 1) == 0
 
 

@@ -15,7 +15,7 @@ from dropper_jax.model import Frozen, Model, Parted, State, as_parted, state
 
 
 class Observed(NamedTuple):
-    """One instant as reported: all nodes' positions and velocities (n + 1, 3), energies [J], length error [m]."""
+    """One instant as reported: all nodes' positions and velocities (n + lines, 3), energies [J], length error [m]."""
 
     positions: Array
     velocities: Array
@@ -51,7 +51,7 @@ def observe(
     closure = jnp.max(jnp.abs(safe_norm(k.links) - line.length)[rigid], initial=0.0)
     return Observed(
         positions=k.nodes,
-        velocities=model.nodes(consistent_velocity(model, state(model, r, v, t=t)), k.ends, rates=True),
+        velocities=model.geometry.nodes(consistent_velocity(model, state(model, r, v, t=t)), k.ends.velocities),
         kinetic=model.kinetic_energy(k),
         potential=model.potential_energy(k),
         closure=closure,

@@ -12,7 +12,7 @@ from dropper_jax.model import Model
 from dropper_jax.stepping.halving import ROUNDING
 from dropper_jax.stepping.step_control import Control
 
-#: Most steps of which a run keeps the lengths.
+#: Maximum number of steps whose lengths a run records.
 MOST_STEPS = 2**17
 
 
@@ -23,7 +23,8 @@ class Record(NamedTuple):
     where the recorded one hangs still would gain energy without bound.
 
     Attributes:
-        length: of the steps (most,) [s]; those after the first `most` are not recorded.
+        length: of the steps (most,) [s]. A run of more steps is not recorded: `number` reaches `most`, and each
+            further step replaces the last length.
         number: of steps so far.
         repeats: whether the run takes these steps in place of its own.
         part: of a repeated step, what is done [s].

@@ -106,11 +106,11 @@ def check_names(integrator: str, solver: str) -> None:
 
 def choose_solver(model: Model, scheme: Implicit) -> Solver:
     """The fastest solver that takes the model and the scheme."""
-    suitable = [name for name in ("condensed", "network", "banded") if SOLVERS[name].refuse(model, scheme) is None]
-    best = suitable[0] if suitable else "dense"
-    if best == "banded" and Dense().size(model) <= FEW_UNKNOWNS:
-        best = "dense"
-    return SOLVERS[best]
+    is_small = Dense().size(model) <= FEW_UNKNOWNS
+    for name in ("condensed", "network", "banded"):
+        if SOLVERS[name].refuse(model, scheme) is None and not (name == "banded" and is_small):
+            return SOLVERS[name]
+    return SOLVERS["dense"]
 
 
 def check_settings(settings: Iterable[str], known: Iterable[str]) -> None:

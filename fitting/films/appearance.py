@@ -41,6 +41,8 @@ def _learn_appearance(
         if len(images) > MOST_IMAGES:
             images = images[::2]
             stride = 2 * stride
+    if not images:
+        raise SceneError(f"{film.path.name}: no frame from number {span[0]} on can be read; allowed: an earlier --from")
 
     def learn(image: np.ndarray, count: int) -> tuple[int, MarkerAppearance]:
         """The number of circles that look like the `count` strongest spots, 0 if these do not stand out."""

@@ -152,25 +152,29 @@ def _lens(found: list[np.ndarray], board: tuple[int, int], size: tuple[int, int]
     return None
 
 
-def plane_from_board(picture: str | Path, lens: Lens | None, board: tuple[int, int], square: float) -> Plane:
+def plane_from_board(
+    picture: str | Path, size: tuple[int, int], lens: Lens | None, board: tuple[int, int], square: float
+) -> Plane:
     """The plane of motion from one picture of the board lying in it; the camera's rows are level.
 
+    Args:
+        size: (width, height) [pixel] of the video, and of the pictures that show the lens.
+        square: side of the board's squares [m].
+
     Raises:
-        SceneError: no board in the picture.
+        SceneError: no board in the picture, or a picture of another size.
     """
     image = read_image(picture)
+    if image.shape[::-1] != size:
+        raise SceneError(f"{Path(picture).name}: {image.shape[::-1]} pixels; allowed: {size}, those of the video")
     found = corners(image, board)
     if found is None:
         raise SceneError(
             f"{Path(picture).name}: no board of {board[0]} x {board[1]} inner corners found; "
             "use a sharp picture of the whole board"
         )
-    if lens is not None and lens.size != image.shape[::-1]:
-        raise SceneError(
-            f"{Path(picture).name}: {image.shape[::-1]} pixels; allowed: {lens.size}, those of the calibration"
-        )
     straight = found.astype(float)
-    middle = (np.array(image.shape[::-1]) - 1) / 2
+    middle = (np.array(size) - 1) / 2
     if lens is not None:
         straight = lens.straighten(found)
         middle = lens.centre

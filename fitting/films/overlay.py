@@ -25,10 +25,10 @@ PICTURE_WIDTH = 420
 
 
 def write_overlay(tracked: Tracked, video: str | Path, path: str | Path) -> Path:
-    """A contact sheet to a `.png`, the whole motion to an `.mp4` or `.avi`."""
+    """Write a contact sheet as a `.png`, or the whole motion as an `.mp4` or `.avi`."""
     path = Path(path)
     cv2 = opencv()
-    film = Video(video)
+    film = Video(video, tracked.fps)
     frames = np.arange(len(tracked.detected))
     if path.suffix.lower() != ".png":
         return write_video(path, _draw_frames(tracked, film, 1.0, frames), tracked.fps)

@@ -237,7 +237,7 @@ def _map_by_lens(
     """The map by a lens, and by the `picture` of a board in the plane of motion as a camera with this lens sees it."""
     if picture is None or square is None:
         return Flat(size, lens)
-    return Flat(size, lens, plane_from_board(picture, lens, board, square))
+    return Flat(size, lens, plane_from_board(picture, size, lens, board, square))
 
 
 def _span(film: Video, begin: float, end: float | None) -> tuple[int, int | None]:
@@ -246,8 +246,15 @@ def _span(film: Video, begin: float, end: float | None) -> tuple[int, int | None
         raise SceneError(f"--from, --until: {begin:g} to {end} s; allowed: 0 <= from < until")
     if film.announced and begin * film.fps >= film.announced:
         raise SceneError(f"--from: {begin:g} s is after the end; allowed: below {film.announced / film.fps:.3g} s")
-    last = None if end is None else round(end * film.fps)
-    return round(begin * film.fps), last
+    first = round(begin * film.fps)
+    if end is None:
+        return first, None
+    last = round(end * film.fps)
+    if last <= first:
+        raise SceneError(
+            f"--from, --until: no frame is between {begin:g} and {end:g} s; allowed: 1/{film.fps:g} s or more"
+        )
+    return first, last
 
 
 def _trim_frames(chain: TrackedChain, fps: float) -> tuple[TrackedChain, int, str]:

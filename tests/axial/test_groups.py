@@ -145,6 +145,31 @@ def test_a_table_among_ropes_is_a_rope_where_it_is_straight():
     np.testing.assert_allclose(dj.equilibrium(mixed).positions, ropes.positions, atol=1e-9)
 
 
+def unequal_lines() -> dict:
+    """A point between a damped rope and a spring without damping, both taut."""
+    points = [fixed("left", 0.0, 0.0, 0.0), fixed("right", 1.9, 0.0, 0.0), free("low", 1.0, 0.0, -0.5)]
+    lines = [rope("near", "left", "low", 1, 1.1, law="rope", EA=1e4, damping=10.0)]
+    lines.append(rope("far", "low", "right", 1, 1.0, law="elastic", EA=1e4))
+    return system(points, lines, dt=1e-4, duration=0.02, start={"kind": "points"})
+
+
+@pytest.mark.parametrize("integrator", ["rk4", "generalized_alpha", "semi_implicit_euler"])
+def test_lines_of_different_laws_move_alike_under_schemes_with_laws_at_one_instant(integrator):
+    reference = dj.simulate(unequal_lines())
+    run = dj.simulate(unequal_lines(), integrator=integrator)
+    assert (run.status, reference.status) == ("ok", "ok")
+    travel = np.max(np.ptp(reference.positions, axis=0))
+    np.testing.assert_allclose(run.positions, reference.positions, atol=0.01 * travel)
+    assert run.energy_drift < 0.02 * run.energy_scale
+
+
+def test_broken_links_of_a_run_in_float32_are_known_in_float32_where_others_are_rigid():
+    laws = (Rope(EA=np.array([1e4], np.float32)), Rigid())
+    broken = Groups(laws, ((0,), (1,))).with_broken_links(jnp.array([0.0, 1.0], jnp.float32))
+    assert broken.intact.dtype == jnp.float32
+    np.testing.assert_array_equal(broken.intact, [0.0, 1.0])
+
+
 @pytest.mark.check
 def test_derivatives_of_a_run_agree_forward_reverse_and_with_differences(slopes_of):
     points = [fixed("left", 0.0, 0.0, 0.0), free("top", 1.5, 0.3, -1.0), free("end", 2.0, 0.3, -1.7, mass=2.0)]

@@ -1,9 +1,12 @@
 """What single schemes keep, and closed forms they follow."""
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import dropper_jax as dj
+from dropper_jax.integrators.thesis_angles import angles_of_links
 
 G = 9.81
 
@@ -55,3 +58,13 @@ def test_theta_midpoint_with_one_half_is_the_energy_momentum_scheme(march):
     half = dj.make_stepper(model, "theta_midpoint", gamma=0.5, halvings=0, track_work=False)
     weighted = march(half, model, s, 0.5, 128, 2)[0]
     np.testing.assert_array_equal(default, weighted)
+
+
+def test_angles_of_a_line_in_the_plane_have_derivatives_where_a_link_is_vertical():
+    """Of theta = atan2(down, x) by x: -1/L for a vertical link of length L that points down."""
+
+    def angle(x: jax.Array) -> jax.Array:
+        links = jnp.array([[0.0, 0.0, -2.0], [0.6, 0.0, -0.8]]).at[0, 0].set(x)
+        return angles_of_links(links, jnp.zeros_like(links))[0][0]
+
+    np.testing.assert_allclose(jax.grad(angle)(0.0), -0.5, rtol=1e-12)

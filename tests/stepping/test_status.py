@@ -27,6 +27,15 @@ def test_a_number_of_steps_that_is_none_is_refused(lab):
             dj.integrate(stepper, model, s, 0.005, steps)
 
 
+def test_saved_steps_and_lengths_of_steps_that_fit_no_run_are_refused(lab):
+    model, s, stepper, _ = lab
+    for save_every in (0, -1):
+        with pytest.raises(ValueError, match=f"save_every: {save_every} is not a number of steps"):
+            dj.integrate(stepper, model, s, 0.005, 4, save_every)
+    with pytest.raises(ValueError, match=r"dt: has the shape \(3,\); allowed: \(\) or \(4,\)"):
+        dj.integrate(stepper, model, s, np.full(3, 0.005), 4)
+
+
 def test_a_state_that_is_not_a_number_is_reported_at_the_first_step(lab):
     _, s, _, run = lab
     result = run(replace(s, r=s.r.at[2, 1].set(jnp.nan)), 0.005)

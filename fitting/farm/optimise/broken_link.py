@@ -31,7 +31,7 @@ def with_link_mask(model: Model, broken_link: int | None) -> Model:
     intact = jnp.ones(model.line.links, model.dtype)
     if broken_link is not None:
         intact = intact.at[broken_link].set(0.0)
-    return replace(model, lines=(replace(model.line, axial=model.line.axial.with_broken_links(intact)),))
+    return model.with_axial(model.line.axial.with_broken_links(intact))
 
 
 def masked_still(found: Still, broken_link: int | None) -> Still:

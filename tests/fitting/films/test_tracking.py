@@ -188,6 +188,8 @@ def bad(tmp_path_factory):
         ("three.avi", ["--nodes", "3", "--calibration", "board-0.png", "board-1.png"], "found in 2 of 2 pictures"),
         ("three.avi", ["--nodes", "3", "--calibration", "text.mp4"], "cannot be read as an image"),
         ("three.avi", ["--nodes", "3", "--plane", "board-0.png"], "--square: missing"),
+        ("three.avi", ["--nodes", "3", "--plane", "board-0.png", "--square", "0.03"], "(160, 120), those of the video"),
+        ("three.avi", ["--nodes", "3", "--from", "0.1", "--until", "0.101"], "no frame is between 0.1 and 0.101 s"),
     ],
 )
 def test_what_a_user_can_correct_is_one_line_and_exit_code_2(bad, refused, monkeypatch, video, more, words):
@@ -206,6 +208,15 @@ def test_a_calibration_with_an_error_above_one_pixel_is_refused(tmp_path, refuse
 
 def test_boards_of_another_size_than_the_video_are_refused(lab, bad, refused):
     assert "(640, 480)" in refused(["track", str(bad / "three.avi"), "--nodes", "3", "--calibration", *lab[1]])
+
+
+def test_an_overlay_takes_the_frame_rate_that_the_file_lacks(tmp_path, monkeypatch):
+    write_video(tmp_path / "three.avi", spots(3, 60), FPS)
+    monkeypatch.setattr(opencv(), "CAP_PROP_FPS", -1)  # a property that no file has
+    call = ["track", str(tmp_path / "three.avi"), "--nodes", "3", "--out", str(tmp_path / "three.csv"), "--quiet"]
+    assert main(call) == 2
+    assert main([*call, "--fps", f"{FPS:g}", "--overlay", str(tmp_path / "sheet.png")]) in (0, 3)
+    assert (tmp_path / "sheet.png").is_file()
 
 
 def test_a_marker_lost_for_good_keeps_what_came_before_and_exits_with_3(tmp_path, capsys):

@@ -44,7 +44,7 @@ WRITHE = 1e-3
 WRITHE_SHARE = 0.1
 
 
-def twist_remarks(scene: Scene, positions: np.ndarray, tension: np.ndarray, torque: np.ndarray) -> Iterator[str]:
+def twist_warnings(scene: Scene, positions: np.ndarray, tension: np.ndarray, torque: np.ndarray) -> Iterator[str]:
     """Warnings about lines that would form loops under their torque, and lines whose coils would change their twist.
 
     A long rod of bending stiffness EI under the torque Q and the tension T is straight up to `Q = 2 sqrt(EI T)`

@@ -252,6 +252,8 @@ class _Name:
                 example = {"anchor": "west.horizontal", "node": "buoy", "end": "leg.first.angle", "line": "leg"}
                 raise self._error(f"has no {counted}; allowed: such as {signal}.{example.get(counted, '1')}.{wanted}")
             return found
+        if counted is None:
+            raise self._error(f"{'.'.join(where)!r} is not a part; allowed: {signal}.{wanted}")
         if counted == "anchor":
             return self._at_anchor(found, where)
         if counted == "end":
@@ -262,7 +264,7 @@ class _Name:
             if len(where) > 1 or not joints:
                 raise self._error(f"allowed: a line of two links or more, such as {signal}.leg.{wanted}")
             return replace(found, members=joints)
-        if where[0].isdecimal() or counted in ("mode", None):
+        if where[0].isdecimal() or counted == "mode":
             return replace(found, members=(self._number(where, counted),))
         if counted == "link":
             return replace(found, members=self._links(*where))
@@ -297,11 +299,12 @@ class _Name:
             return replace(found, signs=(sign,))
         return found
 
-    def _number(self, where: list[str], counted: str | None) -> int:
+    def _number(self, where: list[str], counted: str) -> int:
+        """Number from 0 of a link, a free node or a mode."""
         free = self.model.free_nodes
-        most = {"link": self.model.line.links, "node": free, "mode": 3 * free, None: 0}[counted]
+        most = {"link": self.model.line.links, "node": free, "mode": 3 * free}[counted]
         if len(where) > 1 or not where[0].isdecimal() or not 1 <= int(where[0]) <= most:
-            raise self._error(f"{'.'.join(where)!r} is not a {counted or 'part'}; allowed: 1 to {most}")
+            raise self._error(f"{'.'.join(where)!r} is not a {counted}; allowed: 1 to {most}")
         return int(where[0]) - 1
 
     def _index(self, word: str, names: Sequence[str], what: str) -> int:

@@ -57,12 +57,12 @@ def killed_run(folder: Path) -> Solution:
     stepper = stepper_of(model, scene.run, **stepper_fields(settings))
     if rows.last:
         first = restore_end(stepper, model, scene.run, rows.first)
-        since = TimeOrigin(*rows.about["since"])
+        origin = TimeOrigin(*rows.about["since"])
         carry = restore_end(stepper, model, scene.run, rows.last).carry
     elif rows.about.get("went_on"):
         raise SceneError("it continued another run. Use --continue from that run again")
     else:
-        first, since = initial_carry(stepper, model, scene, None)
+        first, origin = initial_carry(stepper, model, scene, None)
         carry = first.carry
     like = empty_trajectory(first.carry, 0)
     if scene.run.accuracy is not None:
@@ -72,7 +72,7 @@ def killed_run(folder: Path) -> Solution:
         like = like._replace(extremes=Extremes(*(0.0,) * len(Extremes._fields)))
     rows.with_structure(like)
     outcome = RunOutcome(rows.read(scene.run.rows), carry, 0.0, interrupted=True)
-    solution = build_solution(Solution, PreparedRun(scene, stepper, model, first, since, rows, settings), outcome)
+    solution = build_solution(Solution, PreparedRun(scene, stepper, model, first, origin, rows, settings), outcome)
     return solution if rows.last else replace(solution, last={})
 
 

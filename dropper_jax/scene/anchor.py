@@ -168,12 +168,18 @@ def utilisations(
 
 @raises_first
 def check_anchors(anchors: tuple[AnchorSpec, ...], held: list[str]) -> Iterator[Check]:
-    """Check that anchors are those of fixed points, and that an anchor `behind` another has none behind itself."""
+    """Check that anchors are those of fixed points, one a point, and that an anchor `behind` another has none behind
+    itself."""
+    points = [anchor.point for anchor in anchors]
     last = [anchor.point for anchor in anchors if anchor.behind is None]
     for i, anchor in enumerate(anchors):
         yield (
             anchor.point not in held,
             f"anchor.{i}.point: {anchor.point!r} is not a fixed point; allowed: {', '.join(held) or 'none'}",
+        )
+        yield (
+            anchor.point in points[:i],
+            f"anchor.{i}.point: {anchor.point!r} has an anchor already; allowed: one anchor for each point",
         )
         yield (
             anchor.behind not in (None, *last),

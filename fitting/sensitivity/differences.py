@@ -129,7 +129,7 @@ class StudyRuns:
         """The error of the quantity by a run with four times the accuracy; NaN if a step fails, or steps are equal."""
         if self.settings.accuracy is None or not np.isfinite(self.value):
             return np.nan
-        pieces = list(companion.go(len(self.rows.r)))
+        pieces = list(companion.chunks(len(self.rows.r)))
         if sum(len(rows.r) for rows in pieces) < len(self.rows.r) // 2 or not pieces:
             return np.nan
         rows = jax.tree.map(lambda *parts: np.concatenate(parts), *pieces)

@@ -159,7 +159,7 @@ class Runner:
         info = {"status": np.array(0)}
         retried = 0
         while done < scene.run.rows:
-            carry, rows = run.go_on(carry, scene.run.rows - done)
+            carry, rows = run.run_chunk(carry, scene.run.rows - done)
             t = (done + 1 + np.arange(len(rows.r))) * scene.run.interval
             failed = np.append(rows.first_bad >= 0, True)
             good = int(np.argmax(failed))

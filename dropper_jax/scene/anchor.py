@@ -127,11 +127,11 @@ class AnchorSpec(DeclaredSection):
 
         For a dead weight `(H/mu + V)/W` with V not below 0: both loads may grow by the inverse of this factor.
         """
-        across, rising, any_direction = self.capacities
+        across, upwards, any_direction = self.capacities
         up = np.maximum(upward, 0.0)
         if any_direction:
             return np.hypot(horizontal, up) / across
-        return horizontal / across + up / rising
+        return horizontal / across + up / upwards
 
     @property
     def capacities(self) -> tuple[float, float, bool]:

@@ -40,7 +40,11 @@ def from_angles(
     azimuth_rate: ArrayLike,
     zero: str = "horizontal",
 ) -> State:
-    """The state of links with these angles [rad] and rates [rad/s], each (n,); differentiable in all of them."""
+    """The state of links with these angles [rad] and rates [rad/s], each (n,); differentiable in all of them.
+
+    Args:
+        zero: where the polar angle is zero, `horizontal` or `down` (see `scene.start.directions`).
+    """
 
     def nodes(p: Array, a: Array) -> Array:
         links = model.line.length[:, None] * directions(p, a, zero)
@@ -53,7 +57,7 @@ def from_angles(
     return state(model, r[: model.free_nodes], v[: model.free_nodes])
 
 
-def between_points(model: Model, near: State | None = None, there: bool = False) -> State:
+def between_points(model: Model, near: State | None, there: bool) -> State:
     """At rest with all points at their positions in the scene and the lines in equilibrium between them.
 
     With `near`, such a state of a similar design, it is differentiable in the model; `there` as in `initial_state`.

@@ -117,13 +117,10 @@ class Program(NamedTuple):
         """The carry after at most this number of saves, and the saved states."""
         return self.advance(carry, left, OWN)
 
-    def companion(self, finer: bool) -> Companion:
-        """The same run from its start with finer or coarser steps."""
-        return Companion(self, finer)
-
 
 class Companion(NamedTuple):
-    """A second run: finer, with two saves for each of the first run, or coarser, with one save for two."""
+    """The same run from its start with other steps: finer, with two saves for each of the first run, or coarser, with
+    one save for two."""
 
     program: Program
     finer: bool

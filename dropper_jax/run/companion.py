@@ -121,7 +121,7 @@ class StatedErrors:
     angles_rad: float
 
 
-def with_stated_errors(solution: Kind, run: Program, outcome: RunOutcome, finer: bool = False) -> Kind:
+def with_stated_errors(solution: Kind, run: Program, outcome: RunOutcome, finer: bool) -> Kind:
     """The solution with the errors that a companion states, in `settings["stated_errors"]`, and their warnings.
 
     Args:
@@ -130,9 +130,9 @@ def with_stated_errors(solution: Kind, run: Program, outcome: RunOutcome, finer:
     if not is_finished(solution):
         return solution
     try:
-        found = state_errors(solution, run.companion(finer), outcome)
+        found = state_errors(solution, Companion(run, finer), outcome)
         if found is None and not finer:  # a step of twice the length fails, or the run has one saved state
-            found = state_errors(solution, run.companion(True), outcome)
+            found = state_errors(solution, Companion(run, True), outcome)
     except KeyboardInterrupt:  # the run itself is complete
         return solution
     if found is None:

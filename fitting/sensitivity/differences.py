@@ -123,7 +123,7 @@ class StudyRuns:
         self.record = _recorded(outcome.carry, problem.of)
         self.value = self.measure(self.model, self.start, self.rows)
         self.extent = farthest(self.rows.r, self.rows.r[0])
-        self.value_error = self._error_of_steps(program.companion(False))
+        self.value_error = self._error_of_steps(Companion(program, False))
 
     def _error_of_steps(self, companion: Companion) -> float:
         """The error of the quantity by a run with four times the accuracy; NaN if a step fails, or steps are equal."""

@@ -63,11 +63,7 @@ class RunSpec(SectionValues):
     @property
     def step(self) -> float:
         """Length [s] of equal steps: `dt`, else that of the source, else a suggested one."""
-        if self.dt is not None:
-            return self.dt
-        if self.source_dt is not None:
-            return self.source_dt
-        return self.suggested_step
+        return next(value for value in (self.dt, self.source_dt, self.suggested_step) if value is not None)
 
     @property
     def interval(self) -> float:

@@ -21,7 +21,7 @@ Row = Sequence[str]
 
 def text(solution: Solution) -> str:
     """The result as text."""
-    from dropper_jax.run.arrays import words as failure_words
+    from dropper_jax.run.observation import break_in_words
     from dropper_jax.scene import link_mass_words
 
     pairs = [
@@ -32,7 +32,7 @@ def text(solution: Solution) -> str:
         ("steps", f"{solution.failed_steps} failed, {solution.retried_steps} retried"),
         *_step_facts(solution),
         *((name, form.format(solution)) for name, form in FACTS.items()),
-        *(("broken", failure_words(row)) for row in solution.broken),
+        *(("broken", break_in_words(row)) for row in solution.broken),
         ("wall time", f"{solution.compile_s:.2f} s compilation, {solution.run_s:.3f} s run"),
     ]
     return "\n".join([listing(pairs), "", *_tensions(solution), *_errors(solution), "", result_line(solution)])
@@ -50,13 +50,13 @@ def _step_facts(solution: Solution) -> list[tuple[str, str]]:
     """Resolution of the steps, if it is known."""
     from math import degrees
 
-    from dropper_jax.run.companion import words
+    from dropper_jax.run.companion import errors_in_words
     from dropper_jax.run.step_facts import step_facts
 
     facts = step_facts(solution)
     found = []
     if "stated_errors" in solution.settings:
-        found.append(("errors", words(solution.settings["stated_errors"])))
+        found.append(("errors", errors_in_words(solution.settings["stated_errors"])))
     # the stated errors are the verdict; steps that follow snaps have no constant number per period
     elif facts["steps_per_axial_period"] is not None and "refused_steps" not in solution.settings:
         text = (

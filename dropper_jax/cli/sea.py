@@ -37,7 +37,7 @@ def run(args: Namespace) -> int:
         raise SceneError(f"sea: scene {scene.name!r} has no [sea]. Use a scene with water")
 
     from dropper_jax.load.checks_water import line_reach, sea_warnings
-    from dropper_jax.run.flow_coefficients import flow_table, follows, with_flow_coefficients
+    from dropper_jax.run.flow_coefficients import flow_dependent_effects, flow_table, with_flow_coefficients
     from dropper_jax.run.growth import overgrown
     from dropper_jax.run.wakes import has_wakes, scene_wakes, wake_facts
     from dropper_jax.sea.make import make_sea
@@ -50,7 +50,7 @@ def run(args: Namespace) -> int:
         regimes = regimes or picture(args.plot, "regimes")
     if args.plot and has_wakes(scene) and not is_one_picture(args.plot):
         flow = flow or picture(args.plot, "flow")
-    if follows(scene):
+    if flow_dependent_effects(scene):
         found["coefficients"] = flow_table(overgrown(scene))
     if flow or has_wakes(scene):
         solved = scene_wakes(with_flow_coefficients(overgrown(scene)))

@@ -13,7 +13,7 @@ from dropper_jax.load.scene import Scene
 from dropper_jax.report.motion import node_arc, node_rows
 from dropper_jax.report.tables import Rows
 from dropper_jax.run.bends import bending_moment, bending_summary, bends, curvature
-from dropper_jax.run.flow_coefficients import flow_table, follows
+from dropper_jax.run.flow_coefficients import flow_dependent_effects, flow_table
 from dropper_jax.run.growth import overgrown
 from dropper_jax.scene import BuoySpec, sliced_lines
 from dropper_jax.scene.data import point_nodes
@@ -47,7 +47,7 @@ def bed_contact(record: Record, settings: Settings) -> Rows:
 
 def flow_coefficients(scene: Scene) -> Rows:
     """Coefficients that depend on the flow, per line."""
-    if follows(scene):
+    if flow_dependent_effects(scene):
         return flow_table(overgrown(scene))
     return {"skipped": "the scene has no flow-dependent coefficients"}
 

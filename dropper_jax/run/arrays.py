@@ -2,44 +2,23 @@
 
 from __future__ import annotations
 
-import jax
 import numpy as np
-from jax import Array
 
 from dropper_jax.axial import LAWS, AxialLaw, Groups
 from dropper_jax.axial.force_table import stack_tables
 from dropper_jax.base.numerics import as_array
-from dropper_jax.base.read import Table, Values
 from dropper_jax.effects import EFFECTS
 from dropper_jax.effects.buoyancy import displaced_diameter
 from dropper_jax.load.checks_water import line_reach
-from dropper_jax.model import Failures, Graph, Line, Member, Model, Parted, Point, check_slots
-from dropper_jax.scene import LineSpec, SceneData, attitude, join_lines, line_slices, sliced_lines
+from dropper_jax.model import Failures, Graph, Line, Member, Model, Point, check_slots
+from dropper_jax.scene import LineSpec, SceneData, join_lines, sliced_lines
 from dropper_jax.sea.make import make_sea
 from dropper_jax.statics.search import Equilibrium
 from dropper_jax.statics.static_pose import equilibrium, release_loads
 
 
-def body_motion(model: Model, r: Array, v: Array) -> dict[str, np.ndarray]:
-    """Motion of the bodies by the names of a solution, from positions and velocities (k, free nodes, 3); empty without
-    bodies.
-
-    Roll and yaw are continuous in time; pitch is between -pi/2 and pi/2, where the three are not unique.
-    """
-    if not model.constraints:
-        return {}
-    pose = jax.vmap(lambda position: model.constraints[0].pose(model, position))
-    (position, axes), (velocity, rates) = (jax.tree.map(np.asarray, pose(a)) for a in (r, v))
-    turned = attitude(axes)
-    turned[..., 0::2] = np.unwrap(turned[..., 0::2], axis=0)
-    spin = rates @ np.swapaxes(axes, -1, -2)  # skew: the angular velocity's cross product
-    angular = np.stack([spin[..., i, j] - spin[..., j, i] for i, j in ((2, 1), (0, 2), (1, 0))], axis=-1) / 2.0
-    return {"body_position": position, "body_attitude": turned, "body_velocity": velocity, "body_rates": angular}
-
-
 def bare_model(scene: SceneData, dtype: str | None = None) -> Model:
     """The model of a scene without its growth; bodies and buoys become separate effects."""
-    # imports inside: modules that most scenes start without
     index = {point.name: i for i, point in enumerate(scene.points)}
     points = tuple(Point(position=as_array(p.position), name=p.name, kind=p.kind) for p in scene.points)
     effects = [EFFECTS[name].build(values, scene) for name, values in scene.effects.items()]
@@ -47,6 +26,7 @@ def bare_model(scene: SceneData, dtype: str | None = None) -> Model:
     if scene.sea is not None:
         sea = make_sea(scene.sea, line_reach(scene))
     corners: list[Point] = []
+    # imports inside: most scenes start without these modules
     if scene.bodies or scene.buoys or any(point.has_body for point in scene.points):
         from dropper_jax.run.bodies import make_bodies, make_point_loads  # noqa: PLC0415
 
@@ -79,7 +59,7 @@ def _line(scene: SceneData, index: dict[str, int], corners: int) -> Line:
         outer_diameter=as_array(line.outer_diameter),
         geometry=_geometry(scene, index, corners),
         axial=_axial(scene.lines),
-        failures=make_failures(scene),
+        failures=_failures(scene),
         name=line.name,
     )
 
@@ -118,7 +98,7 @@ def static_pose(scene: SceneData, model: Model) -> Equilibrium:
     return equilibrium(model, release_loads(model, scene.start))
 
 
-def make_failures(scene: SceneData) -> Failures | None:
+def _failures(scene: SceneData) -> Failures | None:
     """The arrays of a scene's `[[failure]]` entries; None without any."""
     if not scene.failures:
         return None
@@ -140,24 +120,3 @@ def make_failures(scene: SceneData) -> Failures | None:
         named.append(number)
         times.append(np.inf if spec.time is None else spec.time)
     return Failures(as_array(load), as_array(times), tuple(named))
-
-
-def breaks(scene: SceneData, parted: Parted | None) -> tuple[Table, ...]:
-    """Broken links of a run, by time: line, link (from 1), time [s] and tension [N]."""
-    if parted is None:
-        return ()
-    found = []
-    for link, t, tension in np.transpose([parted.link, parted.t, parted.tension]).tolist():
-        for where in line_slices(scene):
-            if where.links.start <= link < where.links.stop:
-                number = int(link) - where.links.start + 1
-                found.append({"line": where.name, "link": number, "time_s": t, "tension_n": tension})
-    return tuple(sorted(found, key=lambda row: row["time_s"]))
-
-
-def words(row: Values) -> str:
-    """One line of text about a failure."""
-    return (
-        f"line {row['line']!r} broke at its link {row['link']} at t = {row['time_s']:.6g} s "
-        f"under {row['tension_n']:.6g} N"
-    )

@@ -4,38 +4,34 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
-from jax import Array
 
-from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.memory import versions
 from dropper_jax.base.read import Table
 from dropper_jax.integrators import OPTIONS
 from dropper_jax.load.checks_water import sea_warnings
 from dropper_jax.load.scene import Scene
-from dropper_jax.model import Frozen, Model, Parted, work_names
-from dropper_jax.model.slots import Force
-from dropper_jax.residual import TOO_FAR, Embedded, Stepper, local_jacobian
-from dropper_jax.run.arrays import body_motion, breaks, words
-from dropper_jax.run.bends import crushed_links, twist_remarks
+from dropper_jax.model import Frozen, Model, work_names
+from dropper_jax.residual import TOO_FAR, Embedded, Stepper
+from dropper_jax.run.bends import crushed_links, twist_warnings
 from dropper_jax.run.chunks import RunOutcome
+from dropper_jax.run.damping_limit import damping_warnings
 from dropper_jax.run.end_links import Motion
 from dropper_jax.run.end_of_run import Last, last_row, name_leaves
+from dropper_jax.run.observation import SavedStates, break_in_words, breaks, observe_states
 from dropper_jax.run.plausibility import scene_warnings
 from dropper_jax.run.pose_remarks import pose_remarks
 from dropper_jax.run.resolution import with_quality_checks, without_push
-from dropper_jax.run.row_store import BLOCK_STATES, InMemory, Rows, release_pages
+from dropper_jax.run.row_store import InMemory
 from dropper_jax.run.samples import Kind
 from dropper_jax.run.step_extremes import extremes_by_signal, saved_signal
 from dropper_jax.run.variables import EXTREMES
 from dropper_jax.scene import RunSpec
 from dropper_jax.stepping.extremes import Extremes
 from dropper_jax.stepping.halving import DRIFT_LIMIT
-from dropper_jax.stepping.observe import Observed, observe
 from dropper_jax.stepping.progress import Trajectory
 from dropper_jax.stepping.step_change import STEP_CHANGES, books_changes
 from dropper_jax.stepping.step_control import allowed_error
@@ -53,25 +49,23 @@ class TimeOrigin(NamedTuple):
 
 
 class PreparedRun(NamedTuple):
-    """All that a run is made of: scene, stepper, model, first state, origin of its times, and where rows are kept.
+    """Everything that a run needs.
 
-    `settings` are those of the stepping that the caller gave.
+    Attributes:
+        scene, stepper, model: of the run.
+        first: its initial state and carry.
+        origin: of its times.
+        rows: store of its saved states.
+        settings: of the stepping, as the caller gave them.
     """
 
     scene: Scene
     stepper: Stepper
     model: Model
     first: Last
-    since: TimeOrigin
+    origin: TimeOrigin
     rows: InMemory
     settings: Table
-
-
-@cached_jit()
-def _observe(
-    model: Model, r: Array, v: Array, t: Array, parted: Parted | None, internal: dict[str, Frozen]
-) -> Observed:
-    return jax.vmap(observe, in_axes=(None, 0, 0, 0, 0, 0))(model, r, v, t, parted, internal)
 
 
 def build_solution(kind: type[Kind], prepared: PreparedRun, outcome: RunOutcome) -> Kind:
@@ -93,33 +87,28 @@ def _observe_run(kind: type[Kind], prepared: PreparedRun, run: Trajectory) -> Ki
     scene = prepared.scene
     stepper = prepared.stepper
     model = prepared.model
-    since = prepared.since
+    origin = prepared.origin
     interval = scene.run.interval
     dt = interval / scene.run.save_every
     start = prepared.first.row
-    before = int(prepared.first.carry.done)
     good = int(np.sum(run.first_bad < 0))  # a step that failed stays the first bad one
     kept = jax.tree.map(lambda a: a[:good], run)
-    t = since.origin_s + (since.saves + np.arange(good + 1)) * interval
+    t = origin.origin_s + (origin.saves + np.arange(good + 1)) * interval
     join = prepared.rows.join
     parted = jax.tree.map(join, start.parted, kept.parted)
     own = jax.tree.map(join, start.own, kept.own)
-    states = (join(start.r, kept.r), join(start.v, kept.v), t.astype(model.dtype), parted, own)
-    seen = _observe_states(model, states, prepared.rows)
-    closure = seen.pop("closure")
+    states = SavedStates(join(start.r, kept.r), join(start.v, kept.v), t.astype(model.dtype), parted, own)
+    observed = observe_states(model, states, prepared.rows)
+    closure = observed.pop("closure")
     status = "ok"
     first_bad = None
     failed_steps = int(np.sum(run.failed))
     if run.first_bad[-1] >= 0:
-        step = int(run.first_bad[-1])
-        residual = float(run.residual[min((step - before) // scene.run.save_every, len(run.residual) - 1)])
-        status, reason = _reason(residual, stepper, model)
-        time_s = float(t[0]) + (step - before + 1) * dt
-        first_bad = {"step": step + 1, "time_s": time_s, "residual": residual, "reason": reason}
+        status, first_bad = _first_failure(prepared, run, float(t[0]))
         failed_steps = 1
     continues = None
-    if before or since.origin_s:
-        continues = since._asdict()
+    if prepared.first.carry.done or origin.origin_s:
+        continues = origin._asdict()
     found = kind(
         scene=scene,
         settings=_settings_of(prepared),
@@ -127,7 +116,7 @@ def _observe_run(kind: type[Kind], prepared: PreparedRun, run: Trajectory) -> Ki
         tension=without_push(scene, join(start.tension, kept.tension), stepper.limit(model)),
         t_tension=np.concatenate([t[:1], t[1:] - (1.0 - stepper.integrator.tension_time) * dt]),
         work=join(start.work, kept.work),
-        work_names=ledger(stepper, model, scene.run),
+        work_names=run_work_names(stepper, model, scene.run),
         step_status=np.zeros(good + 1, np.int8),
         status=status,
         failed_steps=failed_steps,
@@ -137,11 +126,26 @@ def _observe_run(kind: type[Kind], prepared: PreparedRun, run: Trajectory) -> Ki
         max_closure_error=float(np.max(closure)),
         versions=versions(),
         broken=breaks(scene, jax.tree.map(lambda a: a[-1], parted)),
-        own=_name_leaves(own),
+        own=_states_by_effect(own),
         continues=continues,
-        **seen,
+        **observed,
     )
-    return replace(found, warnings=tuple(_remarks(found, model, np.asarray(start.tension))))
+    return replace(found, warnings=tuple(_run_warnings(found, model, np.asarray(start.tension))))
+
+
+def _first_failure(prepared: PreparedRun, run: Trajectory, start_s: float) -> tuple[str, Table]:
+    """Status of a run that failed, and its first bad step: number, time, residual and reason.
+
+    Args:
+        start_s: time of the initial state [s].
+    """
+    spec = prepared.scene.run
+    step = int(run.first_bad[-1])
+    since_start = step - int(prepared.first.carry.done)
+    residual = float(run.residual[min(since_start // spec.save_every, len(run.residual) - 1)])
+    status, reason = _reason(residual, prepared.stepper, prepared.model)
+    time_s = start_s + (since_start + 1) * (spec.interval / spec.save_every)
+    return status, {"step": step + 1, "time_s": time_s, "residual": residual, "reason": reason}
 
 
 def _settings_of(prepared: PreparedRun) -> Table:
@@ -164,7 +168,7 @@ def _settings_of(prepared: PreparedRun) -> Table:
     }
 
 
-def _remarks(solution: Kind, model: Model, tension: np.ndarray) -> Iterator[str]:
+def _run_warnings(solution: Kind, model: Model, tension: np.ndarray) -> Iterator[str]:
     """Warnings on a scene, its start with these tensions (n,) [N], what broke and how ropes are twisted."""
     scene = solution.scene
     at_rest = scene.start.is_static and not solution.t[0]
@@ -176,13 +180,13 @@ def _remarks(solution: Kind, model: Model, tension: np.ndarray) -> Iterator[str]
     if at_rest:
         yield from pose_remarks(scene, solution.positions[0], tension)
     for row in solution.broken:
-        yield words(row)
+        yield break_in_words(row)
     yield from crushed_links(scene, solution.positions)
     if solution.torque is not None:
-        yield from twist_remarks(scene, solution.positions, solution.tension, solution.torque)
+        yield from twist_warnings(scene, solution.positions, solution.tension, solution.torque)
 
 
-def ledger(stepper: Stepper, model: Model, run: RunSpec) -> tuple[str, ...]:
+def run_work_names(stepper: Stepper, model: Model, run: RunSpec) -> tuple[str, ...]:
     """Names of the works of a run."""
     if not stepper.track_work:
         return ()
@@ -190,32 +194,6 @@ def ledger(stepper: Stepper, model: Model, run: RunSpec) -> tuple[str, ...]:
     if run.accuracy is not None and books_changes(stepper, model):
         return (*names, STEP_CHANGES)
     return names
-
-
-def _observed(model: Model, states: tuple[Any, ...]) -> Table:
-    """Observed quantities by name, of the lines as in `Observed` and of the bodies; states as in `_observe_states`."""
-    states = jax.device_put(states)  # `jnp.asarray` would compile a program for each shape
-    seen = jax.tree.map(np.asarray, _observe(model, *states)._asdict())
-    return seen | body_motion(model, *states[:2])
-
-
-def _observe_states(model: Model, states: tuple[Any, ...], rows: InMemory) -> Table:
-    """Observed quantities of states (k, ...): positions, velocities, times, broken links, internal states of effects.
-
-    Many states are processed in blocks of equal length, which share a program and are never all in memory.
-    """
-    count = len(states[2])
-    if count <= BLOCK_STATES:
-        return _observed(model, states)
-    found = {}
-    for first in range(0, count, BLOCK_STATES):
-        at = np.arange(first, first + BLOCK_STATES).clip(max=count - 1)
-        for name, part in _observed(model, jax.tree.map(lambda a, at=at: a[at], states)).items():
-            if first == 0:
-                found[name] = rows.empty((count, *part.shape[1:]), part.dtype)
-            found[name][first : first + BLOCK_STATES] = part[: count - first]
-        release_pages([*jax.tree.leaves(states), *found.values()])
-    return found
 
 
 def _with_step_extremes(solution: Kind, extremes: Extremes | None, prepared: PreparedRun) -> Kind:
@@ -229,13 +207,13 @@ def _with_step_extremes(solution: Kind, extremes: Extremes | None, prepared: Pre
         return solution
     scene = solution.scene
     good = len(solution.t) - 1
-    start = Motion(scene, *(values[:1] for values in solution.motion[1:]))
+    start = Motion(scene, solution.t[:1], solution.positions[:1], solution.t_tension[:1], solution.tension[:1])
     found = {}
-    for signal, own in extremes_by_signal(scene, extremes).items():
-        first = saved_signal(signal, start)[0]
-        when = np.full(first.shape, solution.t_tension[0])
-        for name, begin, later in zip(EXTREMES, (first, first, when, when), own, strict=True):
-            found[f"{signal}_{name}"] = prepared.rows.join(begin.astype(later.dtype), later[:good])
+    for signal, of_signal in extremes_by_signal(scene, extremes).items():
+        value = saved_signal(signal, start)[0]
+        when = np.full(value.shape, solution.t_tension[0])
+        for name, first, later in zip(EXTREMES, (value, value, when, when), of_signal, strict=True):
+            found[f"{signal}_{name}"] = prepared.rows.join(first.astype(later.dtype), later[:good])
     limit = prepared.stepper.limit(prepared.model)
     found["tension_min"] = without_push(scene, found["tension_min"], limit)
     return replace(solution, **found)
@@ -270,7 +248,7 @@ def _with_adaptive_steps(solution: Kind, prepared: PreparedRun, outcome: RunOutc
         )
     if isinstance(scheme, Embedded):
         taken["error_tolerance"] = float(allowed_error(accuracy, model.dtype))
-        warnings += stiffness_remarks(scheme, model, run.r[:good], run.v[:good], solution.t[1:], interval / steps)
+        warnings += damping_warnings(scheme, model, run.r[:good], run.v[:good], solution.t[1:], interval / steps)
     return replace(
         solution,
         t_tension=np.concatenate([solution.t[:1], solution.t[1:] - 0.5 * interval]),
@@ -305,56 +283,12 @@ def _reason(residual: float, stepper: Stepper, model: Model) -> tuple[str, str]:
     return "retry_exhausted", f"{what} after halving {stepper.halvings} times"
 
 
-def _name_leaves(internal: dict[str, Frozen]) -> dict[str, np.ndarray]:
+def _states_by_effect(internal: dict[str, Frozen]) -> dict[str, np.ndarray]:
     """Leaves of the internal states of effects by the name of the effect, numbered if there are several."""
     found = {}
     for name, tree in internal.items():
         leaves = jax.tree.leaves(tree)
-        found |= {name if len(leaves) == 1 else f"{name}.{i}": np.asarray(leaf) for i, leaf in enumerate(leaves)}
+        for i, leaf in enumerate(leaves):
+            key = name if len(leaves) == 1 else f"{name}.{i}"
+            found[key] = np.asarray(leaf)
     return found
-
-
-def damping_rates(model: Model, r: Array, v: Array, t: Array) -> dict[str, Array]:
-    """Maximum damping rate (k,) [1/s] over the nodes of each damping effect, at instants (k, ...)."""
-    found = {}
-    for effect in model.having(Force):
-        if not effect.constant:
-            rates = jax.vmap(lambda r, v, t, e=effect: _rate(model, e, r, v, t))(r, v, t)
-            # ratio of the damping rate of coupled nodes to that of a single node: a row of equal dampers between nodes
-            # has eigenvalues up to twice its diagonal
-            found[effect.name] = (2.0 if effect.reach else 1.0) * rates
-    return found
-
-
-def _rate(model: Model, effect: Force, r: Array, v: Array, t: Array) -> Array:
-    k = model.instant(r, v, t)
-    blocks = local_jacobian(lambda v: effect.force(k.with_velocity(v)), v)
-    even = -0.5 * (blocks + jnp.swapaxes(blocks, 1, 2)) / model.node_mass[:, None, None]
-    return jnp.maximum(jnp.max(jnp.linalg.eigvalsh(even)), 0.0)
-
-
-_rates = cached_jit()(damping_rates)
-
-
-#: Number of saved times whose damping rates are checked.
-CHECKED_TIMES = 64
-#: Fraction of the stability limit above which it counts as limiting the steps: the step error keeps them below it.
-LIMITING = 0.6
-
-
-def stiffness_remarks(
-    scheme: Embedded, model: Model, r: Rows, v: Rows, t: np.ndarray, h: np.ndarray
-) -> tuple[str, ...]:
-    """A warning if damping limits most steps h (k,) [s] of a run with states (k, ...) at its saved times."""
-    if not len(t):
-        return ()
-    rows = np.unique(np.linspace(0, len(t) - 1, CHECKED_TIMES).round().astype(int))
-    rates = _rates(model, *(jnp.asarray(a[rows], model.dtype) for a in (r, v, t)))
-    sizes = {name: float(np.median(h[rows] * np.asarray(rate))) for name, rate in rates.items()}
-    name = max(sizes, key=lambda effect: sizes[effect], default=None)
-    if name is None or sizes[name] < LIMITING * scheme.stable:
-        return ()
-    return (
-        f"effects.{name}: h b/m is {sizes[name]:.2g} on average, and {scheme.name} is stable up to about "
-        f"{scheme.stable:g}: damping, not the error, limits the steps. Use energy_momentum",
-    )

@@ -44,7 +44,7 @@ WRITHE = 1e-3
 WRITHE_SHARE = 0.1
 
 
-def twist_remarks(scene: Scene, positions: np.ndarray, tension: np.ndarray, torque: np.ndarray) -> Iterator[str]:
+def twist_warnings(scene: Scene, positions: np.ndarray, tension: np.ndarray, torque: np.ndarray) -> Iterator[str]:
     """Warnings about lines that would form loops under their torque, and lines whose coils would change their twist.
 
     A long rod of bending stiffness EI under the torque Q and the tension T is straight up to `Q = 2 sqrt(EI T)`
@@ -54,26 +54,27 @@ def twist_remarks(scene: Scene, positions: np.ndarray, tension: np.ndarray, torq
         positions: all nodes (k, nodes, 3) [m]; tension, torque: (k, n) [N], [N m].
     """
     given = scene.effects["torsion"]
-    twisting = np.broadcast_to(given["GJ"], scene.line.links)
-    most = np.full(torque.shape, np.inf)
+    stiffness = np.broadcast_to(given["GJ"], scene.line.links)
+    limit = np.full(torque.shape, np.inf)
     if bends(scene):
-        most = 2.0 * np.sqrt(bending_stiffness(scene) * np.maximum(tension, 0.0))
+        limit = 2.0 * np.sqrt(bending_stiffness(scene) * np.maximum(tension, 0.0))
     for line, where in sliced_lines(scene):
         if given["lines"] and line.name not in given["lines"]:
             continue
-        turning = np.abs(torque[:, where.links])
-        straight = most[:, where.links]
-        worst = np.unravel_index(np.argmax(turning - straight), turning.shape)
-        if turning[worst] > straight[worst]:
+        size = np.abs(torque[:, where.links])
+        straight_below = limit[:, where.links]
+        worst = np.unravel_index(np.argmax(size - straight_below), size.shape)
+        if size[worst] > straight_below[worst]:
             yield (
-                f"{line.name}: its torque of {turning[worst]:.3g} N m is above 2 sqrt(EI T) = {straight[worst]:.3g} "
+                f"{line.name}: its torque of {size[worst]:.3g} N m is above 2 sqrt(EI T) = {straight_below[worst]:.3g} "
                 "N m: it would form loops, which the torsion model omits"
             )
         if given["first"] == given["last"] == "held":
             nodes = positions[:, where.nodes]
             turns = float(np.ptp(writhe(nodes, nodes[0, -1] - nodes[0, 0])))
-            gives = 2.0 * np.pi * turns * float(np.min(twisting[where.links])) / float(np.sum(line.length))
-            if turns > WRITHE and gives > WRITHE_SHARE * float(np.max(turning)):
+            # torque of a twist by as many turns over the whole line
+            change = 2.0 * np.pi * turns * float(np.min(stiffness[where.links])) / float(np.sum(line.length))
+            if turns > WRITHE and change > WRITHE_SHARE * float(np.max(size)):
                 yield (
                     f"{line.name}: it coils by {turns:.2g} turns in the run; its twist would change by as many, which "
                     "the torsion model omits"

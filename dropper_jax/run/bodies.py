@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from jax import Array
@@ -76,6 +77,15 @@ def _on_bed(scene: SceneData, rigid: RigidBodies) -> Effect:
     return BodyBedFriction(bed, pieces, friction=as_array([scene.bodies[i].bed_friction for i in owners]))
 
 
+class EndPlate(NamedTuple):
+    """An end of a cylinder in water: number of the body, the cylinder, its position and axis in the body's axes."""
+
+    body: int
+    cylinder: CylinderSpec
+    position: np.ndarray
+    axis: np.ndarray
+
+
 def _in_water(scene: SceneData, rigid: RigidBodies) -> list[Effect]:
     """Buoyancy, drag and added mass of the bodies' shapes; in waves buoyancy goes slice by slice."""
     bodies = list(enumerate(scene.bodies))
@@ -93,24 +103,24 @@ def _in_water(scene: SceneData, rigid: RigidBodies) -> list[Effect]:
             along = (cylinder.end - cylinder.start) / cylinder.length
             for name, position in (("from", cylinder.start), ("to", cylinder.end)):
                 if cylinder.ends in ("both", name):
-                    ends.append((i, cylinder, position, along))
+                    ends.append(EndPlate(i, cylinder, position, along))
     spheres = [sphere for body in scene.bodies for sphere in body.spheres]
-    outward = _shares(rigid, [(i, along) for i, _, _, along in ends])
+    outward = _shares(rigid, [(end.body, end.axis) for end in ends])
     water = BodyWater(
         slices,
         cdn=as_array(cdn + [sphere.cd for sphere in spheres]),
         can=as_array(can + [sphere.ca for sphere in spheres]),
-        end=_shares(rigid, [(i, position) for i, _, position, _ in ends]),
-        outward=outward - _shares(rigid, [(i, np.zeros(3)) for i, *_ in ends]),
-        end_radius=as_array([0.5 * cylinder.diameter for _, cylinder, *_ in ends]),
-        **_columns([cylinder for _, cylinder, *_ in ends], ("cdt", "cat")),
-        end_of=tuple(i for i, *_ in ends),
+        end=_shares(rigid, [(end.body, end.position) for end in ends]),
+        outward=outward - _shares(rigid, [(end.body, np.zeros(3)) for end in ends]),
+        end_radius=as_array([0.5 * end.cylinder.diameter for end in ends]),
+        **_columns([end.cylinder for end in ends], ("cdt", "cat")),
+        end_of=tuple(end.body for end in ends),
     )
     return [buoyancy, water]
 
 
 def _pieces(rigid: RigidBodies, bodies: list[tuple[int, BodySpec]], sliced: bool) -> Pieces:
-    """The cylinders, complete or in slices, and spheres of bodies, each with its number."""
+    """The cylinders, complete or in slices, and the spheres of bodies, each body with its number."""
     owners = []
     ends = []
     radius = []
@@ -118,9 +128,9 @@ def _pieces(rigid: RigidBodies, bodies: list[tuple[int, BodySpec]], sliced: bool
     for i, body in bodies:
         for c in body.cylinders:
             count = c.slices if sliced else 1
-            along = np.linspace(c.start, c.end, count + 1)
             owners += [i] * count
-            ends += [(i, end) for pair in pairwise(along) for end in pair]
+            for start, end in pairwise(np.linspace(c.start, c.end, count + 1)):
+                ends += [(i, start), (i, end)]
             radius += [0.5 * c.diameter] * count
             length += [c.length / count] * count
     spheres = [(i, sphere) for i, body in bodies for sphere in body.spheres]

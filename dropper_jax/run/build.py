@@ -40,39 +40,45 @@ def from_angles(
     azimuth_rate: ArrayLike,
     zero: str = "horizontal",
 ) -> State:
-    """The state of links with these angles [rad] and rates [rad/s], each (n,); differentiable in all of them."""
+    """The state of links with these angles [rad] and rates [rad/s], each (n,); differentiable in all of them.
+
+    Args:
+        zero: where the polar angle is zero, `horizontal` or `down` (see `scene.start.directions`).
+    """
 
     def nodes(p: Array, a: Array) -> Array:
         links = model.line.length[:, None] * directions(p, a, zero)
         # not `cumsum`, which cannot be part of one kernel
         return model.points[model.geometry.members[0].start].position + jax.lax.associative_scan(jnp.add, links)
 
-    angles = jnp.asarray(polar, model.dtype), jnp.asarray(azimuth, model.dtype)
-    rates = jnp.asarray(polar_rate, model.dtype), jnp.asarray(azimuth_rate, model.dtype)
+    angles = (jnp.asarray(polar, model.dtype), jnp.asarray(azimuth, model.dtype))
+    rates = (jnp.asarray(polar_rate, model.dtype), jnp.asarray(azimuth_rate, model.dtype))
     r, v = jax.jvp(nodes, angles, rates)
     return state(model, r[: model.free_nodes], v[: model.free_nodes])
 
 
-def between_points(model: Model, near: State | None = None, there: bool = False) -> State:
+def between_points(model: Model, near: State | None, there: bool) -> State:
     """At rest with all points at their positions in the scene and the lines in equilibrium between them.
 
-    With `near`, such a state of a similar design, it is differentiable in the model.
+    With `near`, such a state of a similar design, it is differentiable in the model; `there` as in `initial_state`.
 
     Raises:
         SceneError: the lines have no equilibrium.
     """
-    held = with_points_fixed(model)
+    lines_alone = with_points_fixed(model)
     positions = [model.points[int(i)].position for i in model.geometry.free_points]
-    if not held.free_nodes:
+    if not lines_alone.free_nodes:
         return state(model, jnp.stack(positions))
     if near is None:
-        s = _equilibrium_state(held, None)
+        s = _equilibrium_state(lines_alone, None)
     else:
-        s = settle(held, state(held, near.r[: held.free_nodes], tension=near.tension), there=there)
+        guess = state(lines_alone, near.r[: lines_alone.free_nodes], tension=near.tension)
+        s = settle(lines_alone, guess, there=there)
     return state(model, jnp.concatenate([s.r, *(position[None] for position in positions)]), tension=s.tension)
 
 
 def _equilibrium_state(model: Model, loads: Array | None) -> State:
+    """The equilibrium of a model under loads (free nodes, 3) [N], or a one-line error."""
     pose = model_equilibrium(model, loads)
     if pose.state is None or pose.status not in ("ok", "traced"):
         raise SceneError(f"start: {pose.message}")

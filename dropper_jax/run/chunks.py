@@ -30,8 +30,13 @@ from dropper_jax.stepping.extremes import Watch
 from dropper_jax.stepping.integrate import advance
 from dropper_jax.stepping.progress import Progress, Trajectory, begin
 
-#: Fraction of the free memory that a run may use.
+#: Fraction of the free memory, or of the free disk, that a run may use.
 MEMORY_SHARE = 0.9
+#: Copies of all saved states in memory at once (measured), and memory of JAX and its programs [bytes].
+COPIES_IN_MEMORY = 5
+PROGRAM_BYTES = 600_000_000
+#: Copies of all saved states on disk: the raw states, the observed states, and the output file.
+COPIES_ON_DISK = 3
 
 
 def check_memory(model: Model, start: Row, run: RunSpec, scratch: Path | None) -> None:
@@ -40,36 +45,39 @@ def check_memory(model: Model, start: Row, run: RunSpec, scratch: Path | None) -
     Raises:
         SceneError: with the required and the free size.
     """
-    links = model.line.links
-    # positions and velocities of all nodes, tensions, angles, energies
-    numbers = 6 * (model.free_nodes + 2 * max(1, links // 8)) + 3 * links + 16
-    if run.save_every > 1 or run.accuracy is not None:
-        # extremes and their times: of links, ends of lines and fixed points
-        numbers += 4 * (links + 2 * len(model.geometry.members) + 3 * len(model.geometry.held_points))
-    size = run.rows * (numbers * np.dtype(model.dtype).itemsize + _bytes((start.parted, start.own)))
+    size = run.rows * _row_bytes(model, start, run)
     if scratch is None:
-        # copies of all saved states in memory at once (measured), if nothing is stored on disk
-        # memory of JAX and its programs [bytes]
         left = available_memory()
-        need = 5 * size + 600_000_000
+        need = COPIES_IN_MEMORY * size + PROGRAM_BYTES
         where = "memory"
-        way = (
+        advice = (
             "a larger run.save_every, a shorter run.duration, or `dropper run --out FILE.nc`, which stores them on disk"
         )
     else:
-        # copies on disk: the raw states, the observed states, and the output file
         left = shutil.disk_usage(scratch).free
-        need = 3 * size
+        need = COPIES_ON_DISK * size
         where = "disk"
-        way = "a larger run.save_every, or a shorter run.duration"
+        advice = "a larger run.save_every, or a shorter run.duration"
     if need > MEMORY_SHARE * left:
         raise SceneError(
             f"run.duration: {run.duration:g} s give {run.rows} saved states, which need {in_words(need)} of {where}, "
-            f"and {in_words(left)} are free. Use {way}"
+            f"and {in_words(left)} are free. Use {advice}"
         )
 
 
-def _bytes(tree: Any) -> int:
+def _row_bytes(model: Model, start: Row, run: RunSpec) -> int:
+    """Estimated size of a saved state: positions and velocities of all nodes, tensions, angles, energies, extremes."""
+    links = model.line.links
+    fixed_and_shared = 2 * max(1, links // 8)  # nodes that are not free, or belong to several lines
+    numbers = 6 * (model.free_nodes + fixed_and_shared) + 3 * links + 16
+    if run.save_every > 1 or run.accuracy is not None:
+        # minima, maxima and their times: of links, ends of lines and the components at fixed points
+        numbers += 4 * (links + 2 * len(model.geometry.members) + 3 * len(model.geometry.held_points))
+    return numbers * np.dtype(model.dtype).itemsize + _tree_bytes((start.parted, start.own))
+
+
+def _tree_bytes(tree: Any) -> int:
+    """Size of all arrays of a tree."""
     return sum(np.asarray(leaf).nbytes for leaf in jax.tree.leaves(tree))
 
 
@@ -86,9 +94,12 @@ CHUNK_SIZES = (1, 2, 16, 128, 1024)
 
 #: Accuracy of a companion over that of its run, or the inverse; its steps or intervals are half or twice as long.
 FACTOR = 4.0
+#: Levels of a run: the run itself, its finer companion, its coarser one. Steps are divided by 2^level.
+OWN = 0
+FINER = 1
+COARSER = -1
 
-#: A carry, the maximum number of saves, and 0 for the run, 1 for its finer companion, -1 for the coarser one -> the
-#: carry after them, the saved states.
+#: A carry, the maximum number of saves and the level -> the carry after them, the saved states.
 Advance = Callable[[Progress, int, int], tuple[Progress, Trajectory]]
 
 # Compiled once for all calls: a second run that differs in values only is not compiled again.
@@ -96,48 +107,56 @@ _advance = cached_jit(static=("stepper", "saves", "save_every"), kernel=True)(ad
 
 
 class Program(NamedTuple):
-    """A compiled run: its first carry, what continues it, and in words what it or its companion follows."""
+    """A compiled run: its first carry, the function that continues it, and its steps in words, by level."""
 
     carry: Progress
     advance: Advance
     words: Callable[[int], str]
 
-    def go_on(self, carry: Progress, left: int) -> tuple[Progress, Trajectory]:
+    def run_chunk(self, carry: Progress, left: int) -> tuple[Progress, Trajectory]:
         """The carry after at most this number of saves, and the saved states."""
-        return self.advance(carry, left, 0)
-
-    def companion(self, finer: bool) -> Companion:
-        """The same run from its start with finer or coarser steps."""
-        return Companion(self, finer)
+        return self.advance(carry, left, OWN)
 
 
 class Companion(NamedTuple):
-    """A second run: finer, with two saves for each of the first run, or coarser, with one save for two."""
+    """The same run from its start with other steps: finer, with two saves for each of the first run, or coarser, with
+    one save for two."""
 
     program: Program
     finer: bool
 
     @property
-    def words(self) -> str:
-        """What it follows."""
-        return self.program.words(1 if self.finer else -1)
+    def level(self) -> int:
+        """Its level of steps."""
+        return FINER if self.finer else COARSER
 
-    def go(self, saves: int) -> Iterator[Trajectory]:
-        """Its rows, in pieces, for this number of saves of the first run; ends early if a step fails."""
-        level = 1 if self.finer else -1
+    @property
+    def words(self) -> str:
+        """Its steps in words."""
+        return self.program.words(self.level)
+
+    def chunks(self, saves: int) -> Iterator[Trajectory]:
+        """Its saved states, chunk by chunk, for this number of saves of the first run; ends early if a step fails."""
         left = 2 * saves if self.finer else saves // 2
         carry = self.program.carry
         while left > 0:
-            carry, piece = self.program.advance(carry, left, level)
+            carry, chunk = self.program.advance(carry, left, self.level)
             if carry.has_failed:
                 return
-            left -= len(piece.r)
-            yield piece
+            left -= len(chunk.r)
+            yield chunk
 
 
 class RunOutcome(NamedTuple):
-    """Outcome of a run: the saved states, the last carry, its time [s], whether the user stopped it, the disk error if
-    one stopped it."""
+    """Outcome of a run.
+
+    Attributes:
+        trajectory: the saved states.
+        carry: the last carry.
+        run_s: wall time [s].
+        interrupted: whether the user or a disk error stopped it.
+        refused: the disk error in words, if one stopped it; else empty.
+    """
 
     trajectory: Trajectory
     carry: Progress
@@ -163,20 +182,21 @@ def compile_run(stepper: Stepper, model: Model, carry: Progress, run: RunSpec, w
     """
     saves = _chunk_size(carry.state, run)
 
-    def steps(level: int) -> tuple[Array, Array | None]:
-        """Step, or interval and accuracy, of the run or a companion."""
+    def step_and_accuracy(level: int) -> tuple[Array, Array | None]:
+        """Equal step, or interval and accuracy, of the run or a companion."""
         length = run.step if run.accuracy is None else run.interval
+        accuracy = _accuracy(run, level)
         # steps end at the saved times: with the interval of the run those of both would be equal where it is short
-        return jnp.asarray(length / 2.0**level, model.dtype), _array(_accuracy(run, level), model)
+        step = jnp.asarray(length / 2.0**level, model.dtype)
+        return step, None if accuracy is None else jnp.asarray(accuracy, model.dtype)
 
-    none = np.int32(0)
-    dt, accuracy = steps(0)
+    dt, accuracy = step_and_accuracy(OWN)
     settings = {"saves": saves, "save_every": run.save_every}
-    program = _advance.program(stepper, model, carry, dt, accuracy=accuracy, count=none, watch=watch, **settings)
+    program = _advance.program(stepper, model, carry, dt, accuracy=accuracy, count=np.int32(0), watch=watch, **settings)
 
     def advance(carry: Progress, left: int, level: int) -> tuple[Progress, Trajectory]:
-        count = min(saves, left)  # never beyond the end, where the run may go on
-        dt, accuracy = steps(level)
+        count = min(saves, left)  # never beyond the end, from which the run may continue
+        dt, accuracy = step_and_accuracy(level)
         after, rows = program(model, carry, dt, accuracy, np.int32(count), watch)
         return after, jax.tree.map(lambda a: np.array(np.asarray(a)[:count]), rows)
 
@@ -188,11 +208,8 @@ def _accuracy(run: RunSpec, level: int) -> float | None:
     return None if run.accuracy is None else min(run.accuracy / FACTOR**level, 1.0)
 
 
-def _array(value: float | None, model: Model) -> Array | None:
-    return None if value is None else jnp.asarray(value, model.dtype)
-
-
 def _steps_in_words(run: RunSpec, level: int) -> str:
+    """The run or a companion by its steps."""
     accuracy = _accuracy(run, level)
     if accuracy is None:
         return f"a run with steps of {run.step / 2.0**level:.4g} s"
@@ -203,7 +220,7 @@ def _chunk_size(s: State, run: RunSpec) -> int:
     """Maximum number of saves of a chunk."""
     if run.accuracy is not None:
         return max(size for size in CHUNK_SIZES if size == 1 or size * MIN_CHUNKS <= run.rows)
-    size = _bytes((s.r, s.v, s.tension, s.work, s.parted, s.own))
+    size = _tree_bytes((s.r, s.v, s.tension, s.work, s.parted, s.own))
     return max(1, min(MOST_SAVES, 2 ** int(np.log2(max(CHUNK_BYTES / max(size, 1), 1.0)))))
 
 
@@ -214,25 +231,29 @@ def run_chunks(run: Program, saves: int, say: Callable[[float, str], None], rows
         rows: store for the chunks; default: in memory.
     """
     rows = InMemory() if rows is None else rows
-    at = run.carry, 0  # what is kept: one name, so that a stop leaves both as they belong together
+    # the carry and the number of saves before it: one name, so that an interruption cannot separate them
+    reached = run.carry, 0
     count = 1
     started = time.perf_counter()
     interrupted = False
     refused = ""
     try:
-        while at[1] < saves and not at[0].has_failed:
+        while reached[1] < saves and not reached[0].has_failed:
             chunk_started = time.perf_counter()
-            carry, piece = run.go_on(at[0], min(count, saves - at[1]))
-            rows.append(at[1], (jax.tree.map(np.asarray, piece), name_leaves(Last(last_row(piece), carry))))
-            at = carry, at[1] + len(piece.r)
-            say(min(at[1] / saves, 1.0), f"t = {float(carry.t):.3g} s")
+            before, done = reached
+            carry, chunk = run.run_chunk(before, min(count, saves - done))
+            rows.append(done, (jax.tree.map(np.asarray, chunk), name_leaves(Last(last_row(chunk), carry))))
+            done += len(chunk.r)
+            reached = carry, done
+            say(min(done / saves, 1.0), f"t = {float(carry.t):.3g} s")
             longer = SECONDS / max(time.perf_counter() - chunk_started, 1e-9)
             count = min(max(1, int(count * min(longer, LONGER))), max(1, saves // MIN_CHUNKS))
     except (KeyboardInterrupt, OSError) as error:
-        if not at[1]:
+        if not reached[1]:
             raise
         interrupted = True
         if isinstance(error, OSError):
             refused = f"stopped: {error.strerror or error}"
     run_s = time.perf_counter() - started
-    return RunOutcome(rows.read(at[1]), at[0], run_s, interrupted, refused)
+    carry, done = reached
+    return RunOutcome(rows.read(done), carry, run_s, interrupted, refused)

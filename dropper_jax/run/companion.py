@@ -26,6 +26,7 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
 from typing import NamedTuple
 
+import jax
 import numpy as np
 
 from dropper_jax.base.constants import GRAVITY
@@ -73,7 +74,7 @@ class Tensions(NamedTuple):
 
     @classmethod
     def of(cls, rows: Trajectory) -> Tensions:
-        """Those of saved states."""
+        """The tensions of saved states."""
         tension = np.asarray(rows.tension)
         square = tension**2
         if rows.within is not None:
@@ -120,7 +121,7 @@ class StatedErrors:
     angles_rad: float
 
 
-def with_stated_errors(solution: Kind, run: Program, outcome: RunOutcome, finer: bool = False) -> Kind:
+def with_stated_errors(solution: Kind, run: Program, outcome: RunOutcome, finer: bool) -> Kind:
     """The solution with the errors that a companion states, in `settings["stated_errors"]`, and their warnings.
 
     Args:
@@ -129,9 +130,9 @@ def with_stated_errors(solution: Kind, run: Program, outcome: RunOutcome, finer:
     if not is_finished(solution):
         return solution
     try:
-        found = state_errors(solution, run.companion(finer), outcome)
-        if found is None and not finer:  # a step of twice the length fails
-            found = state_errors(solution, run.companion(True), outcome)
+        found = state_errors(solution, Companion(run, finer), outcome)
+        if found is None and not finer:  # a step of twice the length fails, or the run has one saved state
+            found = state_errors(solution, Companion(run, True), outcome)
     except KeyboardInterrupt:  # the run itself is complete
         return solution
     if found is None:
@@ -153,19 +154,23 @@ def state_errors(solution: Samples, companion: Companion, outcome: RunOutcome) -
     every = 2 // stride
     run = rows.r[every - 1 :: every]
     parts = []
-    distance = []
-    turned = []
+    distances = []
+    turns = []
     done = 0
-    for piece in companion.go(len(rows.r)):
-        parts.append(Tensions.of(piece))
-        shared = piece.r[(stride - 1 - done) % stride :: stride]
+    for chunk in companion.chunks(len(rows.r)):
+        parts.append(Tensions.of(chunk))
+        shared = chunk.r[(stride - 1 - done) % stride :: stride]
         first = done // stride
-        apart = np.asarray(shared - run[first : first + len(shared)])
-        distance.append(_longest(apart))
-        turned.append(_turned(solution, apart))
-        done += len(piece.r)
+        difference = np.asarray(shared - run[first : first + len(shared)])
+        distances.append(_longest(difference))
+        turns.append(_mean_square_turn(solution, difference))
+        done += len(chunk.r)
     if done == 0 or done // stride < len(run):
         return None
+    of_run = Tensions.of(rows)
+    compared = of_run
+    if every * len(run) < len(rows.r):  # a coarser companion ends before an odd last save
+        compared = Tensions.of(jax.tree.map(lambda array: array[: every * len(run)], rows))
     estimate = error_factor(solution, companion.finer)
     stated = estimate
     if solution.scene.run.accuracy is not None and not companion.finer:
@@ -175,8 +180,8 @@ def state_errors(solution: Samples, companion: Companion, outcome: RunOutcome) -
     chaotic_from_s = None
     positions = None
     if travel is not None:
-        separation = np.concatenate(distance) / travel
-        chaos = _chaos(separation, run)
+        separation = np.concatenate(distances) / travel
+        chaos = _start_of_chaos(separation, run)
         positions = stated * float(np.sqrt(np.mean(separation[:chaos] ** 2)))
     factor = stated
     if chaos is not None:
@@ -185,10 +190,10 @@ def state_errors(solution: Samples, companion: Companion, outcome: RunOutcome) -
     interval = solution.settings["dt"] * solution.settings["save_every"] * every
     return StatedErrors(
         companion=companion.words,
-        lines=_lines(solution, Tensions.of(rows), _together(parts), factor),
+        lines=_line_errors(solution, of_run, _differences(compared, _join_parts(parts)), factor),
         positions=positions,
         chaotic_from_s=chaotic_from_s,
-        angles_rad=estimate * _angle_error(solution, np.concatenate(turned)[:chaos], interval),
+        angles_rad=estimate * _angle_error(solution, np.concatenate(turns)[:chaos], interval),
     )
 
 
@@ -202,25 +207,36 @@ def error_factor(solution: Samples, finer: bool) -> float:
     return 1.0 / (gain - 1.0)
 
 
-def _together(parts: list[Tensions]) -> Tensions:
-    """The tensions of several parts of a run."""
+def _join_parts(parts: list[Tensions]) -> Tensions:
+    """The tensions of all parts of a run."""
     samples, means, squares, maxima = map(np.array, zip(*parts, strict=True))
     mean = np.average(means, axis=0, weights=samples)
     square = np.average(squares, axis=0, weights=samples)
     return Tensions(int(np.sum(samples)), mean, square, np.max(maxima, axis=0))
 
 
-def _lines(solution: Samples, run: Tensions, other: Tensions, factor: float) -> list[LineErrors]:
+def _differences(run: Tensions, other: Tensions) -> dict[str, np.ndarray]:
+    """Differences (n,) [N] of two runs over the same time: of the mean, the deviation and the maximum."""
+    return {
+        "mean": run.mean - other.mean,
+        "deviation": run.deviation - other.deviation,
+        "maximum": run.maximum - other.maximum,
+    }
+
+
+def _line_errors(
+    solution: Samples, run: Tensions, differences: dict[str, np.ndarray], factor: float
+) -> list[LineErrors]:
+    """Tensions of each line's most loaded link with their errors, `factor` times the differences."""
     lines = whole_lines(solution.scene)
     links = np.array([line.links.start + int(np.argmax(run.maximum[line.links])) for line in lines])
     size = np.abs(run.mean[links]) + run.deviation[links]
     size = np.maximum(size, max(SMALL_TENSION * float(np.max(run.maximum)), np.finfo(float).tiny))
     values = {"mean": run.mean, "deviation": run.deviation, "maximum": run.maximum}
     errors = {}
-    for key, of_other in (("mean", other.mean), ("deviation", other.deviation), ("maximum", other.maximum)):
-        apart = values[key] - of_other
-        own = np.abs(apart[links])
-        rms = np.array([np.sqrt(np.mean(apart[line.links] ** 2)) for line in lines])
+    for key, difference in differences.items():
+        own = np.abs(difference[links])
+        rms = np.array([np.sqrt(np.mean(difference[line.links] ** 2)) for line in lines])
         if key == "maximum":
             errors[key] = np.hypot(own, OTHER_LINKS * rms)
         else:
@@ -250,7 +266,7 @@ def time_of_divergence(solution: Samples, finer: Samples) -> float | None:
     travel = _travel(solution, nodes)
     if travel is None:
         return None
-    chaos = _chaos(_longest(finer.positions[2 : 2 * count : 2] - nodes) / travel, nodes)
+    chaos = _start_of_chaos(_longest(finer.positions[2 : 2 * count : 2] - nodes) / travel, nodes)
     if chaos is None:
         return None
     return float(solution.t[1 + chaos])
@@ -269,8 +285,15 @@ def _travel(solution: Samples, nodes: Rows) -> float | None:
     return None
 
 
-def _chaos(separation: np.ndarray, nodes: Rows) -> int | None:
-    """Saved time after which the two runs are different motions: small errors grow at a rate that only chaos has."""
+def _start_of_chaos(separation: np.ndarray, nodes: Rows) -> int | None:
+    """Index of the saved time from which two runs are different motions; None if they are not.
+
+    Small errors then grow at a rate that only chaos has.
+
+    Args:
+        separation: distance of the two runs over the travel (k,).
+        nodes: positions of one run (k, nodes, 3) [m].
+    """
     if not np.any(separation > SEPARATED):
         return None
     shift = _longest(nodes - nodes[0])
@@ -282,40 +305,41 @@ def _chaos(separation: np.ndarray, nodes: Rows) -> int | None:
     return None
 
 
-def _turned(solution: Samples, apart: np.ndarray) -> np.ndarray:
-    """Mean square (k,) over the links of a single line of the bound of their difference of angle; 0 for several lines.
+def _mean_square_turn(solution: Samples, difference: np.ndarray) -> np.ndarray:
+    """Mean square (k,) [rad^2] over the links of a single line of the bound of their difference of angle; 0 for a
+    system of lines.
 
     The change of a link's vector over its length bounds the change of its angle.
 
     Args:
-        apart: distances (k, nodes, 3) [m] of the free nodes of both runs.
+        difference: of the positions of the free nodes of both runs (k, nodes, 3) [m].
     """
-    length = solution.scene.lines[0].length
     if solution.scene.branched:
-        return np.zeros(len(apart))
+        return np.zeros(len(difference))
+    length = solution.scene.lines[0].length
     # the nodes between two fixed end points, or from a fixed one to the free end
-    nodes = np.pad(apart, ((0, 0), (1, len(length) - apart.shape[1]), (0, 0)))
+    nodes = np.pad(difference, ((0, 0), (1, len(length) - difference.shape[1]), (0, 0)))
     return np.mean(np.sum((np.diff(nodes, axis=1) / length[:, None]) ** 2, axis=2), axis=1)
 
 
-def _angle_error(solution: Samples, turned: np.ndarray, interval: float) -> float:
+def _angle_error(solution: Samples, turns: np.ndarray, interval: float) -> float:
     """RMS difference of the links' angles [rad] that arises within a window of a fit, half the shortest link's period.
 
     Every window of a fit has a start of its own, so that errors of earlier windows do not count: of one that grows
     evenly for a time T the RMS within a window W is `W/T` of that within T.
 
     Args:
-        turned: see `_turned`, at times that far apart [s].
+        turns: see `_mean_square_turn`, at times `interval` [s] apart.
     """
-    if not len(turned):
+    if not len(turns):
         return 0.0
     shortest = min(float(np.min(line.length)) for line in solution.scene.lines)
     window = np.pi * np.sqrt(shortest / GRAVITY) / interval
-    return float(np.sqrt(np.mean(turned)) * min(window / len(turned), 1.0))
+    return float(np.sqrt(np.mean(turns)) * min(window / len(turns), 1.0))
 
 
 def _relative(found: StatedErrors) -> Iterator[tuple[str, str, float]]:
-    """Line, what is off, and the error as a fraction: of the line's largest mean, deviation together."""
+    """Line, quantity and relative error: of mean and deviation over their sum, of the maximum over itself."""
     largest = max((row.maximum_n for row in found.lines), default=0.0)
     for row in found.lines:
         scale = max(abs(row.mean_n) + row.deviation_n, SMALL_TENSION * largest)
@@ -360,7 +384,7 @@ def _advice(solution: Samples) -> str:
     return "Use --accuracy 0.01 in place of --dt"
 
 
-def words(found: Values) -> str:
+def errors_in_words(found: Values) -> str:
     """The stated errors of a solution's settings, in one line."""
     texts = []
     if found["positions"] is not None:

@@ -86,7 +86,10 @@ class Coupled:
         self.scene: Scene = scene
         self.points = coupled_points(scene, points)
         self.accelerations = accelerations
-        self.status, self.failure, self.residual, self.retried = "ok", "", 0.0, 0
+        self.status = "ok"
+        self.failure = ""
+        self.residual = 0.0
+        self.retried = 0
         self._saved: CoupledState | None = None
         self._home = np.array([scene.point(name).position for name in self.points])
 
@@ -145,7 +148,8 @@ class Coupled:
         else:
             inner = run.steps_in_words
             state, outputs = _follow(*given, jnp.asarray(run.accuracy, dtype))
-        self.residual, self.retried = float(outputs.residual), int(outputs.retried)
+        self.residual = float(outputs.residual)
+        self.retried = int(outputs.retried)
         if outputs.failed or not np.all(np.isfinite(outputs.forces)):
             self.status = "not_converged"
             why = f"scaled residual {self.residual:.3g}"
@@ -165,6 +169,9 @@ class Coupled:
 
     def restore(self, saved: dict[str, np.ndarray] | str | Path) -> np.ndarray:
         """Return to a state given by `save`; the continuation is bit-identical.
+
+        If the saved coupling started from other positions than those of the scene, call `init` with them first:
+        growth, wakes and flow-dependent coefficients follow from the positions at the start.
 
         Returns:
             Forces on the points (c, 3) [N].
@@ -211,15 +218,19 @@ class Coupled:
 
     def _accept(self, state: CoupledState) -> np.ndarray:
         """Make this the present state, and return its forces on the points (c, 3) [N]."""
-        self._saved, self.status, self.failure = state, "ok", ""
+        self._saved = state
+        self.status = "ok"
+        self.failure = ""
         return self.forces
 
     def _state(self) -> CoupledState:
+        """The present state; an error before `init`."""
         if self._saved is None:
             raise SceneError("Coupled: not initialised. Call `init` first")
         return self._saved
 
     def _read(self, what: str, values: Vectors) -> np.ndarray:
+        """Vectors of the points (c, 3), checked; `what` names them in messages."""
         found = np.array(values, float)  # a copy: the caller may change its own array in place
         shape = (len(self.points), 3)
         if found.shape == (3,) and shape[0] == 1:
@@ -232,6 +243,7 @@ class Coupled:
         return found
 
     def _read_file(self, path: Path) -> dict[str, np.ndarray]:
+        """The arrays of a file written by `save` for the same scene and points."""
         try:
             meta, arrays = read_archive(path)
             scene = Scene.from_dict(meta["scene"])

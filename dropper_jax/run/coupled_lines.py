@@ -1,11 +1,14 @@
-"""Lines between points that a JAX program moves, as a pure component; forces on these points."""
+"""Lines between points that a JAX program moves, as a pure component.
+
+The force on a point is the sum of the tensions of its lines and of the loads on the half links that belong to it.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -14,26 +17,28 @@ from jax import Array
 
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.numerics import safe_norm
 from dropper_jax.effects.coupled_motion import CoupledMotion
 from dropper_jax.load.scene import Scene, load_scene
-from dropper_jax.model import Displacement, Model, State
+from dropper_jax.model import Displacement, HolonomicConstraint, Law, Model, State, as_parted
+from dropper_jax.model.slots import Force
 from dropper_jax.residual import Stepper
 from dropper_jax.run.build import SceneLike, build_model, initial_state, stepper_of
-from dropper_jax.run.coupled_forces import half_link_mass, point_forces
 from dropper_jax.stepping.adaptive import follow_and_save
 from dropper_jax.stepping.equal_steps import next_progress
 from dropper_jax.stepping.progress import Progress, begin
 
-Array = Array | np.ndarray
-Vectors = Sequence[Sequence[float]] | Array
+#: A NumPy or JAX array, and rows of numbers.
+AnyArray = Array | np.ndarray
+Vectors = Sequence[Sequence[float]] | AnyArray
 
 
 class PointMotion(NamedTuple):
     """Positions [m], velocities [m/s] and accelerations [m/s^2] of the coupled points at one instant, each (c, 3)."""
 
-    positions: Array
-    velocities: Array
-    accelerations: Array | None = None
+    positions: AnyArray
+    velocities: AnyArray
+    accelerations: AnyArray | None = None
 
 
 class CoupledState(NamedTuple):
@@ -51,6 +56,12 @@ class CoupledOutputs(NamedTuple):
     residual: Array
     retried: Array
     failed: Array
+
+
+#: Lines after some steps: their progress, the maximum scaled residual, inner steps solved by the fallback.
+Advanced = tuple[Progress, Array, Array]
+#: Positions, velocities (and accelerations) of the points at the end of a step, each (c, 3).
+Inputs = PointMotion | tuple[AnyArray, ...]
 
 
 @partial(jax.tree_util.register_dataclass, data_fields=["model", "start"], meta_fields=["stepper"])
@@ -87,12 +98,12 @@ class CoupledLines:
         return CoupledState(progress, at_rest, _forces(self, progress.state))
 
     def step(
-        self, state: CoupledState, inputs: PointMotion | tuple[Array, ...], dt: Array | float, count: Array | int = 1
+        self, state: CoupledState, inputs: Inputs, dt: AnyArray | float, count: AnyArray | int = 1
     ) -> tuple[CoupledState, CoupledOutputs]:
         """Advance by dt [s] in `count` equal steps of the scheme; see `Coupled` for path and forces.
 
         Args:
-            inputs: positions, velocities (and accelerations) of the points at the end of dt, each (c, 3).
+            inputs: motion of the points at the end of dt.
             count: a Python integer for derivatives in reverse mode.
 
         Returns:
@@ -100,25 +111,25 @@ class CoupledLines:
         """
         dt = jnp.asarray(dt, self.model.dtype)
 
-        def advance(lines: CoupledLines) -> tuple[Progress, Array, Array]:
-            def one(_: Array, result: tuple[Any, ...]) -> tuple[Any, ...]:
+        def advance(lines: CoupledLines) -> Advanced:
+            def one_step(_: Array, result: Advanced) -> Advanced:
                 progress, residual, retried = result
                 progress, taken = next_progress(lines.stepper, lines.model, progress, dt / count)
                 # not `maximum`, which would lose a NaN
                 worst = jnp.where(taken.row <= residual, residual, taken.row)
                 return progress, worst, retried + taken.retried
 
-            zero = jnp.zeros((), lines.model.dtype), jnp.zeros((), jnp.int32)
-            return jax.lax.fori_loop(0, count, one, (state.progress, *zero))
+            start = state.progress, jnp.zeros((), lines.model.dtype), jnp.zeros((), jnp.int32)
+            return jax.lax.fori_loop(0, count, one_step, start)
 
         return self._over(state, inputs, dt, advance)
 
     def follow(
         self,
         state: CoupledState,
-        inputs: PointMotion | tuple[Array, ...],
-        dt: Array | float,
-        accuracy: Array | float,
+        inputs: Inputs,
+        dt: AnyArray | float,
+        accuracy: AnyArray | float,
     ) -> tuple[CoupledState, CoupledOutputs]:
         """Advance by dt [s] in steps that follow an accuracy, the last of which ends with dt; as `step` otherwise.
 
@@ -131,16 +142,16 @@ class CoupledLines:
         dt = jnp.asarray(dt, self.model.dtype)
         accuracy = jnp.asarray(accuracy, self.model.dtype)
 
-        def advance(lines: CoupledLines) -> tuple[Progress, Array, Array]:
+        def advance(lines: CoupledLines) -> Advanced:
             after, row = follow_and_save(lines.stepper, lines.model, state.progress, dt, accuracy)
             return after, row.residual, row.retried
 
         return self._over(state, inputs, dt, advance)
 
     def _over(
-        self, state: CoupledState, inputs: PointMotion | tuple[Array, ...], dt: Array, advance: Callable[..., Any]
+        self, state: CoupledState, inputs: Inputs, dt: Array, advance: Callable[[CoupledLines], Advanced]
     ) -> tuple[CoupledState, CoupledOutputs]:
-        """State and outputs after dt [s], over which `advance` takes the lines with their points on the way."""
+        """State and outputs after dt [s], over which `advance` takes the lines while their points move."""
         given = [jnp.asarray(a, self.model.dtype) for a in inputs if a is not None]
         motion = PointMotion(*given, *[jnp.zeros_like(given[0])] * (3 - len(given)))
         lines = self.moving(state.motion, motion, state.progress.t, dt)
@@ -148,7 +159,7 @@ class CoupledLines:
         forces = lines.forces(progress.state)
         return CoupledState(progress, motion, forces), CoupledOutputs(forces, residual, retried, progress.has_failed)
 
-    def moving(self, since: PointMotion, to: PointMotion, t: Array | float, dt: Array | float) -> CoupledLines:
+    def moving(self, since: PointMotion, to: PointMotion, t: AnyArray | float, dt: AnyArray | float) -> CoupledLines:
         """The lines with points that move from one motion to the other between t and t + dt [s]."""
         both = jax.tree.map(lambda *ends: jnp.stack(ends), since, to)
         if self._motion.accelerations is None:
@@ -223,3 +234,53 @@ def coupled_points(scene: Scene, given: Sequence[str] | None) -> tuple[str, ...]
     if not names:
         raise SceneError(f"points: is empty; allowed: names of fixed points: {', '.join(held)}")
     return names
+
+
+def set_free(model: Model, points: tuple[int, ...]) -> Model:
+    """The model with these fixed points released, and those of its forces that act on any node.
+
+    The first point of a single line stays fixed: no part of a link belongs to it.
+
+    Raises:
+        SceneError: compound links, whose ends share their inertia with the points.
+    """
+    line = model.line
+    if line.compound:
+        raise SceneError(
+            "points: ends of compound links, whose inertia they share; allowed: points of point-mass links"
+        )
+    effects = []
+    for effect in model.effects:
+        of_some_nodes = isinstance(effect, (Law, HolonomicConstraint)) or effect.bodily or effect.single_line
+        if not (isinstance(effect, Force) and of_some_nodes):
+            effects.append(effect)
+    freed = replace(line, geometry=line.geometry.without_fixed(points))
+    return replace(model, lines=(freed,), effects=tuple(effects))
+
+
+def point_forces(model: Model, s: State, points: tuple[int, ...]) -> Array:
+    """Forces (c, 3) [N] on fixed points: tensions along their links and forces of effects."""
+    acting = as_parted(model.with_internal_state(s.own), s.parted)
+    graph = acting.geometry
+    ends = acting.ends(s.t)
+    links = acting.links(s.r, ends)
+    held_forces = graph.held_force((s.tension / safe_norm(links))[:, None] * links)
+    rows = [list(graph.held_points).index(point) for point in points]
+    # forces of the effects on the nodes of the freed model
+    free = set_free(model, points).with_internal_state(s.own)
+    nodes = np.concatenate([np.arange(graph.inner), graph.point_node[free.geometry.free_points]])
+    r = graph.everywhere(s.r, ends.positions)[nodes]
+    velocities = jnp.zeros_like(ends.positions) if ends.velocities is None else ends.velocities
+    v = graph.everywhere(s.v, velocities)[nodes]
+    return held_forces[np.array(rows)] + _at_points(free, points, free.force(free.instant(r, v, s.t)))
+
+
+def half_link_mass(model: Model, points: tuple[int, ...]) -> Array:
+    """Mass (c,) [kg] of the halves of links at the points."""
+    free = set_free(model, points)
+    return _at_points(free, points, free.line.node_mass[:, None])[:, 0]
+
+
+def _at_points(free: Model, points: tuple[int, ...], nodal: Array) -> Array:
+    """Rows of the points of a field of the freed model (nodes, ...); zero for a point that stays fixed."""
+    return free.geometry.everywhere(nodal, None)[free.geometry.point_node[list(points)]]

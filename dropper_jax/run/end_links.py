@@ -34,7 +34,7 @@ AnyArray = Any
 ON_BED = 1e-3
 
 
-class Part(NamedTuple):
+class LinkPart(NamedTuple):
     """Links, or their parts at points (...): weight [N], buoyancy under water [N], length and diameter [m]."""
 
     weight: AnyArray
@@ -53,16 +53,16 @@ class Part(NamedTuple):
             tension: of the links (...) [N].
             surface, bed: heights of the surface and the seabed at the points (...) [m]; None without buoyancy.
         """
-        xp = at.__array_namespace__()
+        xp = at.__array_namespace__()  # NumPy or jax.numpy
         weight = self.weight
         if surface is not None:
             rise = self.length * direction[..., 2]
-            wet = submerged_fraction(surface - at[..., 2] - 0.5 * rise, self.diameter + abs(rise))
-            weight = weight - self.lift * wet
+            submerged = submerged_fraction(surface - at[..., 2] - 0.5 * rise, self.diameter + abs(rise))
+            weight = weight - self.lift * submerged
         force = tension[..., None] * direction
-        lifted = xp.minimum(weight, xp.maximum(force[..., 2], 0.0))
-        carried = xp.where(at[..., 2] < bed + ON_BED, lifted, weight)
-        return force - carried[..., None] * np.array([0, 0, 1])
+        lifted_by_line = xp.minimum(weight, xp.maximum(force[..., 2], 0.0))
+        carried_by_point = xp.where(at[..., 2] < bed + ON_BED, lifted_by_line, weight)
+        return force - carried_by_point[..., None] * np.array([0, 0, 1])
 
 
 class End(NamedTuple):
@@ -134,7 +134,7 @@ class EndLinks:
         return overgrown(self.given)
 
     @cached_property
-    def links(self) -> Part:
+    def links(self) -> LinkPart:
         """All links (n,): their weight is that in water if this is given; without buoyancy the diameter is zero."""
         scene = self.scene
         line = scene.line
@@ -148,7 +148,7 @@ class EndLinks:
         lift = np.zeros(line.links)
         if scene.sea is not None:
             lift = scene.sea.density * scene.sea.gravity * 0.25 * np.pi * diameter**2 * line.length
-        return Part(weight, lift, line.length, diameter)
+        return LinkPart(weight, lift, line.length, diameter)
 
     @cached_property
     def first_share(self) -> np.ndarray:
@@ -156,14 +156,17 @@ class EndLinks:
         kinds = self.scene.link_mass_nodes
         shares = []
         for line in self.scene.lines:
+            share = np.zeros(line.links)  # all at the far node
             if kinds[line.name] == "centre_of_mass":
-                shares.append(1.0 - line.centre_of_mass / line.length)
-            else:
-                shares.append(np.full(line.links, {"shared": 0.5, "far": 0.0}[kinds[line.name]]))
+                share = 1.0 - line.centre_of_mass / line.length
+            elif kinds[line.name] == "shared":
+                share = np.full(line.links, 0.5)
+            shares.append(share)
         return np.concatenate(shares)
 
     @cached_property
     def _surface(self) -> Surface:
+        """The surface of the water in time."""
         return Surface(self.scene, self.waves)
 
     def force(self, end: End, nodes: np.ndarray, tension: np.ndarray, t: np.ndarray) -> np.ndarray:
@@ -176,7 +179,7 @@ class EndLinks:
         if end.last:
             share = 1.0 - share
         weight, lift, length, diameter = (values[end.link] for values in self.links)
-        part = Part(share * weight, share * lift, share * length, diameter)
+        part = LinkPart(share * weight, share * lift, share * length, diameter)
         at = nodes[:, 0]
         bed = bed_height(self.scene, at)
         if bed is None:
@@ -234,5 +237,5 @@ def end_forces_of_model(
     bed = -jnp.inf
     if "seabed" in effects:
         bed = effects["seabed"].bed_height(at, rounded=0.0)
-    part = Part(weight, lift, share * line.length[links], diameter)
+    part = LinkPart(weight, lift, share * line.length[links], diameter)
     return part.force(at, along / safe_norm(along)[:, None], tension[links], surface, bed)

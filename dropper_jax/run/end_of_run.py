@@ -35,9 +35,9 @@ COUNTS = ("refused", "shortest", "changed")
 #: Name of the run in error messages.
 RUN = "the run to continue"
 #: Keys of `[run]` that may change when a run continues.
-FREE = ("dt", "duration", "save_every", "solver", "accuracy")
+MAY_CHANGE = ("dt", "duration", "save_every", "solver", "accuracy")
 #: Keys of a scene that do not affect the motion.
-WORDS = ("name", "description", "notes")
+DESCRIPTIVE = ("name", "description", "notes")
 
 
 class Row(NamedTuple):
@@ -75,7 +75,8 @@ def first_row(s: State, work: int) -> Row:
 
 def name_leaves(end: NamedTuple) -> dict[str, np.ndarray]:
     """The leaves of the end of a run by name."""
-    return {_name(way): np.asarray(leaf) for way, leaf in jax.tree_util.tree_flatten_with_path(end)[0]}
+    leaves, _ = jax.tree_util.tree_flatten_with_path(end)
+    return {_name(key_path): np.asarray(leaf) for key_path, leaf in leaves}
 
 
 def units(name: str) -> str:
@@ -94,8 +95,8 @@ def restore_carry(kind: End, last: dict[str, np.ndarray]) -> End:
     last = {_present_name(name): leaf for name, leaf in last.items()}
     leaves, tree = jax.tree_util.tree_flatten_with_path(kind)
     found = []
-    for way, like in leaves:
-        name = _name(way)
+    for key_path, like in leaves:
+        name = _name(key_path)
         if name not in last:
             raise SceneError(f"{RUN} lacks {name!r} of its final state. Use a file that was not changed")
         leaf = last[name]
@@ -110,6 +111,7 @@ def restore_carry(kind: End, last: dict[str, np.ndarray]) -> End:
 
 
 def _name(key_path: tuple[Any, ...]) -> str:
+    """The name of a leaf from its path in the tree."""
     return LAST + jax.tree_util.keystr(key_path, simple=True, separator="_")
 
 
@@ -130,13 +132,14 @@ def same_scene(scene: Scene, before: Scene) -> None:
     Raises:
         SceneError: one line.
     """
-    found = differences(*(_moving(one) for one in (scene, before)))
+    found = differences(_values_of_motion(scene), _values_of_motion(before))
     if found:
         what = f"is of another scene, {before.name!r}, which differs from {scene.name!r} in {found[0]}"
-        free = ", ".join(f"run.{name}" for name in FREE)
-        raise SceneError(f"{RUN} {what}. Use the same scene; only {free} may change")
+        may_change = ", ".join(f"run.{name}" for name in MAY_CHANGE)
+        raise SceneError(f"{RUN} {what}. Use the same scene; only {may_change} may change")
 
 
-def _moving(scene: Scene) -> dict[str, Plain]:
-    plain = {key: value for key, value in scene.to_dict().items() if key not in WORDS}
-    return {**plain, "run": {key: value for key, value in plain["run"].items() if key not in FREE}}
+def _values_of_motion(scene: Scene) -> dict[str, Plain]:
+    """The values of a scene that have to be those of the run that it continues."""
+    plain = {key: value for key, value in scene.to_dict().items() if key not in DESCRIPTIVE}
+    return {**plain, "run": {key: value for key, value in plain["run"].items() if key not in MAY_CHANGE}}

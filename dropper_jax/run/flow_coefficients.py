@@ -43,14 +43,14 @@ class Flow:
     coefficients: dict[str, np.ndarray]
 
 
-def follows(scene: Scene) -> list[str]:
+def flow_dependent_effects(scene: Scene) -> list[str]:
     """The effects of a scene whose coefficients depend on the flow."""
     return [name for name in FOLLOWING if scene.effects.get(name, {}).get("coefficients", "given") != "given"]
 
 
 def with_flow_coefficients(scene: Scene) -> Scene:
     """The scene with flow-dependent coefficients replaced by numbers; other scenes are unchanged."""
-    if not follows(scene):
+    if not flow_dependent_effects(scene):
         return scene
     found = {}
     for name, values in link_flow(scene).coefficients.items():
@@ -87,7 +87,7 @@ def link_flow(scene: Scene) -> Flow:
     share = current / np.maximum(current + np.sqrt(2.0) * sigma, 1e-12)
     rough = relative_roughness(scene)
     found = {}
-    for name in follows(scene):
+    for name in flow_dependent_effects(scene):
         values = scene.effects[name]
         key = FOLLOWING[name]
         if values["coefficients"] == "table":
@@ -108,11 +108,12 @@ def _wave_speed(sea: Sea, z: np.ndarray, tangent: np.ndarray) -> np.ndarray:
     """RMS (n,) [m/s] of the waves' velocity across links at heights z [m]."""
     waves = sea.waves
     profiles = waves.profiles(jnp.minimum(jnp.asarray(z), 0.0), jnp.asarray(sea.depth))
-    level, upright = np.stack(profiles) * np.asarray(waves.speeds)
+    horizontal, vertical = np.stack(profiles) * np.asarray(waves.speeds)
     course = np.asarray(waves.direction) * np.ones(waves.size)
-    # velocity of a component: level part as the cosine, upright part as the sine of its phase
-    cosine = np.stack([level * np.cos(course), level * np.sin(course), 0.0 * level], axis=-1)
-    sine = np.stack([0.0 * level, 0.0 * level, upright], axis=-1)
+    # velocity of a component: horizontal part as the cosine, vertical part as the sine of its phase
+    zero = np.zeros_like(vertical)
+    cosine = np.stack([horizontal * np.cos(course), horizontal * np.sin(course), zero], axis=-1)
+    sine = np.stack([zero, zero, vertical], axis=-1)
     across = _across(np.stack([cosine, sine]), tangent[:, None])
     return np.sqrt(0.5 * np.sum(across**2, axis=(0, 2, 3)))
 

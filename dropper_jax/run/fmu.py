@@ -84,7 +84,8 @@ class Unit:
     def __init__(self, **settings: object) -> None:
         super().__init__(**settings)
         given = json.loads(self.GIVEN)
-        self.author, self.description = "dropper-jax", "lines of a scene on points that move"
+        self.author = "dropper-jax"
+        self.description = "lines of a scene on points that move"
         self.lines = Coupled(given["scene"], given["points"], dt=given["dt"])
         home = [self.lines.scene.point(name).position for name in self.lines.points]
         self.motion = np.stack([np.array(home, float), np.zeros((len(home), 3))])
@@ -93,6 +94,7 @@ class Unit:
         self._register()
 
     def _register(self) -> None:
+        """Declare time, and the inputs and outputs of every point."""
         kinds = extra("pythonfmu3", "fmi")
         causality = kinds.Fmi3Causality
         varies = {"variability": kinds.Fmi3Variability.continuous}

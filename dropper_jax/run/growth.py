@@ -67,7 +67,8 @@ def season_table(scene: Scene, months: Sequence[float] | None = None) -> list[Ta
             "as `dropper new mussels` writes"
         )
     asked = season.months if months is None else months
-    first, *_, last = season.months
+    first = season.months[0]
+    last = season.months[-1]
     for month in asked:
         if not first <= month <= last:
             raise SceneError(f"--months: {month:g} is out of range; allowed: {first:g} to {last:g} months")

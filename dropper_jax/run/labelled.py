@@ -62,7 +62,7 @@ def coordinates(solution: Samples) -> Variables:
     counts = np.array([len(arc) for arc in arcs])
     arc = np.concatenate(arcs)
     number = np.concatenate([np.arange(count) for count in counts])
-    ends_link = number > 0
+    ends_link = number > 0  # every node but the first of a line is the last node of a link
     of_node = np.repeat(written, counts)
     found: Variables = {
         "time": ("time", solution.t, {**_attributes("s", "simulated time"), "axis": "T"}),
@@ -106,8 +106,9 @@ def coordinates(solution: Samples) -> Variables:
     if scene.bodies:
         names.append(("body", "body", [body.name for body in scene.bodies], "rigid body"))
     for name, axis, values, meaning in names:
-        given = values if isinstance(values, np.ndarray) else np.array(values, dtype=str)
-        found[name] = (axis, given, {"long_name": meaning})
+        if not isinstance(values, np.ndarray):
+            values = np.array(values, dtype=str)
+        found[name] = (axis, values, {"long_name": meaning})
     return found
 
 
@@ -123,8 +124,8 @@ def select_line(dataset: xarray.Dataset, name: str) -> xarray.Dataset:
     """
     for kind in ("written_line_of", "line_of"):
         if f"{kind}_link" in dataset.coords and name in dataset[f"{kind}_link"].values:
-            kept = {key: np.flatnonzero(dataset[f"{kind}_{key}"].values == name) for key in ("node", "link")}
-            found = dataset.isel(kept)
+            own = {key: np.flatnonzero(dataset[f"{kind}_{key}"].values == name) for key in ("node", "link")}
+            found = dataset.isel(own)
             if name in dataset["line"].values:
                 return found.sel(line=name)
             return found

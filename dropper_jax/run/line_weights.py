@@ -17,6 +17,8 @@ from dropper_jax.scene import LineSlice, WholeLine, whole_lines
 
 #: Words in names of lines and types that should not float.
 HEAVY = ("chain", "mussel", "dropper", "loop", "sock", "crop")
+#: Diameter [m] above which a line is not a rope: fibre ropes of aquaculture, some of which float, are thinner.
+THICK = 0.1
 
 
 def wet_weights(scene: Scene) -> np.ndarray:
@@ -54,7 +56,7 @@ def end_force_vectors(
     lines: Sequence[WholeLine | LineSlice],
     t: np.ndarray | None = None,
 ) -> dict[str, np.ndarray]:
-    """The same as vectors (k, 2, 3) [N]."""
+    """The forces of `end_forces` as vectors (k, 2, 3) [N]."""
     links = EndLinks(scene, waves=t is not None)
     times = np.zeros(len(positions)) if t is None else t
     found = {}
@@ -95,10 +97,6 @@ def end_angles(positions: np.ndarray, lines: Sequence[WholeLine | LineSlice]) ->
     return found
 
 
-#: Diameter [m] above which a line is not a rope: fibre ropes of aquaculture, some of which float, are thinner.
-THICK = 0.1
-
-
 def line_weights(scene: Scene) -> list[Table]:
     """Mass, displaced mass, weight in water and density per metre, one row for equal lines; [] without a sea.
 
@@ -116,10 +114,10 @@ def line_weights(scene: Scene) -> list[Table]:
     types = {line.get("name"): str(line.get("type", "")) for line in scene.as_written()["line"]}
     rows: dict[tuple[str, ...], Table] = {}
     for line, bare in zip(whole_lines(grown), whole_lines(scene), strict=True):
-        totals = np.array(
-            [np.sum(line.spec.mass), sea.density * np.sum(volume[line.links]), np.sum(weights[line.links])]
-        )
-        mass, displaced, wet = (totals / line.spec.total).tolist()
+        length = line.spec.total
+        mass = float(np.sum(line.spec.mass) / length)
+        displaced = float(sea.density * np.sum(volume[line.links]) / length)
+        wet = float(np.sum(weights[line.links]) / length)
         row = {
             "lines": [],
             "mass_kg_per_m": mass,
@@ -138,6 +136,7 @@ def line_weights(scene: Scene) -> list[Table]:
 
 
 def lines_in_words(names: list[str]) -> str:
+    """Names of lines or points: all of up to three, else the first two and the number of the others."""
     if len(names) <= 3:
         return ", ".join(names)
     return f"{names[0]}, {names[1]} and {len(names) - 2} more"

@@ -7,11 +7,8 @@ from typing import Any, NamedTuple
 
 from dropper_jax.base.errors import Progress, SceneError, silent
 from dropper_jax.load.scene import Scene
-from dropper_jax.run.samples import TOO_LONG
+from dropper_jax.run.samples import DRIFT, TOO_LONG
 from dropper_jax.run.simulate import simulate
-
-#: Status of a run whose energy balance does not close.
-DRIFT = "energy_drift"
 
 
 class StepVerdict(NamedTuple):
@@ -25,16 +22,14 @@ class StepVerdict(NamedTuple):
         """Status and line of the error of a command; None if the step is usable."""
         if self.status == "ok":
             return None
-        return (
-            self.status,
-            f"{self.status}: the step is too long for the runs of the warnings, which have the step to take",
-        )
+        text = f"{self.status}: the step is too long for the runs of the warnings, which have the step to take"
+        return self.status, text
 
 
 def check_steps(members: Mapping[str, Scene], say: Progress = silent, **settings: Any) -> StepVerdict:
-    """Run members by name, with a companion that states their errors.
+    """Run members by name, each with a companion that states its errors.
 
-    Members that fail are left to the runs of all.
+    Members that fail are left out: the runs of all members report them.
 
     Args:
         settings: of the runs, as for `simulate`.

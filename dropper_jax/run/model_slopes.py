@@ -23,9 +23,12 @@ def model_slopes(scene: Scene, model: Model, path: str, idle: bool = False) -> d
 
     By central differences on the host over two relative steps, extrapolated: an error of 1e-12 for smooth functions.
 
+    Args:
+        path: of the number in the scene.
+        idle: whether a number without effect on the model is allowed.
+
     Raises:
-        SceneError: not a number, a number without effect on the model unless it may be `idle`, or one that changes its
-            shape.
+        SceneError: not a number, a number without effect on the model, or one that changes its shape.
     """
     value = scene.value(path)
     if isinstance(value, bool) or not isinstance(value, float):
@@ -52,7 +55,7 @@ def model_slopes(scene: Scene, model: Model, path: str, idle: bool = False) -> d
     slopes = {}
     for i, (wide, narrow) in enumerate(zip(coarse, fine, strict=True)):
         if np.any(narrow != 0):
-            slopes[i] = (4 * narrow - wide) / 3  # cancels the error of second order
+            slopes[i] = (4 * narrow - wide) / 3  # cancels the error of second order in the step
     if not (slopes or idle):
         raise SceneError(f"{path}: has no effect on the model. Use numbers that do")
     return slopes

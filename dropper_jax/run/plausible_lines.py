@@ -29,13 +29,13 @@ LARGEST_STRAIN = 0.1
 
 def check_lengths(scene: Scene) -> Iterator[str]:
     """Lines that are many times longer than the distance of their ends."""
-    least = 0.0
+    longest_loop = 0.0
     if scene.sea is not None:
-        least = LOOP_DEPTHS * scene.sea.depth
+        longest_loop = LOOP_DEPTHS * scene.sea.depth
     for line in whole_lines(scene):
         distance = _distance(scene, line.spec)
         total = line.spec.total
-        if distance > 1e-6 * total and total > max(LONGEST_LINE * distance, least):
+        if distance > 1e-6 * total and total > max(LONGEST_LINE * distance, longest_loop):
             yield (
                 f"{line.name}: {total:.4g} m long, with links of up to {np.max(line.spec.length):.4g} m, between "
                 f"points {distance:.4g} m apart; check the unit of its length, m"
@@ -70,7 +70,7 @@ def check_masses(scene: Scene) -> Iterator[str]:
 
 
 class _Path(NamedTuple):
-    """A way along lines between points, rigid bodies included: its length [m], where it ends, numbers of its lines."""
+    """A path along lines and through rigid bodies: its length [m], the point at its end, numbers of its lines."""
 
     length: float
     end: str
@@ -78,7 +78,16 @@ class _Path(NamedTuple):
 
 
 class _Overload(NamedTuple):
-    """A path that is too short, from `start`: its tension at rest [N], the largest that it bears, whether it breaks."""
+    """A path that is too short for the distance of its ends.
+
+    Attributes:
+        start: the point at its start.
+        path: the path.
+        distance: of its ends [m].
+        tension: at rest [N].
+        limit: maximum tension that its lines bear [N].
+        breaks: whether a line breaks at this limit; otherwise it is stretched by `LARGEST_STRAIN`.
+    """
 
     start: str
     path: _Path
@@ -89,7 +98,11 @@ class _Overload(NamedTuple):
 
 
 def check_spans(scene: Scene, only_broken: bool) -> Iterator[str]:
-    """Lines too short for the distance of the fixed points that they connect; only those that break."""
+    """Lines too short for the distance of the fixed points that they connect.
+
+    Args:
+        only_broken: only those that break, not those that are stretched.
+    """
     found = []
     names: dict[str, None] = {}
     for overload in _overloads(scene):
@@ -120,7 +133,10 @@ def check_spans(scene: Scene, only_broken: bool) -> Iterator[str]:
 
 
 def _overloads(scene: Scene) -> Iterator[_Overload]:
-    """Shortest paths between fixed points, not of rigid lines alone, with more tension at rest than they bear."""
+    """Shortest paths between fixed points, not of rigid lines alone, with more tension at rest than they bear.
+
+    The tension is that of springs in series, `(distance - length)/sum(l/EA)`.
+    """
     points = {point.name: point for point in scene.points}
     fixed = {name for name, point in points.items() if not point.is_free or scene.start.kind == "points"}
     along = _neighbours(scene)

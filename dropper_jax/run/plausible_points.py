@@ -90,7 +90,7 @@ def _moved_points(scene: Scene) -> set[str]:
 
 
 def check_fixed_points(scene: Scene) -> Iterator[str]:
-    """Anchors that are not on the seabed: by their name or `[[anchor]]`, or because they alone hold floats."""
+    """Anchors that are not on the seabed: points with such a name or an `[[anchor]]`, or that alone hold floats."""
     if scene.sea is None:
         return
     moved = _moved_points(scene)
@@ -125,6 +125,7 @@ def check_fixed_points(scene: Scene) -> Iterator[str]:
 
 
 def _range(values: list[float]) -> str:
+    """Minimum and maximum in words; one number if they are equal."""
     ends = dict.fromkeys((f"{min(values):.3g}", f"{max(values):.3g}"))
     return " to ".join(ends)
 

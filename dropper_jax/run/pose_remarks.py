@@ -17,6 +17,10 @@ from dropper_jax.scene.data import link_differences, point_nodes
 #: Static strain of a line above which it is warned of, and above which a scene is an error: a rope breaks before.
 STRETCHED = 0.1
 TORN = 0.5
+#: Fraction of a line's maximum tension above which a link carries tension.
+CARRYING = 0.01
+#: A buoy whose base is within this distance [m] of the seabed is on it.
+NEAR_BED = 0.05
 
 
 def pose_remarks(scene: Scene, positions: np.ndarray, tension: np.ndarray) -> tuple[str, ...]:
@@ -96,7 +100,8 @@ def _largest_bend(line: WholeLine, positions: np.ndarray, tension: np.ndarray) -
     along = unit_vectors(np.diff(positions, axis=0))
     turns = np.degrees(np.arccos(np.clip(np.sum(along[1:] * along[:-1], axis=1), -1.0, 1.0)))
     turns[[node - 1 for node in line.stops if 0 < node < line.spec.links]] = 0.0
-    return float(np.max(turns * (np.maximum(tension[1:], tension[:-1]) > 0.01 * np.max(tension)), initial=0.0))
+    carries = np.maximum(tension[1:], tension[:-1]) > CARRYING * np.max(tension)
+    return float(np.max(turns * carries, initial=0.0))
 
 
 def _check_loads(scene: Scene, tension: np.ndarray) -> Iterator[str]:
@@ -114,11 +119,8 @@ def _check_loads(scene: Scene, tension: np.ndarray) -> Iterator[str]:
         yield f"{lines_in_words(names)}: {load:.4g} N at rest, above its breaking load of {limit:.4g} N"
 
 
-#: A buoy whose base is within this distance [m] of the seabed is on it.
-NEAR_BED = 0.05
-
-
 def _check_buoys(scene: Scene, positions: np.ndarray) -> Iterator[str]:
+    """Warnings of buoys that are under water or on the seabed."""
     if scene.sea is None:
         return
     nodes = point_nodes(scene)

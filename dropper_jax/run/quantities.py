@@ -15,7 +15,7 @@ They are differentiable functions of saved states. One table serves all commands
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -158,6 +158,7 @@ class Quantity:
         return found
 
     def _of_nodes(self, model: Model, start: Array, r: Array, t: Array) -> Array:
+        """The signal of all free nodes, or of all nodes if it refers to a fixed point."""
         if self.members is not None and max(self.members) >= len(r):
             held = model.ends(t).positions
             r = model.geometry.everywhere(r, held)
@@ -233,16 +234,20 @@ class _Name:
     """The name of a quantity, read in a model."""
 
     def __init__(self, text: str, model: Model, option: str) -> None:
-        self.text, self.model, self.option = text, model, option
+        self.text = text
+        self.model = model
+        self.option = option
         self.graph = model.geometry
         self.points = [point.name for point in model.points]
 
     def read(self) -> Quantity:
-        signal, *where, wanted = self.text.split(".") if "." in self.text else (self.text, "")
-        for what, word, known in (("signal", signal, SIGNALS), ("statistic", wanted, NAMES)):
-            if word not in known:
-                hint = f"{nearest(word, known)}; allowed: SIGNAL[.WHERE].STATISTIC, such as tension.max"
-                raise self._error(f"{word!r} is not a {what}; {hint}")
+        """The quantity, with its members."""
+        words = self.text.split(".")
+        signal = words[0]
+        where = words[1:-1]
+        wanted = words[-1] if len(words) > 1 else ""
+        self._check_word("signal", signal, SIGNALS)
+        self._check_word("statistic", wanted, NAMES)
         if signal == PERIOD and wanted != START:
             raise self._error("a natural period belongs to the static pose; allowed: period.1.start")
         counted = SIGNALS[signal][1]
@@ -252,6 +257,8 @@ class _Name:
                 example = {"anchor": "west.horizontal", "node": "buoy", "end": "leg.first.angle", "line": "leg"}
                 raise self._error(f"has no {counted}; allowed: such as {signal}.{example.get(counted, '1')}.{wanted}")
             return found
+        if counted is None:
+            raise self._error(f"{'.'.join(where)!r} is not a part; allowed: {signal}.{wanted}")
         if counted == "anchor":
             return self._at_anchor(found, where)
         if counted == "end":
@@ -262,7 +269,7 @@ class _Name:
             if len(where) > 1 or not joints:
                 raise self._error(f"allowed: a line of two links or more, such as {signal}.leg.{wanted}")
             return replace(found, members=joints)
-        if where[0].isdecimal() or counted in ("mode", None):
+        if where[0].isdecimal() or counted == "mode":
             return replace(found, members=(self._number(where, counted),))
         if counted == "link":
             return replace(found, members=self._links(*where))
@@ -271,23 +278,32 @@ class _Name:
         point = self._index(where[0], self.points, "point")
         return replace(found, members=(int(self.graph.point_node[point]),), point=point)
 
+    def _check_word(self, what: str, word: str, known: Collection[str]) -> None:
+        if word not in known:
+            hint = f"{nearest(word, known)}; allowed: SIGNAL[.WHERE].STATISTIC, such as tension.max"
+            raise self._error(f"{word!r} is not a {what}; {hint}")
+
     def _at_anchor(self, found: Quantity, where: list[str]) -> Quantity:
+        """A force on a fixed point: of the lines that end there, in a direction."""
         held = [self.points[i] for i in self.graph.held_points]
         self._index(where[0], held, "fixed point")
         if len(where) != 2:
             raise self._error(f"has no direction; allowed: {', '.join(DIRECTIONS)}")
         self._index(where[1], DIRECTIONS, "direction")
         point = self.points.index(where[0])
-        links = {}
+        members = []
+        signs = []
         for member, span in zip(self.graph.members, self.graph.spans, strict=True):
             if member.start == point:
-                links[span.start, 1.0] = True
+                members.append(span.start)
+                signs.append(1.0)
             if member.end == point:
-                links[span.stop - 1, -1.0] = True
-        members, signs = zip(*links, strict=True)
-        return replace(found, members=members, signs=signs, direction=where[1])
+                members.append(span.stop - 1)
+                signs.append(-1.0)
+        return replace(found, members=tuple(members), signs=tuple(signs), direction=where[1])
 
     def _at_end(self, found: Quantity, where: list[str]) -> Quantity:
+        """The tension or the angle of a line at an end."""
         signal = where[-1]
         if len(where) != 3 or signal not in ("tension", "angle"):
             raise self._error(f"has no end and signal; allowed: such as line.leg.fairlead.angle.{found.statistic}")
@@ -297,14 +313,16 @@ class _Name:
             return replace(found, signs=(sign,))
         return found
 
-    def _number(self, where: list[str], counted: str | None) -> int:
+    def _number(self, where: list[str], counted: str) -> int:
+        """Number from 0 of a link, a free node or a mode."""
         free = self.model.free_nodes
-        most = {"link": self.model.line.links, "node": free, "mode": 3 * free, None: 0}[counted]
+        most = {"link": self.model.line.links, "node": free, "mode": 3 * free}[counted]
         if len(where) > 1 or not where[0].isdecimal() or not 1 <= int(where[0]) <= most:
-            raise self._error(f"{'.'.join(where)!r} is not a {counted or 'part'}; allowed: 1 to {most}")
+            raise self._error(f"{'.'.join(where)!r} is not a {counted}; allowed: 1 to {most}")
         return int(where[0]) - 1
 
     def _index(self, word: str, names: Sequence[str], what: str) -> int:
+        """Number of a name among those of all `what`, checked."""
         if word not in names:
             raise self._error(f"{word!r} is not a {what}; {nearest(word, names)}")
         return names.index(word)

@@ -1,5 +1,7 @@
-"""Recover saved runs from the files of killed runs: all complete states; the last chunk is lost, and this is
-reported."""
+"""Recover saved runs from the files of killed runs.
+
+All complete states are recovered. The last chunk is lost, which is reported.
+"""
 
 from __future__ import annotations
 
@@ -35,11 +37,12 @@ def recover(path: Path) -> list[str]:
         try:
             solution = killed_run(folder)
             lost = f"the part after t = {solution.t[-1]:.6g} s is lost"
-            kept = replace(solution, warnings=(*solution.warnings, f"killed: {lost}")).save(_free_name(path))
+            solution = replace(solution, warnings=(*solution.warnings, f"killed: {lost}"))
+            saved = solution.save(_free_name(path))
         except (SceneError, OSError, ValueError, KeyError, TypeError) as error:
             lines.append(f"{folder}: the files of a killed run cannot be used: {' '.join(str(error).split())}")
             continue
-        lines.append(f"{kept}: from a run that was killed; {lost}")
+        lines.append(f"{saved}: from a run that was killed; {lost}")
         remove(folder)
     return lines
 
@@ -57,22 +60,23 @@ def killed_run(folder: Path) -> Solution:
     stepper = stepper_of(model, scene.run, **stepper_fields(settings))
     if rows.last:
         first = restore_end(stepper, model, scene.run, rows.first)
-        since = TimeOrigin(*rows.about["since"])
+        origin = TimeOrigin(*rows.about["since"])
         carry = restore_end(stepper, model, scene.run, rows.last).carry
     elif rows.about.get("went_on"):
         raise SceneError("it continued another run. Use --continue from that run again")
     else:
-        first, since = initial_carry(stepper, model, scene, None)
+        first, origin = initial_carry(stepper, model, scene, None)
         carry = first.carry
-    like = empty_trajectory(first.carry, 0)
+    # the structure of the rows; its values do not matter
+    structure = empty_trajectory(first.carry, 0)
     if scene.run.accuracy is not None:
-        like = like._replace(within=TensionMeans(first.carry.t, first.carry.t, first.carry.t))
+        structure = structure._replace(within=TensionMeans(first.carry.t, first.carry.t, first.carry.t))
     # rows by an earlier version have no extremes
-    if len(rows.about["kinds"]) > len(jax.tree.leaves(like)):
-        like = like._replace(extremes=Extremes(*(0.0,) * len(Extremes._fields)))
-    rows.with_structure(like)
+    if len(rows.about["kinds"]) > len(jax.tree.leaves(structure)):
+        structure = structure._replace(extremes=Extremes(0.0, 0.0, 0.0, 0.0))
+    rows.with_structure(structure)
     outcome = RunOutcome(rows.read(scene.run.rows), carry, 0.0, interrupted=True)
-    solution = build_solution(Solution, PreparedRun(scene, stepper, model, first, since, rows, settings), outcome)
+    solution = build_solution(Solution, PreparedRun(scene, stepper, model, first, origin, rows, settings), outcome)
     return solution if rows.last else replace(solution, last={})
 
 

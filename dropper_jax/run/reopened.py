@@ -43,8 +43,6 @@ MAY_BE_NONE = ("max_residual", "max_closure_error")
 NEEDED = ("dt", "duration", "integrator")
 NUMBERS = {"dt": False, "duration": False, "save_every": False, "residual_tolerance": True, "steps": True}
 TEXTS = ("integrator", "solver", "dtype")
-
-
 #: Fraction of the free memory that a file may use.
 MEMORY_SHARE = 0.8
 
@@ -74,7 +72,7 @@ def reopen_run(path: str | Path, meta: Plain, arrays: Table, kind: type[Kind]) -
     """
     if not isinstance(meta, dict) or meta.get("format") != RUN_FORMAT:
         raise SceneError(f"{path}: a saved run of another format; allowed: format {RUN_FORMAT}")
-    if wrong := next(_wrong_about(meta), None):
+    if wrong := next(_provenance_errors(meta), None):
         raise SceneError(f"{path}: not a saved run: {wrong}")
     try:
         given = {key: value for key, value in meta.items() if key != "format"}
@@ -85,21 +83,21 @@ def reopen_run(path: str | Path, meta: Plain, arrays: Table, kind: type[Kind]) -
         raise SceneError(f"{path}: not a saved run: its scene: {error}") from None
     except (TypeError, ValueError, KeyError, AttributeError, IndexError, RecursionError) as error:
         raise SceneError(f"{path}: not a saved run: {' '.join(str(error).split())}") from None
-    if wrong := next(_wrong_arrays(solution), None):
+    if wrong := next(_array_errors(solution), None):
         raise SceneError(f"{path}: not a saved run: {wrong}")
     return solution
 
 
-def _wrong_about(meta: Values) -> Iterator[str]:
-    """The errors in the provenance, in words; those that follow one are found only where it is not there."""
+def _provenance_errors(meta: Values) -> Iterator[str]:
+    """The errors in the provenance, in words; checks after an error assume that there is none."""
     for key, kind in KINDS.items():
         value = meta.get(key)
-        if not _is(value, kind) and not (value is None and key in MAY_BE_NONE):
+        if not _has_type(value, kind) and not (value is None and key in MAY_BE_NONE):
             yield f"{key} is {type(value).__name__} in its provenance"
     settings = meta["settings"]
     for key, may_be_zero in NUMBERS.items():
         value = settings.get(key, 1)
-        if not (_is(value, NUMBER) and 0 <= value < math.inf and (value or may_be_zero)):
+        if not (_has_type(value, NUMBER) and 0 <= value < math.inf and (value or may_be_zero)):
             yield f"settings.{key} is {value!r:.40}"
     for key in TEXTS:
         if not isinstance(settings.get(key, ""), str):
@@ -110,22 +108,23 @@ def _wrong_about(meta: Values) -> Iterator[str]:
     for key in ("warnings", "work_names"):
         if not all(isinstance(item, str) for item in meta[key]):
             yield f"{key} contains an entry that is not text"
-    if not (meta.get("first_bad") is None or _has(meta["first_bad"], "step", "time_s", "residual", "reason")):
+    if not (meta.get("first_bad") is None or _has_keys(meta["first_bad"], "step", "time_s", "residual", "reason")):
         yield "first_bad lacks its step, time, residual or reason"
-    if not all(_has(row, "line", "link", "time_s") for row in meta["broken"]):
+    if not all(_has_keys(row, "line", "link", "time_s") for row in meta["broken"]):
         yield "broken lacks a line, link or time"
 
 
-def _is(value: Plain, kind: type | tuple[type, ...]) -> bool:
+def _has_type(value: Plain, kind: type | tuple[type, ...]) -> bool:
     """Whether a value is of a type; a truth value is not a number."""
     return isinstance(value, kind) and not isinstance(value, bool)
 
 
-def _has(row: Plain, *keys: str) -> bool:
+def _has_keys(row: Plain, *keys: str) -> bool:
+    """Whether a value is a table with these keys."""
     return isinstance(row, dict) and row.keys() >= set(keys)
 
 
-def _wrong_arrays(solution: Samples) -> Iterator[str]:
+def _array_errors(solution: Samples) -> Iterator[str]:
     """The errors in the arrays, in words: types, shapes, times that do not increase, impossible values."""
     t = solution.t
     if t.ndim != 1 or not t.size or t.dtype.kind != "f":

@@ -30,8 +30,11 @@ from dropper_jax.base.store import Store, read_archive, write_archive
 #: File with the number of complete states and the last one; file with what is needed to build a solution from them.
 MARK = "complete.npz"
 ABOUT = "run.npz"
-#: Number of states processed at once if all would be too many.
+#: Number of states processed at once if all would be too many, and of distant rows of a file read at once.
 BLOCK_STATES = 4096
+DISTANT_ROWS = 50
+#: Rows of a run (k, ...), of JAX in a chunk, of NumPy in a store.
+Rows = Array | np.ndarray
 
 
 def release_pages(arrays: Iterable[Any]) -> None:
@@ -44,16 +47,12 @@ def release_pages(arrays: Iterable[Any]) -> None:
 
 def take_every(array: np.ndarray, every: int) -> np.ndarray:
     """Every `every`-th row, in memory: for a mapped file the system maps long stretches around each row."""
-    rows = 50  # number of distant rows read at once
     found = np.empty_like(array[::every], subok=False)
-    for begin in range(0, len(found), rows):
-        found[begin : begin + rows] = array[begin * every : (begin + rows) * every : every]
+    for begin in range(0, len(found), DISTANT_ROWS):
+        end = begin + DISTANT_ROWS
+        found[begin:end] = array[begin * every : end * every : every]
         release_pages([array])
     return found
-
-
-#: Rows of a run (k, ...), of JAX in a chunk, of NumPy in a store.
-Rows = Array | np.ndarray
 
 
 class InMemory(Store):
@@ -61,7 +60,7 @@ class InMemory(Store):
 
     def __init__(self) -> None:
         self.path = Path("memory")
-        self.pieces: list[Any] = []
+        self.chunks: list[Any] = []
         self.count = 0
 
     def has(self, key: int) -> bool:
@@ -69,12 +68,12 @@ class InMemory(Store):
 
     def write(self, key: int, found: tuple[Any, dict[str, np.ndarray]]) -> None:
         """Append rows, a tree of arrays, with the named leaves of the state after them."""
-        self.pieces.append(found[0])
+        self.chunks.append(found[0])
         self.count = key + len(jax.tree.leaves(found[0])[0])
 
     def read(self, key: int) -> Any:
         """The first `key` rows, or as many as there are."""
-        return jax.tree.map(lambda *parts: np.concatenate(parts)[:key], *self.pieces)
+        return jax.tree.map(lambda *parts: np.concatenate(parts)[:key], *self.chunks)
 
     def join(self, first: Rows, rest: Rows) -> np.ndarray:
         """Rows after a first one."""
@@ -98,7 +97,7 @@ class OnDisk(InMemory):
         self.about = about
         self.first = first
         self.last: dict[str, np.ndarray] = {}
-        self._kinds: list[tuple[tuple[int, ...], np.dtype]] = []
+        self._kinds: list[tuple[tuple[int, ...], np.dtype]] = []  # shape and type of a row of each file
         self._tree: Any = None
         self._numbers = itertools.count()
 
@@ -135,9 +134,10 @@ class OnDisk(InMemory):
 
     def read(self, key: int) -> Any:
         count = min(self.count, key)
-        return jax.tree.unflatten(self._tree, [self._row(i, count, *kind) for i, kind in enumerate(self._kinds)])
+        return jax.tree.unflatten(self._tree, [self._file_rows(i, count, *kind) for i, kind in enumerate(self._kinds)])
 
-    def _row(self, number: int, count: int, shape: tuple[int, ...], dtype: np.dtype) -> np.ndarray:
+    def _file_rows(self, number: int, count: int, shape: tuple[int, ...], dtype: np.dtype) -> np.ndarray:
+        """The first rows (count, ...) of a file, mapped."""
         if 0 in shape:
             return np.zeros((count, *shape), dtype)
         return np.memmap(self.path / f"rows.{number}", dtype, "r", shape=(count, *shape))

@@ -30,10 +30,11 @@ from dropper_jax.stepping.extremes import Extremes
 Extent = dict[str, float]
 #: Version of the saved file; files of other versions are rejected.
 RUN_FORMAT = 1
-#: Status of a run of equal steps whose companion states an error above 10 % (`run.companion`).
+#: Status of a run whose companion states an error above 10 % (`run.companion`), or whose steps do not resolve most
+#: of the dissipated work.
 TOO_LONG = "step_too_long"
-
-
+#: Status of a run whose energy balance has a large error.
+DRIFT = "energy_drift"
 #: Motion of a body: reference point [m] and attitude [rad].
 MOTIONS = ("x_m", "y_m", "z_m", "roll_rad", "pitch_rad", "yaw_rad")
 #: The ends of a line.
@@ -242,7 +243,7 @@ class Samples:
         """One line with the failed step, its time and the reason; empty if no step failed."""
         if self.status == "ok":
             return ""
-        if self.status == "energy_drift":
+        if self.status == DRIFT:
             what = f"energy balance error {self.energy_drift:.3g} J (reference {self.energy_scale:.3g} J)"
             return f"{self.status}: {what}. Use a smaller step"
         if self.status == TOO_LONG:
@@ -296,7 +297,7 @@ class Samples:
 
     @property
     def motion(self) -> Motion:
-        """The saved nodes and tensions."""
+        """The saved nodes and tensions of the lines."""
         return Motion(self.scene, self.t, self.positions, self.t_tension, self.tension)
 
     def step_extremes(self, signal: str, values: np.ndarray | None = None) -> Extremes:
@@ -331,6 +332,7 @@ class Samples:
         return f"every {every}th step is saved"
 
     def _tension_extents(self, parts: dict[str, slice]) -> dict[str, Extent]:
+        """Statistics of the tensions of some links, by the name of the part."""
         found = self.step_extremes("tension")
         return {name: extent(self.tension[:, links], found.of(links)) for name, links in parts.items()}
 
@@ -348,7 +350,7 @@ Kind = TypeVar("Kind", bound=Samples)
 
 def is_finished(run: Samples) -> bool:
     """Whether a run reached its end with a bounded motion, so that its errors can be estimated."""
-    return run.status in ("ok", TOO_LONG) or (run.status == "energy_drift" and run.energy_drift <= run.energy_scale)
+    return run.status in ("ok", TOO_LONG) or (run.status == DRIFT and run.energy_drift <= run.energy_scale)
 
 
 def extent(values: np.ndarray, extremes: Extremes | None = None) -> Extent:

@@ -20,7 +20,7 @@ from dropper_jax.load.checks_system import check_changing_lengths_until
 from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.model import Model, State, state
 from dropper_jax.residual import Stepper
-from dropper_jax.run.assembly import PreparedRun, TimeOrigin, build_solution, ledger
+from dropper_jax.run.assembly import PreparedRun, TimeOrigin, build_solution, run_work_names
 from dropper_jax.run.build import SceneLike, build_model, initial_state, stepper_of
 from dropper_jax.run.chunks import check_memory, compile_run, first_carry, run_chunks
 from dropper_jax.run.companion import with_stated_errors
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     import xarray
 
 
-#: Second runs that state the errors of a run.
+#: Kinds of second run that states the errors of a run (see `run.companion`).
 COMPANIONS = (None, "coarser", "finer")
 #: The log of the library: warnings of runs, and a line for each run as information.
 LOG = logging.getLogger("dropper_jax")
@@ -289,14 +289,14 @@ def _prepare(
     # an invalid combination is rejected before the start is solved
     stepper = stepper_of(model, scene.run, **stepper_fields(settings))
     say(0.0, "finding the start")
-    first, since = initial_carry(stepper, model, scene, start)
+    first, origin = initial_carry(stepper, model, scene, start)
     folder = None if scratch is None else Path(scratch)
     check_memory(model, first.row, scene.run, folder)
     rows = InMemory()
     if folder is not None:
-        about = {"scene": scene.as_written(), "settings": settings, "since": list(since)}
+        about = {"scene": scene.as_written(), "settings": settings, "since": list(origin)}
         rows = OnDisk(folder, about, name_leaves(first))
-    return PreparedRun(scene, stepper, model, first, since, rows, settings)
+    return PreparedRun(scene, stepper, model, first, origin, rows, settings)
 
 
 def stepper_fields(settings: Table) -> Table:
@@ -305,6 +305,7 @@ def stepper_fields(settings: Table) -> Table:
 
 
 def _log(solution: Solution) -> None:
+    """Log the warnings of a run, and its status."""
     name = solution.scene.name
     for text in solution.warnings:
         LOG.warning("%s: %s", name, text)
@@ -323,33 +324,37 @@ def initial_carry(stepper: Stepper, model: Model, scene: Scene, before: Solution
             check_stretch(scene, np.asarray(node_positions(model, s)))
         return _end_at(stepper, model, s, run), TimeOrigin()
     used = before.settings
-    since = TimeOrigin(float(before.t[-1]))
+    origin = TimeOrigin(float(before.t[-1]))
     if (run.interval, run.save_every) == (used["dt"] * used["save_every"], used["save_every"]):
-        since = TimeOrigin(**(before.continues or {}))
-        since = since._replace(saves=since.saves + len(before.t) - 1)
-    return restore_end(stepper, model, run, before.last), since
+        origin = TimeOrigin(**(before.continues or {}))
+        origin = origin._replace(saves=origin.saves + len(before.t) - 1)
+    return restore_end(stepper, model, run, before.last), origin
 
 
 def _end_at(stepper: Stepper, model: Model, s: State, run: RunSpec) -> Last:
-    row = first_row(s, len(ledger(stepper, model, run)))
+    """The row and the carry of a run that starts from a state."""
+    row = first_row(s, len(run_work_names(stepper, model, run)))
     return Last(row, first_carry(stepper, model, s, run))
 
 
 def restore_end(stepper: Stepper, model: Model, run: RunSpec, saved: dict[str, np.ndarray]) -> Last:
     """The end of a run of this kind from its saved leaves."""
 
-    def anywhere(model: Model) -> Last:
+    def end_at_origin(model: Model) -> Last:
+        """An end with the leaves and shapes of this kind of run; its values do not matter."""
         return _end_at(stepper, model, state(model, jnp.zeros((model.free_nodes, 3), model.dtype)), run)
 
-    return restore_carry(jax.eval_shape(anywhere, model), saved)
+    return restore_carry(jax.eval_shape(end_at_origin, model), saved)
 
 
 def _with_errors(solution: Solution, scene: Scene, skip: float, settings: Table, say: Progress) -> Solution:
     """The solution with its loads and their errors, and a warning for each line with unresolved peaks."""
     from dropper_jax.study.load_errors import load_errors  # noqa: PLC0415
 
-    again = lambda variant: simulate(variant, **settings)  # noqa: E731
-    found = load_errors(scene, again, skip, solution, lambda done, what: say(done, f"errors: {what}"))
+    def simulate_variant(variant: Scene) -> Solution:
+        return simulate(variant, **settings)
+
+    found = load_errors(scene, simulate_variant, skip, solution, lambda done, what: say(done, f"errors: {what}"))
     notes = tuple(f"{name}: peak tension not converged (see the errors)" for name in found["not_resolved"])
     known = {**solution.settings, "load_errors": found}
     return replace(solution, settings=known, warnings=(*solution.warnings, *notes))

@@ -27,6 +27,8 @@ def _fatigue(x: Array) -> Array:
 
 @trace_once
 def _peak(x: Array) -> Array:
+    if len(x) == 1:  # one sample does not oscillate, and its window has no weight
+        return jnp.zeros((), x.dtype)
     weight = 1 - jnp.cos(2 * jnp.pi * jnp.arange(len(x)) / len(x))
     lines = jnp.fft.rfft((x - jnp.mean(x, axis=0)) * weight[:, None], axis=0)
     return 2 * _root(jnp.max(lines.real**2 + lines.imag**2)) / jnp.sum(weight)

@@ -8,6 +8,9 @@ from dropper_jax.base.numerics import unit_vectors
 from dropper_jax.load.periods import periods
 from dropper_jax.run.samples import Samples
 
+#: Steps per period with which the midpoint rule has the frequency to 0.1 %: `(2 pi/n)^2/12`.
+STEPS_PER_PERIOD = 60
+
 
 def step_facts(solution: Samples) -> dict[str, float | int | None]:
     """Resolution of the steps: axial motion of the stiffest link, rotation of links, and links that become taut.
@@ -25,8 +28,7 @@ def step_facts(solution: Samples) -> dict[str, float | int | None]:
     period = periods(solution.scene).get("axial")
     if period is not None:
         facts["axial_period_s"] = period
-        # steps per period with which the midpoint rule has the frequency to 0.1 %: `(2 pi/n)^2/12`
-        facts["axial_step_s"] = period / 60
+        facts["axial_step_s"] = period / STEPS_PER_PERIOD
         if "dt" in used:
             facts["steps_per_axial_period"] = period / used["dt"]
     if used.get("save_every") != 1 or "refused_steps" in used or len(solution.t) < 3:

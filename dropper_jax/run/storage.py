@@ -192,17 +192,16 @@ def _dump(dataset: xarray.Dataset, file: BinaryIO, packed: labelled.Encoding, ar
 
     HDF5 crashes if a write fails while it closes a file, so errors are hidden from HDF5 and raised afterwards.
     """
-    held = DeferredErrorFile(file, lambda: release_pages(arrays))
+    target = DeferredErrorFile(file, lambda: release_pages(arrays))
     names = [name for name in dataset.data_vars if str(name).startswith(LAST)]
-    inside = {key: packed[key] for key in packed if key in names}
-    own = {key: packed[key] for key in packed if key not in names}
-    dataset.drop_vars(names).to_netcdf(held, engine="h5netcdf", encoding=own)
+    of_restart = {key: packed[key] for key in packed if key in names}
+    of_run = {key: packed[key] for key in packed if key not in names}
+    dataset.drop_vars(names).to_netcdf(target, engine="h5netcdf", encoding=of_run)
     if names:
-        dataset[names].drop_attrs(deep=False).reset_coords(drop=True).to_netcdf(
-            held, engine="h5netcdf", encoding=inside, mode="a", group=RESTART
-        )
-    if held.refused is not None:
-        raise held.refused
+        restart = dataset[names].drop_attrs(deep=False).reset_coords(drop=True)
+        restart.to_netcdf(target, engine="h5netcdf", encoding=of_restart, mode="a", group=RESTART)
+    if target.refused is not None:
+        raise target.refused
 
 
 def _write_zarr(solution: Samples, path: Path) -> Path:
@@ -220,6 +219,7 @@ def _write_zarr(solution: Samples, path: Path) -> Path:
 
 
 def _is_run_folder(path: Path) -> bool:
+    """Whether a Zarr folder is a saved run."""
     try:
         return PROVENANCE in json.loads((path / ".zattrs").read_text(encoding="utf-8"))
     except (OSError, ValueError, KeyError, TypeError):

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import csv
 import io
+import math
 from pathlib import Path
 
 import numpy as np
@@ -25,17 +26,8 @@ from dropper_jax.scene import line_offsets
 
 def summary(run: Samples) -> Table:
     """The JSON object of a run; NaN and infinity are null."""
-    keys = (
-        "integrator",
-        "solver",
-        "dtype",
-        "dt",
-        "duration",
-        "steps",
-        *OPTIONS,
-        "residual_tolerance",
-        "save_every",
-    )
+    scheme = ("integrator", "solver", "dtype", "dt", "duration", "steps")
+    keys = (*scheme, *OPTIONS, "residual_tolerance", "save_every")
     found = {
         "schema": SCHEMA,
         "status": run.status,
@@ -100,10 +92,10 @@ def write_angles(solution: Samples, path: str | Path, zero: str = "horizontal") 
     lines = [line.nodes for line in solution.lines]
     theta = np.concatenate([link_angles(solution.positions[:, nodes], zero)[0] for nodes in lines], axis=1)
     columns = {"theta": theta, "omega": solution.angle_rates(zero)[0]}
-    error = (solution.settings.get("stated_errors") or {}).get("angles_rad") or 0.0
-    # no angle from 1 rad on: such a step follows no motion
+    errors = solution.settings.get("stated_errors") or {}
+    error = errors.get("angles_rad") or 0.0
     stated = ""
-    if 0.0 < error < 1.0:
+    if 0.0 < error < 1.0:  # from 1 rad on the steps do not follow the motion
         stated = f", model_error={error:.2g}"
     return _write_links(solution, path, f"zero={zero}, sign=1, unit=rad{stated}", solution.t, columns)
 
@@ -139,11 +131,12 @@ def _write_links(
 
 
 def _write(solution: Samples, path: str | Path, comment: str, heads: list[str], columns: list[np.ndarray]) -> Path:
+    """Columns (k, ...) with these heads after the time, under two comments; NaN is an empty cell."""
     used = solution.settings
     text = io.StringIO()
     text.write(f"# {comment}\n# {solution.scene.name}: {used.get('integrator')} with steps of {used.get('dt')} s\n")
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(["t", *heads])
     for row in np.concatenate(columns, axis=1).tolist():
-        writer.writerow(["" if x != x else repr(x) for x in row])
+        writer.writerow(["" if math.isnan(x) else repr(x) for x in row])
     return atomic_write(path, text.getvalue())

@@ -20,22 +20,21 @@ def make_vessels(scene: SceneData, sea: Sea | None) -> list[Effect]:
     """One moving point for each attachment of a vessel."""
     found = []
     for i, vessel in enumerate(scene.vessels):
-        response = None
-        if vessel.rao is not None:
+        if vessel.rao is None:
+            kind = VesselByTable
+            motion = {"time": as_array(vessel.time), "motion": as_array(vessel.motion)}
+        else:
             response = _response(vessel.rao, vessel.heading, f"vessel.{i}.rao", sea)
+            kind = VesselInWaves
+            motion = {
+                "real": as_array(response.real),
+                "imaginary": as_array(response.imag),
+                "position": as_array(vessel.position),
+                "ramp_times": as_array([0.0, scene.needed_sea.ramp]),
+            }
+        heading = as_array(vessel.heading)
         for name, position in vessel.attachments.items():
-            arm = {"arm": as_array(position), "heading": as_array(vessel.heading), "point": name}
-            if response is None:
-                effect = VesselByTable(time=as_array(vessel.time), motion=as_array(vessel.motion), **arm)
-            else:
-                effect = VesselInWaves(
-                    real=as_array(response.real),
-                    imaginary=as_array(response.imag),
-                    position=as_array(vessel.position),
-                    ramp_times=as_array([0.0, scene.needed_sea.ramp]),
-                    **arm,
-                )
-            found.append(effect)
+            found.append(kind(**motion, arm=as_array(position), heading=heading, point=name))
     return found
 
 

@@ -51,6 +51,7 @@ class SceneWakes:
 
 
 def has_wakes(scene: Scene) -> bool:
+    """Whether lines of the scene slow the current for others."""
     return scene.effects.get("morison_drag", {}).get("wakes", "none") != "none"
 
 

@@ -1,4 +1,4 @@
-"""What a run says of its winches: gains with which a drum swings between its limits, and lengths that it used up."""
+"""Warnings about the winches of a run: drums that swing between their limits, and lengths that reach their limit."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from dropper_jax.scene.length_in_time import WinchSpec
 LEAVES = tuple(field.name for field in fields(WinchState))
 #: A drum turns at a limit from this fraction of it on.
 AT_LIMIT = 0.99
-#: Changes from one limit of the rate to the other with which it swings ...
-CHANGES = 6
+#: Number of changes from one limit of the rate to the other from which a drum swings ...
+SWING_CHANGES = 6
 #: ... if it spends at least this fraction of the time between the first and the last of them at a limit.
-MOST = 0.8
+SWING_SHARE = 0.8
 
 
 def winch_warnings(solution: Samples) -> Iterator[str]:
@@ -32,12 +32,12 @@ def winch_warnings(solution: Samples) -> Iterator[str]:
             number += len(LEAVES)
             length = series[LEAVES.index("length")]
             rate = series[LEAVES.index("rate")]
-            swings = _swings_from(rate, entry.control)
-            if swings is not None:
+            swing_start = _start_of_swings(rate, entry.control)
+            if swing_start is not None:
                 low, high = entry.control.limits
                 yield (
                     f"winch of {line.name}: swings between its limits of {low:g} and {high:g} m/s from "
-                    f"{solution.t[swings]:.3g} s on, so its gain is unstable. Use a smaller control.gain"
+                    f"{solution.t[swing_start]:.3g} s on, so its gain is unstable. Use a smaller control.gain"
                 )
             elif np.any(np.isclose(length[-1], entry.control.lengths, rtol=1e-9)):
                 yield (
@@ -46,15 +46,15 @@ def winch_warnings(solution: Samples) -> Iterator[str]:
                 )
 
 
-def _swings_from(rate: np.ndarray, control: WinchSpec) -> int | None:
+def _start_of_swings(rate: np.ndarray, control: WinchSpec) -> int | None:
     """Saved state from which the rate (k,) [m/s] goes from one limit to the other again and again; None if not."""
     low, high = control.limits
     side = (rate >= AT_LIMIT * high).astype(int) - (rate <= AT_LIMIT * low)
     at = np.flatnonzero(side)
     changes = at[1:][side[at[1:]] != side[at[:-1]]]
-    if len(changes) < CHANGES:
+    if len(changes) < SWING_CHANGES:
         return None
     between = side[changes[0] : changes[-1] + 1]
-    if np.mean(between != 0) < MOST:
+    if np.mean(between != 0) < SWING_SHARE:
         return None
     return int(changes[0])

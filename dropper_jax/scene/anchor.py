@@ -127,11 +127,11 @@ class AnchorSpec(DeclaredSection):
 
         For a dead weight `(H/mu + V)/W` with V not below 0: both loads may grow by the inverse of this factor.
         """
-        across, rising, any_direction = self.capacities
+        across, upwards, any_direction = self.capacities
         up = np.maximum(upward, 0.0)
         if any_direction:
             return np.hypot(horizontal, up) / across
-        return horizontal / across + up / rising
+        return horizontal / across + up / upwards
 
     @property
     def capacities(self) -> tuple[float, float, bool]:
@@ -168,12 +168,18 @@ def utilisations(
 
 @raises_first
 def check_anchors(anchors: tuple[AnchorSpec, ...], held: list[str]) -> Iterator[Check]:
-    """Check that anchors are those of fixed points, and that an anchor `behind` another has none behind itself."""
+    """Check that anchors are those of fixed points, one a point, and that an anchor `behind` another has none behind
+    itself."""
+    points = [anchor.point for anchor in anchors]
     last = [anchor.point for anchor in anchors if anchor.behind is None]
     for i, anchor in enumerate(anchors):
         yield (
             anchor.point not in held,
             f"anchor.{i}.point: {anchor.point!r} is not a fixed point; allowed: {', '.join(held) or 'none'}",
+        )
+        yield (
+            anchor.point in points[:i],
+            f"anchor.{i}.point: {anchor.point!r} has an anchor already; allowed: one anchor for each point",
         )
         yield (
             anchor.behind not in (None, *last),

@@ -27,15 +27,6 @@ from dropper_jax.scene.vessel import VesselSpec
 from dropper_jax.sea.spec import SeaSpec
 
 
-def point_nodes(scene: SceneData) -> dict[str, int]:
-    """By name of a point, the first node of the lines' arrays at that point."""
-    found: dict[str, int] = {}
-    for line, where in sliced_lines(scene):
-        found.setdefault(line.start, where.nodes.start)
-        found.setdefault(line.end, where.nodes.stop - 1)
-    return found
-
-
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SceneData(DeclaredSection):
     """A scene, validated by `load`.
@@ -244,9 +235,17 @@ def sliced_lines(scene: SceneData) -> list[tuple[LineSpec, LineSlice]]:
     return list(zip(scene.lines, line_slices(scene), strict=True))
 
 
+def point_nodes(scene: SceneData) -> dict[str, int]:
+    """By name of a point, the first node of the lines' arrays at that point."""
+    found: dict[str, int] = {}
+    for line, where in sliced_lines(scene):
+        found.setdefault(line.start, where.nodes.start)
+        found.setdefault(line.end, where.nodes.stop - 1)
+    return found
+
+
 def line_offsets(scene: SceneData) -> list[Table]:
-    """The same as plain values: index of the first node and link of each line in the arrays, and its number of
-    links."""
+    """`line_slices` as plain values: index of the first node and link of each line, and its number of links."""
     found = []
     for line, where in sliced_lines(scene):
         first = {"first_node": where.nodes.start, "first_link": where.links.start}
@@ -261,6 +260,7 @@ def whole_lines(scene: SceneData) -> tuple[WholeLine, ...]:
 
 
 def _merge_pieces(group: list[tuple[LineSpec, LineSlice]]) -> WholeLine:
+    """One line of its pieces, each with its index ranges."""
     specs, slices = zip(*group, strict=True)
     nodes = [np.arange(where.nodes.start + (i > 0), where.nodes.stop) for i, where in enumerate(slices)]
     links = slice(slices[0].links.start, slices[-1].links.stop)

@@ -101,21 +101,20 @@ class LengthInTimeSpec(DeclaredSection):
         for key, many in (("links", self.links or 1), ("link", self.link or 1)):
             yield many > count, f"{key}: {many}, but {name!r} has {count} links; allowed: 1 to {count}"
         total = np.sum(length[list(self.numbers(count))])
-        if self.control is None and self.time is not None and self.length is not None:
+        if self.control is not None:
+            low, high = self.control.lengths
+            yield (
+                not low <= total <= high,
+                f"control.lengths: {low:g} to {high:g} m, but these links of {name!r} are {total:.9g} m long; "
+                "allowed: a range that contains their length",
+            )
+        elif self.time is not None and self.length is not None:
             first = np.interp(0.0, self.time, self.length)
             yield (
                 abs(first - total) > SAME_LENGTH * total,
                 f"length: {first:.9g} m at t = 0, but these links of {name!r} are {total:.9g} m long; allowed: "
                 f"{total:.9g}, or another `length` of the line",
             )
-        if self.control is None:
-            return
-        low, high = self.control.lengths
-        yield (
-            not low <= total <= high,
-            f"control.lengths: {low:g} to {high:g} m, but these links of {name!r} are {total:.9g} m long; "
-            "allowed: a range that contains their length",
-        )
 
     def check_run(self, path: str, duration: float) -> None:
         """Check that the table covers a run."""

@@ -158,14 +158,14 @@ class LineSpec(DeclaredSection):
 def join_lines(lines: tuple[LineSpec, ...]) -> LineSpec:
     """All lines as one, with their arrays concatenated.
 
-    Fields missing in some lines become None, a missing internal damping zero.
+    A field that is missing in some lines becomes None; a missing internal damping becomes zero, and a missing outer
+    diameter that of the displaced volume.
     """
     if len(lines) == 1:
         return lines[0]
     found: Table = {"links": sum(line.links for line in lines), "end": lines[-1].end, "constants": {}, "tables": None}
     for key in ("length", "mass", "centre_of_mass", "inertia", "diameter", "breaking_load", "EA"):
         found[key] = _join([getattr(line, key) for line in lines])
-    # missing in some lines only: no damping, and the diameter of the displaced volume
     for key in ("axial_damping", "outer_diameter"):
         found[key] = None
         if any(getattr(line, key) is not None for line in lines):
@@ -187,6 +187,7 @@ def _join(arrays: list[np.ndarray | None]) -> np.ndarray | None:
 
 
 def _given_or_default(line: LineSpec, key: str) -> np.ndarray | None:
+    """The value of a line; without one no damping, or the diameter of the displaced volume."""
     value = getattr(line, key)
     if value is not None:
         return value
@@ -218,6 +219,7 @@ def _read_axial(table: Plain, path: str, links: int) -> Table:
 
 
 def _per_link(value: Plain, links: int) -> np.ndarray:
+    """One value for each link (n,), from one for all or one each."""
     return np.broadcast_to(np.asarray(value, float), (links,)).copy()
 
 

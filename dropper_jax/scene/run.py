@@ -85,7 +85,8 @@ class RunSpec(SectionValues):
     def saves(self) -> int:
         """Saved states of equal steps after the start, which cover the duration; a remainder below 1e-9 steps is
         attributed to rounding."""
-        return -(-math.ceil(self.duration / self.step - 1e-9) // self.save_every)
+        steps = math.ceil(self.duration / self.step - 1e-9)
+        return math.ceil(steps / self.save_every)
 
     @property
     def steps(self) -> int:
@@ -167,11 +168,14 @@ class RunSpec(SectionValues):
         )
 
     def table(self) -> Table:
+        """Plain values by key, options of the scheme included."""
         return {**as_table(self), **self.options}
 
 
 def choose_steps(table: Values, given: Values) -> Table:
-    """The table of `[run]` without keys that newly given values replace: a step an accuracy, an accuracy a step.
+    """The table of `[run]` without keys that newly given values replace.
+
+    A new step replaces the accuracy; a new accuracy replaces the step, which becomes that of the source.
 
     Args:
         given: the new values, which the table has, by path.

@@ -15,6 +15,8 @@ from dropper_jax.base.read import DeclaredSection, count, part, plain, read_matr
 
 #: Added mass of a mussel divided by that of the displaced water: a sphere's (Lamb 1932, article 92).
 ADDED_MASS = 0.5
+#: Distance of the grid points of the random thickness, in correlation lengths.
+GRID_STEP = 0.1
 THICKNESS = {"unit": "m", "shape": "table", "low": 0.0}
 
 
@@ -112,14 +114,13 @@ class SeasonSpec(DeclaredSection):
 
     def factor(self, name: str, arc: np.ndarray) -> np.ndarray:
         """Random factor (n,) on the thickness at arc lengths (n,) [m] of a line."""
-        fine = 0.1  # grid points of the random field per correlation length
         if self.deviation == 0.0:
             return np.ones(len(arc))
-        step = fine * self.correlation
+        step = GRID_STEP * self.correlation
         grid = np.arange(int(np.max(arc, initial=0.0) / step) + 2) * step
         # one stream per line, so that adding a line leaves the others unchanged
         noise = np.random.default_rng([self.seed, zlib.crc32(name.encode())]).standard_normal(len(grid))
-        keep = np.exp(-fine)
+        keep = np.exp(-GRID_STEP)
         field = noise * np.where(grid == 0.0, 1.0, np.sqrt(1.0 - keep**2))
         for i in range(1, len(grid)):
             field[i] += keep * field[i - 1]
@@ -139,4 +140,6 @@ class SeasonSpec(DeclaredSection):
 
 
 def _matches_any(name: tuple[str, str | None], patterns: tuple[str, ...]) -> bool:
-    return any(fnmatchcase(each, pattern) for each in name if each is not None for pattern in patterns)
+    """Whether a line, or the line from which it was cut, has a name of these patterns."""
+    names = [each for each in name if each is not None]
+    return any(fnmatchcase(each, pattern) for each in names for pattern in patterns)

@@ -64,15 +64,16 @@ class StartSpec(DeclaredSection):
         raise_first(self._line_checks(lines, held, branched), "start")
         if self.kind == "angles":
             rows = np.arange(lines[0].links)
-            found = self._filled("polar", rows, rows.shape, "entries, one per link")
+            found = self._full_arrays("polar", rows, rows.shape, "entries, one per link")
             return replace(self, zero=self.zero or "horizontal", **found)
         if self.kind == "positions":
             rows = rows_of_pieces(lines)
-            found = self._filled("positions", rows, (len(rows), 3), "rows, both ends of each line included")
+            found = self._full_arrays("positions", rows, (len(rows), 3), "rows, both ends of each line included")
             return replace(self, **found)
         return self
 
     def _line_checks(self, lines: Sequence[LineSpec], held: bool, branched: bool) -> Iterator[Check]:
+        """Checks of the kind, of its keys, and of the released nodes."""
         what = "one line"
         if branched:
             what = "a system of lines"
@@ -98,8 +99,14 @@ class StartSpec(DeclaredSection):
             words = f"release_force: {short_text(plain(forces))} has {len(forces)} vectors"
             yield len(forces) != len(nodes), f"{words}; allowed: {len(nodes)}, one a node"
 
-    def _filled(self, needed: str, rows: np.ndarray, shape: tuple[int, ...], what: str) -> dict[str, np.ndarray]:
-        """Arrays of the kind's keys, all of a shape; those in the form of the file have the last of `rows` as theirs.
+    def _full_arrays(self, needed: str, rows: np.ndarray, shape: tuple[int, ...], what: str) -> dict[str, np.ndarray]:
+        """Arrays of the kind's keys, all of a shape; zeros where they are not given.
+
+        Args:
+            needed: the key that must be given.
+            rows: the row of each link or node in an array as the user writes it (see `rows_of_pieces`); an array may
+                also have a row for each already.
+            what: rows in words, as messages have them.
 
         Raises:
             SceneError: a missing array, or another number of rows.
@@ -108,9 +115,9 @@ class StartSpec(DeclaredSection):
         words, _, which = what.partition(", ")
         found = {}
         for key in self.FIELDS[self.kind]:
-            given = getattr(self, key)
-            if key == "zero":
+            if key == "zero":  # not an array
                 continue
+            given = getattr(self, key)
             if given is None and key == needed:
                 raise SceneError(f"start.{key}: missing; needed: {count} {what}")
             if given is None:

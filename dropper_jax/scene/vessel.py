@@ -87,6 +87,7 @@ class RaoSpec(DeclaredSection):
         return read_rows(rows, f"{path}.{key}", limits, frequencies, allowed, headings)
 
     def table(self) -> Table:
+        """Plain values by key; motions that are zero are left out."""
         found = as_table(self)
         for i, name in enumerate(MOTIONS):
             if np.any(self.amplitude[..., i]):
@@ -108,23 +109,22 @@ class RaoSpec(DeclaredSection):
 
     def nearest_turn(self, heading: np.ndarray) -> np.ndarray:
         """Headings (c,) of waves, shifted by full turns to lie within the table or nearest to it."""
-        turns = (heading + np.pi) % (2 * np.pi) - np.pi
-        each = turns[:, None] + 2 * np.pi * np.array([0, 1, -1, 2, -2])
-        away = np.maximum(np.maximum(self.headings[0] - each, each - self.headings[-1]), 0.0)
-        return np.take_along_axis(each, np.argmin(away, axis=1)[:, None], axis=1)[:, 0]
+        principal = (heading + np.pi) % (2 * np.pi) - np.pi
+        shifted = principal[:, None] + 2 * np.pi * np.array([0, 1, -1, 2, -2])
+        outside = np.maximum(np.maximum(self.headings[0] - shifted, shifted - self.headings[-1]), 0.0)
+        return np.take_along_axis(shifted, np.argmin(outside, axis=1)[:, None], axis=1)[:, 0]
 
     def response(self, omega: np.ndarray, heading: np.ndarray) -> np.ndarray:
         """Complex motions (c, 6) over the elevation of components, phases leading; linear between the entries."""
         sign = {"lead": 1j, "lag": -1j}[self.phases]
         values = self.amplitude * np.exp(sign * self.phase)
-        each = np.apply_along_axis(lambda row: np.interp(omega, self.frequency, row), 1, values)  # (headings, c, 6)
-        rows = np.swapaxes(each, 0, 1)
+        rows = np.apply_along_axis(lambda row: np.interp(omega, self.frequency, row), 1, values)  # (headings, c, 6)
         if len(self.headings) == 1:
-            return rows[:, 0]
-        at = np.clip(np.searchsorted(self.headings, heading) - 1, 0, len(self.headings) - 2)
-        share = np.clip((heading - self.headings[at]) / np.diff(self.headings)[at], 0.0, 1.0)[:, None]
-        each = np.arange(len(omega))
-        return (1.0 - share) * rows[each, at] + share * rows[each, at + 1]
+            return rows[0]
+        below = np.clip(np.searchsorted(self.headings, heading) - 1, 0, len(self.headings) - 2)
+        fraction = np.clip((heading - self.headings[below]) / np.diff(self.headings)[below], 0.0, 1.0)[:, None]
+        component = np.arange(len(omega))
+        return (1.0 - fraction) * rows[below, component] + fraction * rows[below + 1, component]
 
 
 #: Reader of the rows of a table of motion (k, 6).

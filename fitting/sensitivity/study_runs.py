@@ -75,13 +75,13 @@ class StudyRuns:
         self.record = _recorded(outcome.carry, problem.of)
         self.value = self.measure(self.model, self.start, self.rows)
         self.extent = farthest(self.rows.r, self.rows.r[0])
-        self.value_error = self._error_of_steps(program.companion(False))
+        self.value_error = self._error_of_steps(Companion(program, False))
 
     def _error_of_steps(self, companion: Companion) -> float:
         """The error of the quantity by a run with four times the accuracy; NaN if a step fails, or steps are equal."""
         if self.settings.accuracy is None or not np.isfinite(self.value):
             return np.nan
-        pieces = list(companion.go(len(self.rows.r)))
+        pieces = list(companion.chunks(len(self.rows.r)))
         if sum(len(rows.r) for rows in pieces) < len(self.rows.r) // 2 or not pieces:
             return np.nan
         rows = jax.tree.map(lambda *parts: np.concatenate(parts), *pieces)

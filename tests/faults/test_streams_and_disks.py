@@ -169,7 +169,7 @@ def test_a_lock_names_its_owner_and_is_free_once_it_is_gone(tmp_path):
 
 
 def test_a_run_kept_on_disk_has_the_numbers_of_one_in_memory(tmp_path, monkeypatch):
-    monkeypatch.setattr("dropper_jax.run.assembly.BLOCK_STATES", 64)
+    monkeypatch.setattr("dropper_jax.run.observation.BLOCK_STATES", 64)
     kept = dj.simulate("conical-pendulum", dt=0.01, duration=3.0, scratch=tmp_path)
     whole = dj.simulate("conical-pendulum", dt=0.01, duration=3.0)
     for name in ("t", "positions", "velocities", "tension", "work", "kinetic", "potential"):

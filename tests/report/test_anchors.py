@@ -49,6 +49,11 @@ def test_an_anchor_behind_another_one_takes_what_that_one_does_not_hold():
         dj.load_scene({**SCENE, "anchor": [{**SCENE["anchor"][0], "behind": "nowhere"}]})
 
 
+def test_a_point_has_one_anchor():
+    with pytest.raises(SceneError, match=r"anchor\.1\.point: 'anchor' has an anchor already"):
+        dj.load_scene({**SCENE, "anchor": 2 * SCENE["anchor"]})
+
+
 @pytest.mark.check
 def test_edulis_anchors_hold_through_the_tide():
     scene = dj.load_scene("edulis-tide").with_values({"sea.current.direction": np.pi / 3})

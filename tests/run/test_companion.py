@@ -7,7 +7,7 @@ import pytest
 import dropper_jax as dj
 from dropper_jax.cli import main
 from dropper_jax.run import companion
-from dropper_jax.run.companion import SCATTER, words
+from dropper_jax.run.companion import SCATTER, errors_in_words
 
 NAME = "conical-pendulum-damped"
 
@@ -61,6 +61,18 @@ def test_a_finer_companion_states_the_error_that_a_coarser_one_covers(pendulum):
     assert finer["angles_rad"] == pytest.approx(coarser["angles_rad"], rel=0.5)
 
 
+@pytest.mark.parametrize("settings", [{"accuracy": 0.01, "save_interval": 0.1}, {"dt": 0.1}])
+def test_an_odd_number_of_saved_states_adds_no_error(settings):
+    """A coarser companion ends before the last of them: the error is over the time that both cover."""
+    errors = {}
+    for saves in (4, 5):
+        run = dj.simulate(NAME, duration=0.1 * saves, companion="coarser", **settings)
+        assert len(run.t) == saves + 1
+        errors[saves] = run.settings["stated_errors"]["lines"][0]
+    for key in ("mean_error_n", "deviation_error_n", "maximum_error_n"):
+        assert errors[5][key] == pytest.approx(errors[4][key], rel=0.02)
+
+
 def test_the_angle_error_is_that_of_a_short_run_from_the_same_start():
     """Of half a period, 1 s, against steps a tenth as long; on a circle all windows are alike."""
     circle = dj.load_scene(NAME).with_values({"effects.linear_damping.b_l": 0.0})
@@ -99,10 +111,10 @@ def test_an_interrupted_companion_leaves_the_run_complete(monkeypatch):
 def test_a_slow_drift_is_no_chaos_and_a_sudden_one_is():
     t = np.linspace(0.0, 20.0, 2001)
     nodes = np.stack([np.sin(t), np.zeros_like(t), np.cos(t)], axis=-1)[:, None]
-    assert companion._chaos(0.02 * t, nodes) is None
-    chaotic = companion._chaos(1e-6 * np.exp(0.7 * t), nodes)
+    assert companion._start_of_chaos(0.02 * t, nodes) is None
+    chaotic = companion._start_of_chaos(1e-6 * np.exp(0.7 * t), nodes)
     assert t[chaotic] == pytest.approx(np.log(1e4) / 0.7, rel=0.01)
-    assert companion._chaos(1e-6 * np.exp(0.1 * t), nodes) is None
+    assert companion._start_of_chaos(1e-6 * np.exp(0.1 * t), nodes) is None
 
 
 def test_a_run_at_rest_has_no_error_of_positions(falling):
@@ -110,7 +122,7 @@ def test_a_run_at_rest_has_no_error_of_positions(falling):
     found = run.settings["stated_errors"]
     assert found["positions"] is None
     assert found["lines"][0]["mean_error_n"] < 1e-6 * found["lines"][0]["mean_n"]
-    assert "of the travel" not in words(found)
+    assert "of the travel" not in errors_in_words(found)
 
 
 @pytest.mark.parametrize("option", [[], ["--no-companion"], ["--verify"]])

@@ -1,5 +1,6 @@
 """Quantities by name, against the report's own readings of a pose and of a motion."""
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from scene_parts import free_at, line_of, scene_of
@@ -9,6 +10,7 @@ from dropper_jax import SceneError
 from dropper_jax.run.bends import curvature
 from dropper_jax.run.line_weights import fixed_point_loads
 from dropper_jax.run.quantities import quantity, quantity_signals, static_quantity
+from dropper_jax.run.statistics import NAMES, statistic
 from dropper_jax.scene import line_slices
 from dropper_jax.stepping.extremes import Extremes
 from dropper_jax.study.design import solve_design
@@ -83,7 +85,7 @@ def test_names_of_lines_ends_and_points_are_those_of_the_pose(posed):
         ("anchor.west.max", "has no direction; allowed: horizontal, vertical, total, uplift"),
         ("offset.buo.max", "'buo' is not a point; did you mean 'buoy'?"),
         ("offset.max", "has no node; allowed: such as offset.buoy.max"),
-        ("energy.1.max", "'1' is not a part"),
+        ("energy.1.max", "'1' is not a part; allowed: energy.max"),
         ("angle.max", "has no link"),
         ("line.west-leg.angle.max", "has no end and signal; allowed: such as line.leg.fairlead.angle.max"),
         ("line.west-leg.fairlaed.angle.max", "'fairlaed' is not an end of line 'west-leg'; did you mean 'fairlead'?"),
@@ -103,6 +105,12 @@ def test_the_anchor_of_a_single_line_is_its_fixed_end_also_if_the_free_end_is_li
     model = dj.build_model(scene_of({"low": free_at([0.0, 0.0, -1.2]), "top": [0.0, 0.0, 0.0]}, line))
     assert quantity("tension.chain.anchor.max", model).members == (0,)
     assert quantity("tension.chain.fairlead.max", model).members == (3,)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_statistic_of_one_sample_is_that_sample_or_no_variation(name):
+    found = statistic(name, jnp.full((1, 2), 3.0), 0.1)
+    assert found == pytest.approx(0.0 if name in ("std", "fatigue", "peak") else 3.0)
 
 
 def test_a_static_target_needs_no_statistic(posed):

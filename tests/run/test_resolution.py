@@ -7,7 +7,7 @@ import pytest
 from scene_parts import free_at, line_of, scene_of
 
 import dropper_jax as dj
-from dropper_jax.run.resolution import MOST_WARNINGS, limit_warnings, with_quality_checks, without_push
+from dropper_jax.run.resolution import MOST_WARNINGS, LineFault, limit_warnings, with_quality_checks, without_push
 
 
 @pytest.fixture(scope="module")
@@ -95,11 +95,12 @@ def test_what_the_tolerance_leaves_of_a_slack_rope_pushes_nothing(soft):
 
 
 def test_a_farm_names_its_worst_lines_and_counts_the_others():
-    rows = [("not resolved", float(size), f"line {size}") for size in range(50)] + [("alternates", 1.0, "line x")]
+    rows = [LineFault("not resolved", float(size), f"line {size}") for size in range(50)]
+    rows.append(LineFault("alternates", 1.0, "line x"))
     reported = limit_warnings(iter(rows))
     assert reported == ["line 47", "line 48", "line 49", "line x", "47 more lines: not resolved"]
     assert limit_warnings(iter(rows[:MOST_WARNINGS])) == [f"line {size}" for size in range(MOST_WARNINGS)]
-    assert len(limit_warnings(iter([("not resolved", 1.0, "the same")] * 50))) == MOST_WARNINGS + 1
+    assert len(limit_warnings(iter([LineFault("not resolved", 1.0, "the same")] * 50))) == MOST_WARNINGS + 1
 
 
 def hoisted(amplitude):

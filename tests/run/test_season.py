@@ -101,6 +101,11 @@ def test_growth_by_month_and_depth_is_tabulated():
     assert rows[0]["wet_weight_n_per_m"] == pytest.approx(9.81 * (mass - 1025.0 * outer))
 
 
+def test_a_season_of_one_month_is_tabulated():
+    one = dj.load_scene(scene(month=12.0, months=[12.0], thickness=[[0.08, 0.04]]))
+    assert season_table(one) == season_table(dj.load_scene(scene(month=12.0)), [12.0])
+
+
 @pytest.mark.check
 def test_drop_off_compares_accelerations_with_what_holds_a_mussel():
     weak, strong = (

@@ -16,11 +16,11 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.evaluation.fatigue import RANGE_ROUNDING, cycles
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model, State
-from dropper_jax.run.arrays import breaks
 from dropper_jax.run.build import build_model, initial_state, stepper_of
 from dropper_jax.run.chunks import compile_run, first_carry
 from dropper_jax.run.end_links import EndLinks, line_ends
 from dropper_jax.run.growth import overgrown
+from dropper_jax.run.observation import breaks
 from dropper_jax.run.quantities import Quantity, quantity, quantity_signals
 from dropper_jax.run.statistics import statistic
 from dropper_jax.scene import RunSpec, whole_lines
@@ -206,7 +206,7 @@ class Runner:
         info = {"status": np.array(0)}
         retried = 0
         while done < scene.run.rows:
-            carry, rows = run.go_on(carry, scene.run.rows - done)
+            carry, rows = run.run_chunk(carry, scene.run.rows - done)
             t = (done + 1 + np.arange(len(rows.r))) * scene.run.interval
             solved = np.asarray(rows.first_bad) < 0
             good = int(np.sum(solved))

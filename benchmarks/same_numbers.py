@@ -3,7 +3,7 @@
     python benchmarks/same_numbers.py record FILE.npz [SCENE ...]     where the numbers are right  (about 5 minutes)
     python benchmarks/same_numbers.py compare FILE.npz [SCENE ...]    in the other checkout        (about 5 minutes)
 
-`record` runs every packaged scene for a while with its own step and stepper and keeps 20 states of that run, the state
+`record` runs every packaged scene for a while with its own stepper in equal steps and keeps 20 states of that run, the state
 one step after each, the end of the run, and what a small change of the first velocities has grown to there. A scene
 that would stay at rest is pushed sideways first. `compare` steps from the kept states and prints one row per scene:
 
@@ -46,6 +46,8 @@ SMALL = 1e-10
 #: A run that has less than `REST` of the speed at its end starts again with `PUSH` of it, along y.
 REST = 1e-4
 PUSH = 0.02
+#: Equal steps in an interval of a scene whose own steps follow an accuracy.
+STEPS_PER_INTERVAL = 20
 #: Differences up to this many times the noise may be rounding.
 ROUNDING = 30.0
 STEPPED = ("r", "v", "tension", "work")
@@ -66,11 +68,12 @@ class Case(NamedTuple):
 
 
 def case_of(name: str) -> Case:
-    """The case of a packaged scene, stepped as `simulate` does."""
+    """The case of a packaged scene, in equal steps."""
     run = dj.load_scene(name).run
+    dt = run.interval / STEPS_PER_INTERVAL if run.dt is None else run.dt
     model, start = dj.build(name)
     stepper = dj.make_stepper(model, run.integrator, run.solver, **run.options)
-    return Case(stepper, model, rebuilt(start, arrays(start)), jnp.asarray(run.dt, start.r.dtype))
+    return Case(stepper, model, rebuilt(start, arrays(start)), jnp.asarray(dt, start.r.dtype))
 
 
 @partial(jax.jit, static_argnums=0)

@@ -75,8 +75,8 @@ def season_table(scene: Scene, months: Sequence[float] | None = None) -> list[Ta
     ropes: dict[tuple[float, float], list[str]] = {}
     for line in scene.lines:
         if season.on(line.name, line.piece_of):
-            rope = float(line.mass[0] / line.length[0]), float(line.needed_diameter[0])
-            ropes.setdefault(rope, []).append(line.name)
+            for rope in _bare_ropes(line):
+                ropes.setdefault(rope, []).append(line.name)
     sea = scene.needed_sea
     metre = np.ones(len(season.depth))
     rows = []
@@ -94,3 +94,10 @@ def season_table(scene: Scene, months: Sequence[float] | None = None) -> list[Ta
             for values in np.transpose(list(columns.values())).tolist():
                 rows.append({"lines": names, "month": float(month), **dict(zip(columns, values, strict=True))})
     return rows
+
+
+def _bare_ropes(line: LineSpec) -> list[tuple[float, float]]:
+    """Mass [kg/m] and diameter [m] of the ropes that a line is made of, each once."""
+    mass = np.round(line.mass / line.length, 9)  # links of one rope differ by the rounding of their lengths
+    ropes = np.column_stack([mass, line.needed_diameter])
+    return list(dict.fromkeys(map(tuple, ropes.tolist())))

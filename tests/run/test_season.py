@@ -106,6 +106,21 @@ def test_a_season_of_one_month_is_tabulated():
     assert season_table(one) == season_table(dj.load_scene(scene(month=12.0)), [12.0])
 
 
+def test_every_rope_of_a_line_is_tabulated():
+    two_ropes = scene()
+    two_ropes["line_type"].append({"name": "thick", "mass": 0.9, "diameter": 0.03, "EA": 1e6})
+    first = two_ropes["line"][0]
+    for key in ("links", "length", "type"):
+        del first[key]
+    first["sections"] = [{"type": kind, "links": 2, "length": 2.0} for kind in ("rope", "thick")]
+    rows = season_table(dj.load_scene(two_ropes), [0.0])
+    found = [(row["lines"], row["diameter_m"], row["mass_kg_per_m"]) for row in rows if row["depth_m"] == 2.0]
+    assert found == [
+        (["dropper-1", "dropper-2"], pytest.approx(0.02), pytest.approx(0.5)),
+        (["dropper-1"], pytest.approx(0.03), pytest.approx(0.9)),
+    ]
+
+
 @pytest.mark.check
 def test_drop_off_compares_accelerations_with_what_holds_a_mussel():
     weak, strong = (

@@ -5,7 +5,7 @@
 
 `record` runs every packaged scene for a while with its own stepper in equal steps and keeps 20 states of that run, the
 state one step after each, the end of the run, and what a small change of the first velocities has grown to there. A
-scene that would stay at rest is pushed sideways first. `compare` steps from the kept states and prints one row per scene:
+scene that would stay at rest is pushed sideways first. `compare` steps from the kept states and prints a row per scene:
 
     start           r and v that the scene is built with, against those built before
     r, v, tension   after one step: over the length of all lines, over the largest speed of the run (at least

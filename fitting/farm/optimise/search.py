@@ -5,9 +5,9 @@
 If the constraints are nonlinear within the reach, a step d that fails is corrected by a second one: the same programme
 with `g(x + d) - J d` for g (Fletcher 1982), so that steps along a limit stay long. A step that lowers the merit
 `objective/scale + P sum max(0, g - 1 + margin)` is taken (Fletcher and Sainz de la Maza 1989). J is found by
-differences at the start of a round, corrected by every step that is taken, and found by differences again where a step
-fails. After some steps the windows are chosen again from whole runs. A design is accepted if its whole runs meet all
-constraints, and the search ends with the best of these.
+differences at the start of a round, corrected by every step that is taken, and found by differences again where two
+steps in a row fail. After some steps the windows are chosen again from whole runs. A design is accepted if its whole
+runs meet all constraints, and the search ends with the best of these.
 """
 
 from __future__ import annotations
@@ -120,6 +120,7 @@ def run_round(
     renew = settings.renew if (search.residual or 0.0) <= RESIDUAL else 1
     search.reach = max(search.reach, LEAST_REACH * settings.reach)
     taken = 0
+    failed = 0
     while one.runs.slopes and taken < renew and one.tried < 3 * settings.renew and search.reach > SMALLEST_REACH:
         last = one.attempt_corrected()
         if last is None:
@@ -130,7 +131,10 @@ def run_round(
         if last.good:
             one.take(last)
             taken += 1
-        elif one.updated:
+            failed = 0
+        else:
+            failed += 1
+        if failed > 1 and one.updated:
             one.differentiate()
         if last.won < 0.25 * last.gain:  # a step that did not use its full reach would be tried again
             search.reach = 0.4 * min(search.reach, last.size)

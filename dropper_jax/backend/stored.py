@@ -6,7 +6,7 @@ flags and settings, the processor, the function, its static arguments, and the s
 program that cannot be stored or loaded is compiled.
 
 JAX reads its part of a file by `pickle`, which can run any code. Programs are therefore loaded only from a folder that
-belongs to the user.
+belongs to the user and that no other user may write, where the system knows owners.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import hashlib
 import os
 import pickle
 import platform
+import stat
 import sys
 import tempfile
 import time
@@ -36,6 +37,7 @@ PACKAGES = ("dropper_jax", "fitting")
 #: First bytes of a file, before the digest and the program.
 MARK = b"dropper2"
 UNFINISHED = ".unfinished"
+WRITABLE_BY_OTHERS = stat.S_IWGRP | stat.S_IWOTH
 DIGEST = hashlib.sha256().digest_size
 #: Age [s] after which an unfinished file counts as left over from a stopped process.
 ABANDONED = 3600.0
@@ -190,11 +192,13 @@ class StoredPrograms:
 
 
 def open_folder(folder: Path) -> Path | None:
-    """The folder of programs, created if it is missing; None if it is not the user's own or not writable."""
+    """The folder of programs, created if it is missing; None if it is not the user's own, not writable, or
+    writable by others."""
     try:
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
         tempfile.TemporaryFile(dir=folder).close()
-        if hasattr(os, "getuid") and folder.stat().st_uid != os.getuid():
+        status = folder.stat()
+        if hasattr(os, "getuid") and (status.st_uid != os.getuid() or status.st_mode & WRITABLE_BY_OTHERS):
             return None
     except OSError:
         return None

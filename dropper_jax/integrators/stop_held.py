@@ -4,7 +4,7 @@ A law on the mid-step rate holds a joint by `w_mid = 0`, which turns its rate w0
 velocities of such a step are therefore changed by impulses P of the stuck joints (and pi of the tensions), within
 the limit of friction over the step:
 
-    M delta = B' P + G' pi,    B (v1 + delta) = 0 on stuck joints,    |h z + P| <= h tau
+    M delta = B' P + G' pi,    B (v1 + delta) = 0 on stuck joints,    |h z + P| <= h tau    (pi = 0 for elastic links)
 
 In the mass metric this is a projection, so it takes kinetic energy and never adds any (Moreau 1988). The energy
 that it takes is work of the law. If the bound is reached, the impulse stays on it and the joint keeps moving.

@@ -115,9 +115,7 @@ class CoupledLines:
             def one_step(_: Array, result: Advanced) -> Advanced:
                 progress, residual, retried = result
                 progress, taken = next_progress(lines.stepper, lines.model, progress, dt / count)
-                # not `maximum`, which would lose a NaN
-                worst = jnp.where(taken.row <= residual, residual, taken.row)
-                return progress, worst, retried + taken.retried
+                return progress, jnp.maximum(residual, taken.row), retried + taken.retried
 
             start = state.progress, jnp.zeros((), lines.model.dtype), jnp.zeros((), jnp.int32)
             return jax.lax.fori_loop(0, count, one_step, start)

@@ -22,7 +22,7 @@ class StepVerdict(NamedTuple):
         """Status and line of the error of a command; None if the step is usable."""
         if self.status == "ok":
             return None
-        text = f"{self.status}: the step is too long for the runs of the warnings, which have the step to take"
+        text = f"{self.status}: the step is too long for some runs; their warnings name the step to take"
         return self.status, text
 
 
@@ -42,9 +42,10 @@ def check_steps(members: Mapping[str, Scene], say: Progress = silent, **settings
             solution = simulate(scene, companion="coarser", **settings)
         except SceneError:
             continue
-        if solution.status in (TOO_LONG, DRIFT):
+        unusable = solution.status in (TOO_LONG, DRIFT)
+        if unusable and status != TOO_LONG:
             status = solution.status
         for text in solution.warnings:
-            if "may be off by" in text or text.startswith("energy balance error"):
+            if unusable or "may be off by" in text or text.startswith("energy balance error"):
                 warnings.append(f"{name}: {text}")
     return StepVerdict(status, tuple(warnings))

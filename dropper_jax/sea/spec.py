@@ -383,7 +383,7 @@ def read_packaged(name: Plain, path: str) -> Table:
     known = sea_names()
     if name not in known:
         raise SceneError(f"{path}: {name!r} is not a packaged sea; {nearest(name, known)}")
-    table = tomllib.loads((SEAS / f"{name}.toml").read_text())
+    table = tomllib.loads((SEAS / f"{name}.toml").read_text(encoding="utf-8"))
     table.pop("description")
     if "file" in table.get("waves", {}):
         table["waves"]["file"] = str(SEAS / table["waves"]["file"])

@@ -39,6 +39,8 @@ def nodal_loads(model: Model, nodes: Sequence[int] | np.ndarray | None, forces: 
     index = np.asarray(nodes, int) - 1
     if np.any(index < 0) or np.any(index >= model.free_nodes):
         raise SceneError(f"start.release_nodes: {list(nodes)}; allowed are free nodes, 1 to {model.free_nodes}")
+    if forces is None:
+        raise SceneError("start.release_force: missing; needed: a 3-vector [N] for each of the nodes")
     if not isinstance(forces, Array):
         forces = np.asarray(forces, model.dtype)
     return scatter_add(index, forces, model.free_nodes)

@@ -21,8 +21,8 @@ The candidate of largest gain is freed in this model, and the others are tested 
 that seems to be missing only because another one is missing is not.
 
 For laws outside the list, the coefficients of drag must not change with time or amplitude: a candidate whose derivative
-in each window is that of the coefficient, multiplied by the window's mean time or RMS rate. They are tested once the
-forces explain no more.
+in each window is that of the coefficient, multiplied by the window's mean time or RMS rate. They are candidates of the
+same family, but are freed only once no force is shown.
 """
 
 from __future__ import annotations

@@ -54,7 +54,8 @@ class FileOptions:
         counts: counts per turn of an encoder.
         lengths: of the links [m].
         mass: of each link's end [kg].
-        begin: start of the span that is used, on the file's clock [s].
+        begin: start of the span that is used, on the trace's clock [s], which is the file's unless that starts late
+            (`LATEST_START`).
     """
 
     columns: Mapping[str, str] | None = None

@@ -145,8 +145,8 @@ def find_delay(motion: Trace, trace: Trace, near: float | None = None) -> Delay:
     if np.isinf(misfit).all():
         raise SceneError(f"{trace.name}: does not overlap with the first recording; needed: recordings of one motion")
     tried = [_refine(reference, t, theta, delays[i], step) for i in _best_minima(misfit)]
-    most = max(ALIKE_RATIO * min(one.misfit for one in tried), INTERPOLATION_ERROR * float(np.nanstd(theta)))
-    alike = [one for one in tried if one.misfit < most]
+    most = max(ALIKE_RATIO * min(one.misfit for one in tried), INTERPOLATION_ERROR * _rms_deviation(theta))
+    alike = [one for one in tried if one.misfit <= most]
     alike.sort(key=lambda one: abs(one.value - (near or 0.0)))
     others = [one.value for one in alike[1:] if abs(one.value - alike[0].value) > DISTINCT_STEPS * step]
     return alike[0]._replace(alike=tuple(others[:3]))
@@ -209,9 +209,15 @@ def _misfit(motion: Trace, t: np.ndarray, theta: np.ndarray) -> float:
     inside = (t >= motion.t[0]) & (t <= motion.t[-1])
     off = wrap(theta[inside] - motion.at(t[inside]))
     known = np.isfinite(off)
-    if known.sum(axis=0).min() < max(FEWEST, ROWS_SHARE * OVERLAP * len(theta)):
+    possible = len(theta) * min(1.0, np.ptp(motion.t) / np.ptp(t))
+    if known.sum(axis=0).min() < max(FEWEST, ROWS_SHARE * OVERLAP * possible):
         return np.inf
-    return float(np.sqrt(np.mean(np.nanvar(off, axis=0))))
+    return _rms_deviation(off)
+
+
+def _rms_deviation(theta: np.ndarray) -> float:
+    """RMS [rad] of angles (k, n) about the mean of each link; missing ones are left out."""
+    return float(np.sqrt(np.mean(np.nanvar(theta, axis=0))))
 
 
 def find_zeros(motion: Trace, trace: Trace, delay: float) -> np.ndarray:

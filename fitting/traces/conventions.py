@@ -181,7 +181,7 @@ FASTEST = 15.0
 
 
 def _check_unit(trace: Trace, model: Model, unit: str | None) -> None:
-    """Ask for the unit if the nodes move too fast for radians (or, with degrees specified, too slowly for degrees).
+    """Ask for the unit if the nodes move too fast for radians, or move as radians would where degrees are specified.
 
     In a fall from twice the length of the chain to its lowest point a node reaches v^2/2 = 2 g sum L. The typical frame
     of a motion in radians is slower; degrees make v^2 3300 times larger.
@@ -198,7 +198,8 @@ def _check_unit(trace: Trace, model: Model, unit: str | None) -> None:
     rate = np.abs(np.diff(trace.theta, axis=0) / np.diff(trace.t)[:, None])
     if unit == "deg" and largest < np.pi and np.nanmax(rate) < fastest:
         raise SceneError(
-            f"{trace.name}: theta stays within 3.14 and looks like radians, but the unit is deg; allowed: rad"
+            f"{trace.name}: theta stays within 3.14 and looks like radians, but the unit is deg. Use --unit rad, or "
+            "write the angles of such a small swing in radians"
         )
 
 

@@ -253,6 +253,15 @@ def test_a_folder_of_another_user_is_not_used(tmp_path, monkeypatch):
     assert store_programs(tmp_path) is None
 
 
+@pytest.mark.skipif(not hasattr(os, "getuid"), reason="no owners of files here")
+@pytest.mark.parametrize("mode", [0o770, 0o707])
+def test_a_folder_that_others_may_write_is_not_used(tmp_path, mode):
+    folder = tmp_path / "programs"
+    assert stored.open_folder(folder) == folder
+    folder.chmod(mode)
+    assert stored.open_folder(folder) is None
+
+
 def test_a_folder_that_cannot_be_made_is_not_used(tmp_path):
     (tmp_path / "file").write_text("")
     assert store_programs(tmp_path / "file" / "folder") is None

@@ -33,7 +33,7 @@ from dropper_jax.sea.spec import WaveSpec
 
 def standards(what: str) -> dict[str, Table]:
     """`factors` or load `cases` by name of the standard, each with edition and clause."""
-    return tomllib.loads((resources.files("dropper_jax") / "data" / "standards.toml").read_text())[what]
+    return tomllib.loads((resources.files("dropper_jax") / "data" / "standards.toml").read_text(encoding="utf-8"))[what]
 
 
 def read_years(value: Plain, path: str) -> str:

@@ -122,6 +122,19 @@ def test_the_delay_is_found_before_any_fit_and_another_period_is_named(motion):
     assert chosen.parameters[-1].value == pytest.approx(1.2, abs=1e-3)
 
 
+def test_the_delay_of_a_recording_much_longer_than_the_first_is_found():
+    t = np.arange(0.0, 60.0, 0.01)
+    whole = Trace("whole", t, np.pi / 2 + 0.3 * np.sin(2 * np.pi * t + 0.1 * t**2)[:, None])
+    first = Trace("first", t[:500], whole.theta[3000:3500])
+    assert find_delay(first, whole).value == pytest.approx(30.0, abs=5e-3)
+
+
+def test_recordings_at_rest_fit_at_any_delay():
+    t = np.arange(0.0, 5.0, 0.01)
+    rest = Trace("rest", t, np.full((len(t), 1), np.pi / 2))
+    assert find_delay(rest, replace(rest, name="again")).misfit == 0.0
+
+
 @pytest.mark.parametrize("sign", [1, -1])
 def test_the_sign_of_a_recording_that_starts_within_the_swing_is_that_of_the_first_one(motion, sign):
     """A hanging chain has no sign of its own: a file that states none is read as the first recording shows it."""

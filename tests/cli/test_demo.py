@@ -27,6 +27,7 @@ def short(monkeypatch):
     return few
 
 
+@pytest.mark.check
 @pytest.mark.slow
 def test_the_demo_ends_with_a_calibration_marked_as_synthetic(short, tmp_path, printed):
     out, err = printed(["demo", "--out", str(tmp_path), "--json"])

@@ -244,6 +244,7 @@ def test_python_of_every_page_is_run_somewhere():
             compile(text, key, "exec")
 
 
+@pytest.mark.check
 def test_the_gradient_of_a_run_in_the_readme_is_that_of_two_runs():
     (text,) = [text for text in blocks(ROOT / "README.md", "python") if "jax.grad" in text]
     names = {}

@@ -144,6 +144,7 @@ def test_gradient_of_a_rocking_spar_against_differences(spar, slopes_of):
     slopes_of(lean, buoyancy.pieces.radius, 1e-5)
 
 
+@pytest.mark.check
 def test_second_derivatives_of_the_buoyancy_of_cylinders_under_in_and_above_the_surface_are_finite_and_exact():
     ends = np.array([[[0, 0, -5], [0.3, 0, -3]], [[0, 0, -1.2], [0.9, 0, 1]], [[0, 0, 2], [1, 0, 2.05]]], float)
     length = jnp.asarray(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1))

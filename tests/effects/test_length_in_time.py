@@ -108,6 +108,7 @@ def differences(model, run, length, breaks=()):
     return position, np.max(np.abs(booked - drum)) / np.max(np.abs(drum))
 
 
+@pytest.mark.check
 def test_mass_on_a_spring_of_changing_length_agrees_with_dop853_to_second_order():
     model, start = dj.build(scene(table()))
     runs = (run_of(model, start, "energy_momentum", count) for count in (400, 800, 3200))

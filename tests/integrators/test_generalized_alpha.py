@@ -58,6 +58,7 @@ def test_a_static_pose_stays(one_line):
     assert np.max(np.abs(run.tension - run.tension[0])) < 1e-5
 
 
+@pytest.mark.check
 @pytest.mark.slow
 def test_gradients_of_a_driven_line_agree_with_differences_forward_and_reverse(chain, slopes_of):
     effects = {"weight": {}, "end_motion": {"point": "right", "amplitude": [0.02, 0.0, 0.03], "period": 1.0}}
@@ -94,6 +95,7 @@ def test_the_damper_of_a_slack_line_brakes_in_one_law_and_not_in_the_other(chain
         assert float(path.v[-1, -1, 2]) == pytest.approx(expected, rel=close), (law, integrator)
 
 
+@pytest.mark.check
 @pytest.mark.parametrize("law", ["rope", "damped_rope"])
 def test_both_rope_laws_are_those_of_the_explicit_scheme(one_line, law):
     scene = load_scene(driven(one_line, law)).with_values({"run.dt": 2e-3, "run.duration": 1.5})

@@ -157,6 +157,7 @@ def test_links_that_collapse_under_compression_are_warned_of(law, warned):
     assert all("Use axial law 'elastic'" in text for text in found)
 
 
+@pytest.mark.check
 def test_a_start_that_collapses_under_compression_is_refused_and_the_law_that_holds_is_named():
     """A rod between points that are closer together than its length: it buckles, a rope collapses."""
     points = [{"name": "wall", "position": [0.0, 0.0, 0.0]}, {"name": "tip", "position": [0.6, 0.0, 0.0]}]

@@ -47,6 +47,7 @@ def found(table):
     return pose
 
 
+@pytest.mark.check
 @pytest.mark.slow
 def test_a_rope_of_one_line_that_sags_onto_the_bed_is_the_catenary_with_a_part_on_it():
     length, across, depth, links = 7.8, 6.1, 3.2, 20

@@ -187,6 +187,7 @@ def test_checkpointing_changes_no_derivative():
 
 
 # schemes alone are in test_step_derivatives.py
+@pytest.mark.check
 @pytest.mark.slow
 def test_the_dense_solver_has_equal_forward_and_reverse_derivatives_and_differences(both_modes):
     stepper = dj.make_stepper(model_of(SMALL), "energy_momentum", "dense", iterations=16).plain

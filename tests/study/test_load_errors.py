@@ -33,6 +33,7 @@ def row(scene, **run):
     return found, found["loads"][0]
 
 
+@pytest.mark.check
 @pytest.mark.slow
 def test_errors_of_a_bounce_hold_and_are_not_much_too_large(falling, bounce):
     """One link, so that the step is all there is to err; twice the links is another pendulum of springs."""

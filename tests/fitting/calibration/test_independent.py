@@ -78,6 +78,7 @@ def test_a_pose_held_before_the_release_is_found_and_is_no_part_of_the_fit(two, 
     np.testing.assert_allclose(result.uncertainty.std_error, other.uncertainty.std_error, rtol=0.02)
 
 
+@pytest.mark.check
 def test_one_run_follows_the_trace_and_reports_how_long(two, ten, motion, tmp_path):
     """Against SciPy's motion without its noise; with twice the damping the run leaves the trace early."""
     found = predict(ten[0])
@@ -179,6 +180,7 @@ def test_gradient_descent_ends_at_the_defaults_estimate_gap_weight_and_errors(pr
     assert np.all(np.abs(result.solution.step_bias) < LARGEST_BIAS)
 
 
+@pytest.mark.check
 def test_descent_stops_near_the_minimum_along_every_combination_of_the_parameters(prepared):
     """g' S^-1 g of separate windows at its end, by the normal equations of Gauss-Newton."""
     problem = replace(prepared.problem(), descent=GradientDescent("adam"))

@@ -160,6 +160,7 @@ def test_wrong_recordings_are_refused_in_one_line(motion, refusal):
     assert re.search(r"recording\.B\.offset.*does not exist", unknown)
 
 
+@pytest.mark.check
 @pytest.mark.slow
 def test_a_report_shows_recordings_that_miss_a_link_and_frames_of_the_same_times(motion, fitted, tmp_path):
     first = recorded(motion)

@@ -30,4 +30,4 @@ def test_a_turn_is_continuous_over_blocks_of_saved_states(monkeypatch):
         "start": {"kind": "points"},
     }
     yaw = dj.simulate(scene).body("top")["body_attitude"][:, 2]
-    np.testing.assert_allclose(yaw, 6.0 * 0.01 * np.arange(301), rtol=1e-3)
+    np.testing.assert_allclose(yaw, 6.0 * 0.01 * np.arange(301), rtol=1e-3, atol=1e-12)

@@ -99,5 +99,8 @@ def season_table(scene: Scene, months: Sequence[float] | None = None) -> list[Ta
 def _bare_ropes(line: LineSpec) -> list[tuple[float, float]]:
     """Mass [kg/m] and diameter [m] of the ropes that a line is made of, each once."""
     mass = np.round(line.mass / line.length, 9)  # links of one rope differ by the rounding of their lengths
-    ropes = np.column_stack([mass, line.needed_diameter])
-    return list(dict.fromkeys(map(tuple, ropes.tolist())))
+    ropes = []
+    for of_link in zip(mass.tolist(), line.needed_diameter.tolist(), strict=True):
+        if of_link not in ropes:
+            ropes.append(of_link)
+    return ropes

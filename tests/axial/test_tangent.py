@@ -56,6 +56,7 @@ def forward(high: float, tangent: dj.SlackTangent | None) -> tuple[float, float,
     return float(value), float(slope), np.asarray(tension)
 
 
+@pytest.mark.check
 def test_the_law_of_derivatives_leaves_runs_unchanged():
     for high in (STRETCHED, DROPPED):
         value, _, tension = forward(high, dj.SlackTangent())

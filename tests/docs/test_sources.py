@@ -3,9 +3,12 @@
 import json
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).parents[2]
 
 
+@pytest.mark.check
 def test_numbers_next_to_the_sources_tables_are_those_of_the_scenes():
     import sources
 

@@ -99,6 +99,7 @@ def test_energy_of_a_bent_circle_is_ei_over_2_r2_per_length_and_the_force_its_gr
         assert float(force[node, axis]) == pytest.approx(-float(slope), rel=1e-5, abs=1e-4)
 
 
+@pytest.mark.check
 def test_a_line_with_bending_runs_and_keeps_its_energy():
     scene = beam(4, weight=20.0, EI=200.0)
     scene["point"][1] |= {"position": [9.9, 0.0, 0.0], "kind": "free", "mass": 1.0}
@@ -156,6 +157,7 @@ def test_a_single_line_is_clamped_as_systems_are():
     np.testing.assert_allclose(solution.bending_moment[0], moment, rtol=1e-3, atol=1e-9)
 
 
+@pytest.mark.check
 def test_a_heavy_cantilever_is_the_elastica_that_scipy_finds():
     load, EI, length = 1.0, 200.0, 10.0  # w L^3/EI = 5: it hangs down by half its length
     # EI theta'' = w (L - s) cos theta, theta upwards: the moment EI theta' falls by the weight beyond

@@ -91,6 +91,7 @@ def test_its_moment_at_the_wall_is_that_of_the_bent_rod(shaken):
     assert np.max(np.abs(found - exact)) < 5e-3 * np.max(exact)
 
 
+@pytest.mark.check
 def test_the_work_of_the_clamp_closes_the_balance(shaken):
     names = list(shaken.work_names)
     done = np.abs(shaken.work[:, names.index("clamp_motion")])

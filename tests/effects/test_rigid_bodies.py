@@ -57,6 +57,7 @@ def test_free_body_tumbles_as_eulers_equations_say_and_keeps_its_energy(tumbling
     assert attitude_error(tumbling) < 2e-3
 
 
+@pytest.mark.check
 def test_attitude_converges_with_second_order(tumbling):
     halved = dj.simulate(stone(dt=0.02))
     assert np.log2(attitude_error(halved) / attitude_error(tumbling)) == pytest.approx(2.0, abs=0.05)

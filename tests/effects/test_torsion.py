@@ -162,6 +162,7 @@ def test_joined_lines_twist_as_one_rod():
     assert np.ptp(one.twist[:, -1]) > 0.1
 
 
+@pytest.mark.check
 def test_a_joined_line_that_runs_the_other_way_passes_the_same_torque():
     scene = two_pieces(True, last="held", first="held", turn=0.0, coupling=COUPLING, torque=0.0)
     scene["line"][0] |= {"from": "middle", "to": "a"}  # last points: the rod's upper end, and `middle`
@@ -173,6 +174,7 @@ def test_a_joined_line_that_runs_the_other_way_passes_the_same_torque():
     np.testing.assert_allclose(run.torque[:, :2:-1], straight.torque[:, 3:], rtol=1e-9)
 
 
+@pytest.mark.check
 def test_lines_that_are_not_joined_pass_no_torque():
     apart = dj.simulate(two_pieces(False, pairs=False, torque=MOMENT))
     np.testing.assert_allclose(apart.torque[-1], MOMENT, rtol=1e-9)  # each has the moment at its own last point

@@ -43,6 +43,7 @@ def swing(solution: dj.Solution) -> float:
     return float((3.0 - RHO * np.pi / 4 * 0.06**2 * 0.5) * 9.81 * np.sum(z + 0.5 * np.arange(1, 8)))
 
 
+@pytest.mark.check
 @pytest.mark.parametrize("inertia", [SAME, pytest.param(LAGRANGIAN, marks=pytest.mark.check)])
 def test_added_mass_conserves_energy_in_still_water(inertia):
     solution = simulate(chain({"morison_inertia": inertia}))

@@ -97,6 +97,7 @@ def test_wear_by_the_derivative_is_that_of_another_equilibrium(answers):
     assert row.worn_use == pytest.approx(row.use, rel=0.02)
 
 
+@pytest.mark.check
 def test_wear_of_a_straight_table_is_that_of_its_stiffness(answers):
     scene = chain(120.0, 160.0)
     scene["line"][0]["axial"] = {"law": "tabulated", "strain": [0.0, 0.5], "tension": [0.0, 1.5e8], "damping": 4e6}

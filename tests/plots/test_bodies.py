@@ -48,6 +48,7 @@ def solution():
     return dataclasses.replace(ran, body_position=place.copy(), body_attitude=turn.copy())
 
 
+@pytest.mark.check
 def test_outlines_are_those_of_the_turned_shapes(solution):
     bodies = readable(solution).bodies
     cylinder, sphere = bodies.outlines(-1, lambda places: places[:, [0, 2]])

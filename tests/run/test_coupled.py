@@ -103,6 +103,7 @@ def following():
     return dj.Coupled(FOLLOWING, points=ENDS, accelerations=True)
 
 
+@pytest.mark.check
 def test_steps_from_outside_are_divided_as_the_accuracy_of_the_scene_requires(following):
     """The run with the same motion that saves at the same times; its ends start with a jump of speed."""
     whole = dj.simulate({**moved(), "run": {**FOLLOWING["run"], "save_interval": 0.1}})

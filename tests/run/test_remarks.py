@@ -148,6 +148,7 @@ def bent_rope(law):
     )
 
 
+@pytest.mark.check
 @pytest.mark.parametrize(("law", "warned"), [("rope", True), ("elastic", False)])
 def test_links_that_collapse_under_compression_are_warned_of(law, warned):
     """A rod stands on its clamp: it carries its weight by compression, which a rope does not."""

@@ -114,6 +114,7 @@ FLOAT = system(
 )
 
 
+@pytest.mark.check
 def test_a_float_goes_through_the_cycle_and_scenes_keep_their_tides():
     scene = dj.load_scene(FLOAT)
     assert dj.Scene.from_dict(scene.to_dict()) == scene

@@ -220,6 +220,7 @@ def test_a_scene_without_a_step_follows_an_accuracy_and_saves_some_hundred_state
     assert (run.interval, run.rows) == (0.005, 100)
 
 
+@pytest.mark.check
 @pytest.mark.slow
 @pytest.mark.parametrize("checkpoint", [False, pytest.param(True, marks=pytest.mark.check)])
 def test_a_run_along_the_steps_taken_is_the_same_and_has_derivatives_in_both_modes(

@@ -97,6 +97,7 @@ def follow(tolerance):
     return {"accuracy": 1000.0 * tolerance}
 
 
+@pytest.mark.check
 @pytest.mark.parametrize(("scheme", "order", "tolerances"), [("tsit5", 5, (1e-5, 1e-9)), ("dop853", 8, (1e-5, 1e-9))])
 def test_the_error_follows_the_tolerance_and_the_steps_its_root(released, scheme, order, tolerances):
     (coarse, far), (fine, near) = (released(scheme, tolerance) for tolerance in tolerances)

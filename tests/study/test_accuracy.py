@@ -65,6 +65,7 @@ def test_a_system_of_lines_is_measured_and_its_tensions_are_compared_at_one_time
     assert 3.5 < coarse["rms_tension_error_n"] / fine["rms_tension_error_n"] < 4.5
 
 
+@pytest.mark.check
 def test_the_reference_is_a_hundred_times_better_than_what_it_measures(report) -> None:
     found = report[1]
     assert found["reference"]["independent"]

@@ -81,6 +81,7 @@ def test_hanging_mass_with_quadratic_drag_is_the_scalar_fixed_point(response, st
     assert response.slack[state, 0] == (3.0 * deviation > MASS * GRAVITY)
 
 
+@pytest.mark.check
 def test_spectra_integrate_to_the_variances(response):
     omega, tension, motion = response.spectra(1)
     width = np.gradient(omega)

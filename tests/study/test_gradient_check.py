@@ -59,6 +59,7 @@ def test_wrong_forms_are_refused_in_one_line():
         dj.check_gradient(jnp.sum, jnp.ones(2), jnp.ones(2), size=2.0)
 
 
+@pytest.mark.check
 def test_the_gradient_of_a_run_is_trusted_by_two_runs():
     model, start = dj.build("dropper-release-a")
     stepper = dj.make_stepper(model, "rattle", track_work=False)

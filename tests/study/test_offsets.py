@@ -43,6 +43,7 @@ def curves():
     return offset_curves(dj.load_scene(CHAINS), ["middle"], [0.0, 90.0], [0.0, 2.0, 4.0])
 
 
+@pytest.mark.check
 def test_forces_of_two_chains_are_those_of_the_catenary(curves):
     for row in curves:
         assert row["status"] == "ok"

@@ -9,6 +9,7 @@ from dropper_jax import as_toml
 from dropper_jax.study.response import responses
 
 
+@pytest.mark.check
 def test_mean_amplitude_and_phase_are_those_of_scipy(tmp_path, json_of):
     scene = sea_cases.pendulum().with_values({"run.duration": 36.0})
     period = 6.0

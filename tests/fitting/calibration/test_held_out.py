@@ -12,6 +12,7 @@ SPAN = (6.0, 8.4)
 pytestmark = pytest.mark.usefixtures("optimised")
 
 
+@pytest.mark.check
 def test_a_run_that_ends_three_frames_into_a_held_out_span_does_not_lower_its_score(ready, two, motion):
     """Windows of three frames fit noise: the score of two such runs was 0.7 times the noise."""
     whole = two.seen(motion, 0)

@@ -35,6 +35,7 @@ def test_missing_forces_have_the_derivatives_of_the_effects_and_change_nothing_a
     assert len(set(names)) == len(names)
 
 
+@pytest.mark.check
 def test_right_laws_end_ok(ten):
     """Ten noises of one right rig: at the level of 1 % over the family one of ten may be flagged, with bad luck."""
     assert sum(result.status == "model_error" for result in ten) <= 1

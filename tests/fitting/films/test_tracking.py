@@ -69,6 +69,7 @@ def test_angles_from_video_are_within_a_fifth_of_a_degree_and_no_node_is_swapped
     assert np.isfinite(error).mean() > 0.9
 
 
+@pytest.mark.check
 def test_a_covered_marker_is_left_empty_and_found_again(tracked_lab):
     _, trace = tracked_lab
     assert np.isnan(trace.theta[60:70, 2:4]).all()

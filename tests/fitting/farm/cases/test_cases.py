@@ -147,6 +147,7 @@ def test_a_run_keeps_the_loads_of_a_plain_simulation_of_its_scene(site, folder):
     np.testing.assert_allclose(east["z.buoy.mean"], buoy.mean(), rtol=1e-9)
 
 
+@pytest.mark.check
 def test_quantities_by_name_are_in_the_report_and_wrong_ones_are_refused(found):
     rows = found["cases"][0]["quantities"]
     assert set(rows) == set(SITE["quantities"])

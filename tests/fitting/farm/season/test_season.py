@@ -110,6 +110,7 @@ def test_the_schedule_holds_and_its_margins_are_those_of_its_poses(found):
     assert found["visits"] == sum(a != b for a, b in itertools.pairwise(floats))
 
 
+@pytest.mark.check
 def test_the_season_is_written_as_a_page_with_every_month(found, tmp_path):
     files = write_season(found, tmp_path)
     text = files["page"].read_text()

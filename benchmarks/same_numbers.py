@@ -94,12 +94,15 @@ def single_steps(case: Case, states: Sequence[dj.State]) -> dict[str, np.ndarray
 
 
 def arrays(s: dj.State) -> dict[str, np.ndarray]:
-    """All arrays of a state as float64, such as `r.0` and `law.0`."""
-    return {
-        f"{field.name}.{i}": np.asarray(leaf, np.float64)
-        for field in dataclasses.fields(s)
-        for i, leaf in enumerate(jax.tree.leaves(getattr(s, field.name)))
-    }
+    """Arrays of a state by field and number, as float64; options are not kept."""
+    found = {}
+    for field in dataclasses.fields(s):
+        value = getattr(s, field.name)
+        if isinstance(value, bool):
+            continue
+        for i, leaf in enumerate(jax.tree.leaves(value)):
+            found[f"{field.name}.{i}"] = np.asarray(leaf, np.float64)
+    return found
 
 
 def rebuilt(start: dj.State, kept: Arrays) -> dj.State:

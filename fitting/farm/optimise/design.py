@@ -269,23 +269,6 @@ class Design:
             return runs
         return replace(runs, slopes=slopes)
 
-    def update_slopes(self, before: WindowRuns, runs: WindowRuns) -> WindowRuns:
-        """Runs of another design with the derivatives of a design before, corrected by what the step changed.
-
-            J + (dg - J d) d'W/(d'W d),    W = 1/range^2
-
-        This is the smallest correction that predicts the step (Broyden 1965, good method).
-        """
-        step = runs.x - before.x
-        p = len(step)
-        weighted = step / np.array([v.span for v in self.variables]) ** 2
-        slopes = []
-        for own, old, new in zip(before.slopes, before.peaks, runs.peaks, strict=True):
-            updated = own.copy()
-            updated[:, :p] += np.outer(new - old - own[:, :p] @ step, weighted) / (weighted @ step)
-            slopes.append(updated)
-        return replace(runs, slopes=slopes)
-
     def values(self, runs: WindowRuns) -> Values:
         """Objective and constraints of a design by its windows; derivatives of storms are 0 where they are unknown."""
         return self._combine(runs.x, runs.peaks, runs.slopes, runs.solved)

@@ -4,10 +4,10 @@
 
 If the constraints are nonlinear within the reach, a step d that fails is corrected by a second one: the same programme
 with `g(x + d) - J d` for g (Fletcher 1982), so that steps along a limit stay long. A step that lowers the merit
-`objective/scale + P sum max(0, g - 1 + margin)` is taken (Fletcher and Sainz de la Maza 1989). J is found by
-differences at the start of a round, corrected by every step that is taken, and found by differences again where two
-steps in a row fail. After some steps the windows are chosen again from whole runs. A design is accepted if its whole
-runs meet all constraints, and the search ends with the best of these.
+`objective/scale + P sum max(0, g - 1 + margin)` is taken (Fletcher and Sainz de la Maza 1989). Derivatives are those of steps that
+are taken. After a round of some steps the windows are chosen again from whole runs, so that the last step of a round
+needs no derivatives. A design is accepted if its whole runs meet all constraints, and the search ends with the best of
+these.
 """
 
 from __future__ import annotations
@@ -120,22 +120,15 @@ def run_round(
     renew = settings.renew if (search.residual or 0.0) <= RESIDUAL else 1
     search.reach = max(search.reach, LEAST_REACH * settings.reach)
     taken = 0
-    failed = 0
     while one.runs.slopes and taken < renew and one.tried < 3 * settings.renew and search.reach > SMALLEST_REACH:
         last = one.attempt_corrected()
         if last is None:
-            if not one.updated:
-                break
-            one.differentiate()
-            continue
+            break
         if last.good:
             one.take(last)
             taken += 1
-            failed = 0
-        else:
-            failed += 1
-        if failed > 1 and one.updated:
-            one.differentiate()
+            if taken < renew:
+                one.differentiate()
         if last.won < 0.25 * last.gain:  # a step that did not use its full reach would be tried again
             search.reach = 0.4 * min(search.reach, last.size)
         elif last.won > 0.6 * last.gain:
@@ -169,7 +162,6 @@ class _Round:
     Attributes:
         runs: of the current design; `here`: its values.
         tried: number of steps tried.
-        updated: whether the derivatives have been corrected by steps since differences were taken.
     """
 
     search: Search
@@ -179,7 +171,6 @@ class _Round:
     say: Progress
     runs: WindowRuns
     tried: int = 0
-    updated: bool = False
 
     def __post_init__(self) -> None:
         self.here = self.design.values(self.runs)
@@ -188,16 +179,14 @@ class _Round:
         """Derivatives of the current design by differences."""
         self.runs = self.design.differentiate(self.runs, self.say)
         self.here = self.design.values(self.runs)
-        self.updated = False
 
     def take(self, step: _Attempt) -> None:
-        """Make the design of a step the current one, and correct the derivatives by it."""
-        if step.runs is None:
+        """Make the design of a step the current one."""
+        if step.runs is None or step.values is None:
             raise ValueError("a step whose windows failed is not taken")
-        self.runs = self.design.update_slopes(self.runs, step.runs)
-        self.here = self.design.values(self.runs)
+        self.runs = step.runs
+        self.here = step.values
         self.search.x = step.x
-        self.updated = True
 
     @property
     def limit(self) -> float:
@@ -285,14 +274,8 @@ def measure(
     return windows, found
 
 
-def snap_to_catalogue(search: Search, design: Design, values: Values) -> np.ndarray | None:
-    """The design with variables on sizes of their catalogues, each the neighbour with the lowest cost to first order.
-
-    Returns:
-        None if no variable has a catalogue.
-    """
-    if not any(v.catalogue for v in design.variables):
-        return None
+def snap_to_catalogue(search: Search, design: Design, values: Values) -> np.ndarray:
+    """The design with variables on sizes of their catalogues: the neighbours with the lowest cost to first order."""
     x = search.x.copy()
     limit = 1.0 - design.settings.margin
     for k, variable in enumerate(design.variables):
@@ -330,9 +313,11 @@ def run_search(search: Search, design: Design, save: Callable[[], None], say: Pr
         if search.fixed is None and (not still_better or search.round >= settings.rounds):
             if search.best is not None:
                 search.x = search.best.copy()
-            x = snap_to_catalogue(search, design, here)
-            if x is None:
+            if not any(v.catalogue for v in design.variables):
                 continue
+            say(0.0, "sizes of the catalogues: derivatives")
+            runs = design.differentiate(design.run_windows(search.x, windows, say), say)
+            x = snap_to_catalogue(search, design, design.values(runs))
             # sizes are fixed, and the other variables are optimised again
             search.fixed = np.array([bool(v.catalogue) for v in design.variables])
             search.x = x

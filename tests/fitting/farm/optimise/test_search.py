@@ -111,7 +111,6 @@ def design_of(of, variables, **settings):
         run_windows=lambda x, *_: SimpleNamespace(found=of(x), solved=True, slopes=[]),
         values=lambda runs: runs.found,
         differentiate=lambda runs, say: with_slopes(runs),
-        update_slopes=lambda before, runs: with_slopes(runs),
         measure=lambda x, say: ((), of(x)),
     )
 
@@ -148,29 +147,20 @@ def test_a_round_ends_at_a_design_whose_derivatives_cannot_be_run():
     assert search.history == []
 
 
-def test_slopes_follow_steps_between_differences():
-    """Slopes at the start of a round alone, of half the true size: the first step corrects them."""
+def test_the_last_step_of_a_round_is_not_differentiated():
     differences = []
 
     def looked(x):
-        return Values(float(x[0]), np.ones(1), ("a",), np.array([2.0 - x[0]]), np.array([[-0.5]]))
+        return Values(float(x[0]), np.ones(1), ("a",), np.array([0.5]), np.zeros((1, 1)))
 
-    design = design_of(looked, [SimpleNamespace(low=0.0, high=3.0, span=1.0)], renew=4)
-
-    def differentiate(runs, say):
-        differences.append(runs.found.objective)
-        return SimpleNamespace(found=runs.found, slopes=[-0.5])
-
-    def update(before, runs):
-        found = dataclasses.replace(runs.found, slopes=np.array([[-1.0]]))
-        return SimpleNamespace(found=found, slopes=[-1.0])
-
-    design.differentiate = differentiate
-    design.update_slopes = update
-    found = search_round(Search(np.array([2.0]), 0.4, scale=1.0), design)
-    assert found.value[0] == pytest.approx(1.0)
-    assert differences[0] == 2.0
-    assert len(differences) <= 2
+    design = design_of(looked, [SimpleNamespace(low=0.0, high=3.0, span=1.0)], renew=3, reach=0.1)
+    differentiate = design.differentiate
+    design.differentiate = lambda runs, say: differences.append(runs.found.objective) or differentiate(runs, say)
+    search = Search(np.array([2.0]), 0.1, scale=1.0)
+    found = search_round(search, design)
+    assert sum(row["taken"] for row in search.history) == 3
+    assert len(differences) == 3
+    assert differences[-1] > found.objective
 
 
 def test_steps_along_a_curved_limit_stay_long():

@@ -4,10 +4,10 @@
 
 If the constraints are nonlinear within the reach, a step d that fails is corrected by a second one: the same programme
 with `g(x + d) - J d` for g (Fletcher 1982), so that steps along a limit stay long. A step that lowers the merit
-`objective/scale + P sum max(0, g - 1 + margin)` is taken (Fletcher and Sainz de la Maza 1989). Derivatives are those of steps that
-are taken. After a round of some steps the windows are chosen again from whole runs, so that the last step of a round
-needs no derivatives. A design is accepted if its whole runs meet all constraints, and the search ends with the best of
-these.
+`objective/scale + P sum max(0, g - 1 + margin)` is taken (Fletcher and Sainz de la Maza 1989). Derivatives are those of
+steps that are taken. After a round of some steps the windows are chosen again from whole runs, so that the last step of
+a round needs no derivatives. A design is accepted if its whole runs meet all constraints, and the search ends with the
+best of these.
 """
 
 from __future__ import annotations

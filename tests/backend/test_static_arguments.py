@@ -89,7 +89,6 @@ def friction():
     return model, s, plain
 
 
-@pytest.mark.check
 def test_schemes_that_share_a_program_have_their_own_numbers_after_another_run(friction):
     """A weight written into a static scheme gave those of `energy_momentum`, or a tracer of another program."""
     model, s, plain = friction

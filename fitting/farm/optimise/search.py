@@ -116,19 +116,19 @@ def run_round(
     settings = design.settings
     say(0.0, f"round {search.round + 1}: derivatives")
     one = _Round(search, design, windows, save, say, design.run_windows(search.x, windows, say))
-    one.differentiate()
+    if not one.differentiate(one.runs):
+        return replace(one.here, solved=False)
     renew = settings.renew if (search.residual or 0.0) <= RESIDUAL else 1
     search.reach = max(search.reach, LEAST_REACH * settings.reach)
     taken = 0
-    while one.runs.slopes and taken < renew and one.tried < 3 * settings.renew and search.reach > SMALLEST_REACH:
+    while taken < renew and one.tried < 3 * settings.renew and search.reach > SMALLEST_REACH:
         last = one.attempt_corrected()
         if last is None:
             break
-        if last.good:
-            one.take(last)
+        if last.good and one.take(last, differentiate=taken + 1 < renew):
             taken += 1
-            if taken < renew:
-                one.differentiate()
+        elif last.good:
+            last = replace(last, won=-np.inf)
         if last.won < 0.25 * last.gain:  # a step that did not use its full reach would be tried again
             search.reach = 0.4 * min(search.reach, last.size)
         elif last.won > 0.6 * last.gain:
@@ -175,18 +175,27 @@ class _Round:
     def __post_init__(self) -> None:
         self.here = self.design.values(self.runs)
 
-    def differentiate(self) -> None:
-        """Derivatives of the current design by differences."""
-        self.runs = self.design.differentiate(self.runs, self.say)
-        self.here = self.design.values(self.runs)
+    def differentiate(self, runs: WindowRuns) -> bool:
+        """Make the design of these runs the current one, with its derivatives; False if a shifted run fails."""
+        found = self.design.differentiate(runs, self.say)
+        if not found.slopes:
+            return False
+        self.runs = found
+        self.here = self.design.values(found)
+        return True
 
-    def take(self, step: _Attempt) -> None:
-        """Make the design of a step the current one."""
+    def take(self, step: _Attempt, differentiate: bool) -> bool:
+        """Make the design of a good step the current one; False if derivatives are wanted and a shifted run fails."""
         if step.runs is None or step.values is None:
-            raise ValueError("a step whose windows failed is not taken")
-        self.runs = step.runs
-        self.here = step.values
+            raise ValueError("a step whose windows failed is not good")
+        if not differentiate:
+            self.runs = step.runs
+            self.here = step.values
+        elif not self.differentiate(step.runs):
+            self.search.history[-1] |= {"taken": False, "failure": FAILED}
+            return False
         self.search.x = step.x
+        return True
 
     @property
     def limit(self) -> float:
@@ -203,7 +212,10 @@ class _Round:
         if first is None or first.good or first.values is None or violation(first.values, self.limit) == 0.0:
             return first
         seen = first.values.value - self.here.slopes[:, : len(first.step)] @ first.step
-        return self.attempt(replace(self.here, value=seen)) or first
+        corrected = self.attempt(replace(self.here, value=seen))
+        if corrected is None:
+            return first
+        return replace(corrected, size=first.size)  # the reach follows the step of the programme itself
 
     def attempt(self, model: Values) -> _Attempt | None:
         """The step of a model's linear programme within the reach, run; None if it predicts no gain."""
@@ -308,7 +320,7 @@ def run_search(search: Search, design: Design, save: Callable[[], None], say: Pr
         gained = last - search.best_objective if np.isfinite(last) else np.inf
         # windows that were off by more than the margin are other ones now, in which steps may be longer again
         movable = search.reach > SMALLEST_REACH or (search.residual or 0.0) > settings.margin
-        still_better = gained > settings.enough * search.scale or (found.worst > 1.0 and movable)
+        still_better = here.solved and (gained > settings.enough * search.scale or (found.worst > 1.0 and movable))
         last = search.best_objective
         if search.fixed is None and (not still_better or search.round >= settings.rounds):
             if search.best is not None:

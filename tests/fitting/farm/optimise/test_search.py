@@ -138,13 +138,25 @@ def test_no_design_is_tried_twice_where_bounds_cut_a_step_short():
     assert len(set(tried)) == len(tried) > 2
 
 
-def test_a_round_ends_at_a_design_whose_derivatives_cannot_be_run():
+def test_a_design_whose_derivatives_cannot_be_run_is_not_taken():
     looked = lambda x: Values(float(x[0]), np.ones(1), ("a",), np.array([0.5]), np.zeros((1, 1)))  # noqa: E731
     design = design_of(looked, [SimpleNamespace(low=0.0, high=1.0, span=1.0)])
-    design.differentiate = lambda runs, say: runs
+    differentiate = design.differentiate
+    design.differentiate = lambda runs, say: differentiate(runs, say) if runs.found.objective == 1.0 else runs
     search = Search(np.ones(1), 0.4, scale=1.0)
     assert search_round(search, design).objective == search.x[0] == 1.0
-    assert search.history == []
+    assert {row["failure"] for row in search.history} == {"steps of a window fail"}
+    assert not any(row["taken"] for row in search.history)
+
+
+def test_a_search_ends_at_a_start_whose_derivatives_cannot_be_run():
+    beyond = lambda x: Values(float(x[0]), np.ones(1), ("a",), np.array([1.5]), np.zeros((1, 1)))  # noqa: E731
+    variable = SimpleNamespace(low=0.0, high=1.0, span=1.0, catalogue=())
+    design = design_of(beyond, [variable], rounds=8)
+    design.differentiate = lambda runs, say: runs
+    search = Search(np.ones(1), 0.4)
+    run_search(search, design, lambda: None, silent)
+    assert (search.round, search.best) == (1, None)
 
 
 def test_the_last_step_of_a_round_is_not_differentiated():

@@ -11,7 +11,7 @@ from hard_scenes import single_line
 import dropper_jax as dj
 from dropper_jax import SceneError, build_model, load_scene
 from dropper_jax.cli import main
-from fitting import Camera, Convention, Method, fit, observe, prepare, simulate_truth, write_trace
+from fitting import Camera, Convention, Method, Trace, fit, observe, prepare, simulate_truth, write_trace
 from fitting.calibration import short_windows
 from fitting.calibration.likely_cause import fit_short_windows
 from fitting.calibration.short_windows import name_wrong_file
@@ -218,3 +218,20 @@ def test_a_fit_of_a_wrong_file_is_not_ok_and_names_the_reason(two, rods, ready, 
     assert "angles are relative to the link before" in result.message
     assert result.wrong_file not in result.warnings  # it is the error line already
     assert "angles are relative" in result.to_json()["error"]
+
+
+@pytest.mark.parametrize(("amplitude", "refused"), [(0.004, False), (0.2, True)])
+def test_a_gap_at_the_end_of_a_decay_is_no_second_run_unless_the_swing_is_large(amplitude, refused):
+    """A link that swings by 0.6 rad at first, and after a gap by more than before it: by rounding, or a second run."""
+    model = build_model(load_scene(single_line([0.2], 0.05, {"kind": "angles", "polar": [0.6], "zero": "down"}, None)))
+    t = np.arange(0.0, 60.0, 0.01)
+    size = np.where(t < 50.1, 0.6 * np.exp(-t / 9.0), amplitude)
+    theta = 0.5 * np.pi + size * np.cos(np.sqrt(9.81 / 0.2) * t)
+    kept = (t < 50.0) | (t > 50.2)
+    trace = Trace("decay", t[kept], theta[kept][:, None])
+    judge = partial(refuse_rising_energy, trace, model, [(0.0, 60.0)], 2 * np.pi * np.sqrt(0.2 / 9.81))
+    if refused:
+        with pytest.raises(SceneError, match="two runs in one file"):
+            judge()
+    else:
+        judge()

@@ -68,7 +68,12 @@ def one_kernel(f: Callable[P, R]) -> Callable[P, R]:
 
     @functools.wraps(f)
     def call(*args: P.args, **kwargs: P.kwargs) -> R:
-        return _call_kernel(f, args, kwargs)[0]
+        if not _kernels_allowed():
+            return f(*args, **kwargs)
+        traced = _trace_call(f, args, kwargs)
+        if not _can_be_tagged(traced):
+            return f(*args, **kwargs)  # traced again: outside a kernel it may call Python
+        return traced.call(tagged=True)
 
     return jax.jit(call)
 
@@ -86,27 +91,19 @@ def lower_kernel(
     @functools.wraps(f)
     def call(*args: object) -> object:
         nonlocal is_kernel
-        result, is_kernel = _call_kernel(f, args, {}, max_operations)
-        return result
+        if not _kernels_allowed():
+            return f(*args)
+        traced = _trace_call(f, args, {})
+        is_kernel = _can_be_tagged(traced) and count_operations(traced.program.jaxpr) <= max_operations
+        return traced.call(tagged=is_kernel)
 
     lowered = jax.jit(call).lower(*values)
     return lowered, is_kernel  # set while the line above traces `call`
 
 
-def _call_kernel(
-    f: Callable[..., R], args: Sequence[object], kwargs: dict[str, object], max_operations: float = math.inf
-) -> tuple[R, bool]:
-    """The result of `f`, by a tagged call if it can be one, and whether it is."""
-    if _INSIDE_KERNEL.value or not tags_enabled():
-        return f(*args, **kwargs), False
-    leaves, tree = jax.tree.flatten((args, kwargs))
-    traced = _trace(lambda *leaves: _apply(f, tree, leaves), [jnp.asarray(leaf) for leaf in leaves])
-    if not _can_be_tagged(traced):
-        return f(*args, **kwargs), False
-    if count_operations(traced.program.jaxpr) > max_operations:  # tracing it again takes 2 s for `edulis-longline`
-        results = _call_plain(*traced.values, program=traced.program)
-        return jax.tree.unflatten(traced.results, results), False
-    return jax.tree.unflatten(traced.results, _kernel.bind(*traced.values, program=traced.program)), True
+def _kernels_allowed() -> bool:
+    """Whether a call may be tagged here: not inside another kernel."""
+    return tags_enabled() and not _INSIDE_KERNEL.value
 
 
 def count_operations(jaxpr: core.Jaxpr) -> int:
@@ -179,11 +176,18 @@ class _Traced(NamedTuple):
     values: list[Array]
     results: jax.tree_util.PyTreeDef
 
+    def call(self, tagged: bool) -> Any:
+        """The results of the function, which is not traced again, by a tagged or a plain call."""
+        call = _kernel.bind if tagged else _call_plain
+        return jax.tree.unflatten(self.results, call(*self.values, program=self.program))
 
-def _trace(f: Callable[..., R], values: list[Array]) -> _Traced:
-    """`f` for one kernel; arrays of an outer trace that it contains become arguments of the program."""
+
+def _trace_call(f: Callable[..., object], args: Sequence[object], kwargs: dict[str, object]) -> _Traced:
+    """`f` traced for one kernel; arrays of an outer trace that it contains become arguments of the program."""
+    leaves, tree = jax.tree.flatten((args, kwargs))
+    values = [jnp.asarray(leaf) for leaf in leaves]
     with _INSIDE_KERNEL(True):
-        program, shape = jax.make_jaxpr(f, return_shape=True)(*values)
+        program, shape = jax.make_jaxpr(lambda *leaves: _apply(f, tree, leaves), return_shape=True)(*values)
     outer = [c for c in program.consts if isinstance(c, jax.core.Tracer)]
     if outer:
 

@@ -51,15 +51,10 @@ def _code(text: str, in_table: bool) -> str:
     return f"`{text}`"
 
 
-def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+def markdown_table(head: Sequence[str], *rows: Sequence[str]) -> str:
     """A Markdown table from its heading and its rows."""
-    return markdown_table([head, *rows])
-
-
-def markdown_table(rows: Sequence[Sequence[str]]) -> str:
-    """Rows as a Markdown table; the first one is the heading."""
-    lines = [" | ".join(map(literal, row)) for row in rows]
-    lines.insert(1, " | ".join(["---"] * len(rows[0])))
+    lines = [" | ".join(map(literal, row)) for row in (head, *rows)]
+    lines.insert(1, " | ".join(["---"] * len(head)))
     return "\n".join(f"| {line} |" for line in lines)
 
 

@@ -29,7 +29,7 @@ from __future__ import annotations
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.read import Values, refuse, rises
+from dropper_jax.base.read import Values, plain, refuse, rises
 
 #: Sources of coefficients: the scene's numbers, the rough cylinder above, a table over KC.
 SOURCES = ("given", "rough_cylinder", "table")
@@ -94,12 +94,18 @@ def _check_inside(path: str, found: np.ndarray, table: np.ndarray, name: str) ->
 
 
 def check_source(path: str, values: Values, key: str, word: str) -> None:
-    """Check tables for consistency, and reject missing values of other sources.
+    """Check tables for consistency, and reject missing values and those of other sources.
 
     Args:
         key: the coefficient, `cdn` or `can`; its table is `table_{key}`.
     """
     source = values["coefficients"]
+    takes = {key: "given", "table_kc": "table", f"table_{key}": "table", "table_re": "table"}
+    for name, needed in takes.items():
+        if needed != source and values[name] is not None:
+            raise refuse(
+                f"{path}.{name}", plain(values[name]), f"is not used by coefficients {source!r}", f"with {needed!r}"
+            )
     if source == "given" and values[key] is None and key == "cdn":
         raise SceneError(f"{path}.{key}: missing; needed: {word}, >= 0")
     if source != "table":

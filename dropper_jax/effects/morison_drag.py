@@ -9,7 +9,7 @@ from jax import Array
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.base.numerics import safe_norm
-from dropper_jax.base.read import Values
+from dropper_jax.base.read import Values, plain, refuse
 from dropper_jax.effects.buoyancy import drag_diameter
 from dropper_jax.effects.cylinder import SOURCES, check_source, steady_drag
 from dropper_jax.effects.drag_velocity import drag_velocity
@@ -69,6 +69,14 @@ class MorisonDrag(Effect):
         elif values["turbulence"] is not None:
             raise SceneError("effects.morison_drag.turbulence: is only used with wakes 'porous'")
         check_source("effects.morison_drag", values, "cdn", "drag coefficient across the link")
+        sources = {effect.get("coefficients") for effect in (values, scene.effects.get("morison_inertia", {}))}
+        if values["roughness"] is not None and "rough_cylinder" not in sources:
+            raise refuse(
+                "effects.morison_drag.roughness",
+                plain(values["roughness"]),
+                f"is not used by coefficients {values['coefficients']!r}",
+                "with 'rough_cylinder', here or in effects.morison_inertia",
+            )
 
     @classmethod
     def build(cls, values: Values, scene: SceneData) -> Effect:

@@ -9,7 +9,7 @@ from jax import Array
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, parameter
 from dropper_jax.base.numerics import cross, dot, trace_once
-from dropper_jax.base.read import Values, rises
+from dropper_jax.base.read import Values, plain, refuse, rises
 from dropper_jax.base.springs import REST, lag, mean_positive_part, never_more
 from dropper_jax.model import ContactArea, Effect, Kinematics
 from dropper_jax.scene import SceneData
@@ -44,6 +44,9 @@ class Seabed(Effect):
         grid = [values[key] for key in ("bed_x", "bed_y", "bed_depth") if values[key] is not None]
         if len(grid) in (1, 2):
             raise SceneError("effects.seabed: `bed_x`, `bed_y` and `bed_depth` belong together, one of them is missing")
+        if grid and values["depth"] is not None:
+            allowed = "`depth`, or `bed_x`, `bed_y` and `bed_depth`"
+            raise refuse("effects.seabed.depth", plain(values["depth"]), "cannot be combined with a grid", allowed)
         if grid:
             x, y, depth = map(len, grid)
             if depth != x * y:

@@ -369,6 +369,8 @@ def _with_coefficients(given: Values, sections: Sequence[Section]) -> Table:
     for key, effect in COEFFICIENTS.items():
         if effect not in effects or key in effects[effect]:
             continue
+        if key in ("cdn", "can") and effects[effect].get("coefficients", "given") != "given":
+            continue
         lacking = [s.kind.name for s in sections if getattr(s.kind, key) is None]
         if not lacking:
             effects[effect][key] = _each(sections, lambda s, key=key: float(getattr(s.kind, key)))

@@ -281,11 +281,11 @@ def seabed(lines: list[Table]) -> str:
 
 
 def weights(rows: list[Table]) -> str:
-    return markdown_table(weight_cells(rows))
+    return markdown_table(*weight_cells(rows))
 
 
 def coefficients(rows: list[Table]) -> str:
-    return markdown_table(flow_cells(rows))
+    return markdown_table(*flow_cells(rows))
 
 
 def _worst(key: str, text: str) -> Callable[[Table], str]:

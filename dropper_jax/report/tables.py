@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from typing import TypeVar
 
-from dropper_jax.base.markdown import table
+from dropper_jax.base.markdown import markdown_table
 from dropper_jax.base.read import Table
 from dropper_jax.base.table_cells import Columns, record_cells
 
@@ -19,7 +19,7 @@ Item = TypeVar("Item")
 
 def table_of(columns: Columns, rows: Iterable[Table]) -> str:
     """Rows as a Markdown table."""
-    return table(list(columns), [record_cells(row, columns) for row in rows])
+    return markdown_table(list(columns), *(record_cells(row, columns) for row in rows))
 
 
 def largest(items: Sequence[Item], size: Callable[[Item], float], most: int = SECTION_ROWS) -> list[Item]:
@@ -44,7 +44,7 @@ def largest_table(
         if i < len(lines):
             rows.append(record_cells(lines[i], columns))
         after = i + 1
-    text = table(list(columns), rows)
+    text = markdown_table(list(columns), *rows)
     if len(shown) == len(lines):
         return text
     return f"{text}\n\nThe {which} {len(shown)} of {len(lines)} {what}; report.json has all."

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from dropper_jax.base.markdown import bullets, cells, literal, table
+from dropper_jax.base.markdown import bullets, cells, literal, markdown_table
 from dropper_jax.base.read import Table
 from dropper_jax.base.table_cells import Columns, fill, newton
 from dropper_jax.report import sections
@@ -125,7 +125,7 @@ def _spread(section: Table) -> str:
         if name.startswith(("tension of", "load of")):
             label = f"maximum {name}"
         rows.append([label, *cells([v["min"], v["mean"], v["max"], *v["by_run"][:count]], ".4g")])
-    return table(["loads in N", "minimum", "mean", "maximum", *(f"run {i + 1}" for i in range(count))], rows)
+    return markdown_table(["loads in N", "minimum", "mean", "maximum", *(f"run {i + 1}" for i in range(count))], *rows)
 
 
 def _extremes(section: Table) -> str:
@@ -140,7 +140,8 @@ def _extremes(section: Table) -> str:
             continue
         suffix = f" [N], {100 * one['confidence']:g} % interval"
         rows.append([name, *(_with_interval(one, key) for key in ("most_probable", "mean", "percentile_90"))])
-    return table(["maximum in the storm", f"most probable{suffix}", f"mean{suffix}", f"90th percentile{suffix}"], rows)
+    head = ["maximum in the storm", f"most probable{suffix}", f"mean{suffix}", f"90th percentile{suffix}"]
+    return markdown_table(head, *rows)
 
 
 def _with_interval(one: Table, key: str) -> str:

@@ -31,6 +31,8 @@ _step = cached_jit(kernel=True)(CoupledLines.step)
 _follow = cached_jit(kernel=True)(CoupledLines.follow)
 _start = cached_jit(static=("follows",))(CoupledLines.init)
 
+#: Name of the points' positions at the start in a saved state.
+BEGIN = "begin_positions"
 #: Maximum number of inner steps of one coupling step, if they are equal.
 MOST_STEPS = 1_000_000
 
@@ -92,6 +94,7 @@ class Coupled:
         self.retried = 0
         self._saved: CoupledState | None = None
         self._home = np.array([scene.point(name).position for name in self.points])
+        self._begin = self._home  # positions at the start
 
     def init(self, positions: Vectors | None = None, velocities: Vectors | None = None) -> np.ndarray:
         """Start at t = 0 as defined in the scene's `[start]`, with the points at `positions` (c, 3) [m].
@@ -114,6 +117,7 @@ class Coupled:
             moved = zip(self.points, begin.tolist(), strict=True)
             scene = scene.with_values({f"point.{numbers[name]}.position": position for name, position in moved})
         self._lines = coupled_lines(scene, self.points, rates, self.accelerations)
+        self._begin = begin
         return self._accept(_start(self._lines, follows=scene.run.accuracy is not None))
 
     def step(
@@ -162,16 +166,16 @@ class Coupled:
 
     def save(self, path: str | Path | None = None) -> dict[str, np.ndarray]:
         """The whole state as arrays; also written to an `.npz` file if a path is given."""
-        arrays = name_leaves(self._state())
+        arrays = {**name_leaves(self._state()), BEGIN: self._begin}
         if path is not None:
             write_archive(path, arrays, {"scene": self.scene.as_written(), "points": list(self.points)})
         return arrays
 
     def restore(self, saved: dict[str, np.ndarray] | str | Path) -> np.ndarray:
-        """Return to a state given by `save`; the continuation is bit-identical.
+        """Return to a state given by `save`; the continuation is bit-identical, without `init`.
 
-        If the saved coupling started from other positions than those of the scene, call `init` with them first:
-        growth, wakes and flow-dependent coefficients follow from the positions at the start.
+        Growth, wakes and flow-dependent coefficients follow from the positions at the start, which are saved too. Of a
+        state that an earlier version saved they are those of `init`, which is called first if they are not the scene's.
 
         Returns:
             Forces on the points (c, 3) [N].
@@ -179,10 +183,14 @@ class Coupled:
         Raises:
             SceneError: a file of another scene or of other points, or not written by `save`.
         """
-        if self._saved is None:
-            self.init()
         arrays = saved if isinstance(saved, dict) else self._read_file(Path(saved))
-        return self._accept(restore_carry(self._state(), arrays))
+        begin = self._read("positions", arrays.get(BEGIN, self._begin))
+        if self._saved is None:
+            self.init(begin)
+        state = restore_carry(self._state(), arrays)
+        if not np.array_equal(begin, self._begin):
+            self.init(begin)
+        return self._accept(state)
 
     @property
     def time(self) -> float:

@@ -184,10 +184,10 @@ def _group_order(graph: Graph, between: tuple[Pair, ...]) -> Order:
     pairs: list[Pair] = []
     for rows, columns in sides:
         pairs += zip(rows, columns, strict=True)
-    return elimination_order(count, [*pairs, *between], _before_last_link(graph), most=_neighbours(between))
+    return elimination_order(count, [*pairs, *between], find_nodes_before_last_link(graph), most=_neighbours(between))
 
 
-def _before_last_link(graph: Graph) -> dict[int, set[int]]:
+def find_nodes_before_last_link(graph: Graph) -> dict[int, set[int]]:
     """Nodes eliminated before the last link of each line: its inner nodes, and a point at one end that is not used by
     another.
 
@@ -197,19 +197,37 @@ def _before_last_link(graph: Graph) -> dict[int, set[int]]:
     for path in graph.paths:
         free.append({int(path[i]) for i in (0, -1) if path[i] < graph.free})
     owner: dict[int, int] = {}
-
-    def assign_owner(line: int, visited: set[int]) -> bool:
-        for point in free[line] - visited:
-            visited.add(point)
-            if point not in owner or assign_owner(owner[point], visited):
-                owner[point] = line
-                return True
-        return False
-
     for line in range(len(free)):
-        assign_owner(line, set())
+        _assign_owner(line, free, owner)
     point_of = {line: {point} for point, line in owner.items()}
     before = {}
     for i, path in enumerate(graph.paths):
         before[graph.free + i] = set(map(int, path[1:-1])) | point_of.get(i, free[i])
     return before
+
+
+def _assign_owner(line: int, free: list[set[int]], owner: dict[int, int]) -> None:
+    """Give a line one of its points; along an augmenting path the owners of points move on to others of theirs.
+
+    Without recursion: a path through many lines is deeper than Python's stack.
+
+    Args:
+        free: points of each line.
+        owner: line of each point that has one; changed in place.
+    """
+    visited: set[int] = set()
+    path = [(line, iter(free[line] - visited))]
+    taken: list[int] = []  # the point that each line of the path is to own
+    while path:
+        point = next(path[-1][1], None)
+        del taken[len(path) - 1 :]
+        if point is None:
+            path.pop()
+            continue
+        visited.add(point)
+        taken.append(point)
+        if point not in owner:
+            for (new, _), own in zip(path[::-1], taken[::-1], strict=True):
+                owner[own] = new
+            return
+        path.append((owner[point], iter(free[owner[point]] - visited)))

@@ -24,6 +24,8 @@ from fitting.estimate.scene_fit import SceneFit
 from fitting.estimate.shooting import SCHEDULE
 from fitting.estimate.uncertainty import degrees_of_freedom
 from fitting.estimate.windows import Span, Windows
+from fitting.traces.conventions import LONGEST_GAP
+from fitting.traces.planar import pendulum_period
 from fitting.traces.trace import Trace
 
 
@@ -264,7 +266,8 @@ class FitResult(SceneFit[Problem, Evaluation]):
         length = np.asarray(self.solution.problem.simulator.model_at(self.values).line.length)
         fastest = 0.0
         for trace in self.traces:
-            rates = np.abs(np.diff(trace.theta, axis=0)) / np.diff(trace.t)[:, None]
+            theta = trace.across_gaps(LONGEST_GAP * pendulum_period(length))
+            rates = np.abs(np.diff(theta, axis=0)) / np.diff(trace.t)[:, None]
             fastest = max(fastest, float(np.max(np.nansum(rates * length, axis=1), initial=0.0)))
         return fastest
 

@@ -54,6 +54,8 @@ class Channel(ABC):
     scalar: ClassVar[bool] = True
     #: Rows at either end of the saved motion that its values lack, because it takes differences.
     margin: ClassVar[int] = 0
+    #: Why it has no value at some times; empty if it always has one.
+    without_value: ClassVar[str] = ""
     #: Numbers of how it is mounted, and their units: fields that `mounted` sets.
     mounting: ClassVar[dict[str, str]] = {}
     #: Keys of its table in addition to those of all channels.

@@ -255,7 +255,7 @@ class Problem(Residuals):
             stamps = self._pad_stamps(run, dt.dtype)
             plan = self.plan(number)
             motion, slope, start, bad = differentiate_channels(plan, at.setup, at.tangents, near[number], dt, stamps)
-            reason = self._why_failed(int(bad), motion, slope)
+            reason = self._why_failed(int(bad), start, motion, slope, run)
             unstable = unstable or reason == CHAOTIC
             if reason and not failed:
                 failed = f"{run.name}: {reason}"
@@ -265,12 +265,17 @@ class Problem(Residuals):
             started.append(start)
         return self.whiten_residuals(Evaluation(shown, slopes, tuple(started), failed, unstable))
 
-    def _why_failed(self, bad: int, motion: Sequence[Array], slopes: Sequence[Array]) -> str:
+    def _why_failed(self, bad: int, start: State, motion: Sequence[Array], slopes: Sequence[Array], run: Run) -> str:
         """Why a run cannot be used, of which step number `bad` is the first that failed, -1 without any; empty if it
         can."""
         if bad >= 0:
             return f"step {bad + 1} at {(bad + 1) * self.dt:g} s did not solve"
-        if not all(np.isfinite(y).all() for y in motion):
+        for sensor, t, y in zip(self.data.sensors, run.t, motion, strict=True):
+            missing = ~np.isfinite(y[: len(t)]).all(axis=1)
+            if not missing.any():
+                continue
+            if sensor.channel.without_value and np.isfinite(start.r).all():
+                return f"channel {sensor.channel.name!r} at {t[missing][0]:g} s: {sensor.channel.without_value}"
             return "the start did not solve"
         if not all(np.abs(s).max(initial=0.0) < LARGEST_SLOPE for s in slopes):
             return CHAOTIC

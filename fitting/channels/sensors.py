@@ -73,11 +73,12 @@ def projection(position: np.ndarray, look_at: np.ndarray, focal: float, centre: 
 
 @dataclass(frozen=True)
 class Pixel(AtNode):
-    """Position (u, v) [px] of a node in the picture of a pinhole camera of projection P."""
+    """Position (u, v) [px] of a node in the picture of a pinhole camera of projection P; NaN behind it (w <= 0)."""
 
     kind: ClassVar[str] = "pixel"
     measures: ClassVar[str] = "px"
     scalar: ClassVar[bool] = False
+    without_value: ClassVar[str] = "its point is behind its camera (move the camera; with `projection` v is downwards)"
 
     matrix: tuple[tuple[float, ...], ...] = ()
 
@@ -92,7 +93,8 @@ class Pixel(AtNode):
         matrix = np.array(self.matrix)
         seen = self.positions(motion) @ matrix[:, :3].T + matrix[:, 3]
         depth = seen[:, 2:]
-        return seen[:, :2] / jnp.where(depth == 0, 1.0, depth)
+        in_front = depth > 0
+        return jnp.where(in_front, seen[:, :2] / jnp.where(in_front, depth, 1.0), jnp.nan)
 
 
 #: Definitions of an angle: in the x-z plane from the horizontal, positive downwards; in that plane from straight down,
@@ -163,6 +165,9 @@ class Depth(AtNode):
 def read_camera(table: Values, path: str) -> CameraSpec:
     """A `[[camera]]`, given by its projection, or by its position, the point that it looks at and its focal length.
 
+    A projection may have either sign: that with a positive determinant of its first three columns has w > 0 in front of
+    the camera (Hartley and Zisserman, Multiple View Geometry, 2nd edition, (6.15)), if v is downwards.
+
     Raises:
         SceneError: an unknown or missing key, or a camera that looks straight up or down.
     """
@@ -171,6 +176,8 @@ def read_camera(table: Values, path: str) -> CameraSpec:
     if "projection" in table:
         rows = read_list(table["projection"], f"{path}.projection", 3, "3 rows of 4 numbers")
         matrix = read_rows(rows, f"{path}.projection", {"unit": "-"}, 4, "4 numbers")
+        if np.linalg.det(matrix[:, :3]) < 0:
+            matrix = -matrix
     else:
         position = read_vector(table, path, "position", 3)
         look_at = read_vector(table, path, "look_at", 3)

@@ -31,7 +31,7 @@ def run_part(folder: Path, progress: Progress | None) -> DemoPart:
         status=result.status,
         text="\n".join([heading, "", table(rows), "", listing(summary(result)), "", status]),
         markdown="\n\n".join(
-            [f"## {heading}", markdown_table(rows), f"Status {status}; [report]({folder.name}/report.md).", pictures]
+            [f"## {heading}", markdown_table(*rows), f"Status {status}; [report]({folder.name}/report.md).", pictures]
         ),
         values={"synthetic": True, "truth": EXAMPLE.truth, "start": EXAMPLE.start, **result.to_json()},
     )

@@ -76,18 +76,18 @@ def report(result: FitResult, full_runs: Mapping[int, Prediction]) -> str:
     names = result.solution.problem.names
     tests = []
     if result.laws.tests:
-        tests = ["## Tests of the law", markdown_table(law_rows(result.laws))]
+        tests = ["## Tests of the law", markdown_table(*law_rows(result.laws))]
     parts = [
         *_first_parts(result, f"Method `{result.method}`; status"),
         *_quality(summary(result)),
         *tests,
         "## Errors along the trace",
         "RMS of measured minus fitted angles [rad], window by window, each with its own start.",
-        markdown_table(part_rows(result)),
+        markdown_table(*part_rows(result)),
         "## Damping of the slowest modes",
         _modes(result),
         "## Correlation",
-        markdown_table(named_rows("", names, names, result.uncertainty.correlation, ".3f")),
+        markdown_table(*named_rows("", names, names, result.uncertainty.correlation, ".3f")),
         "## What was not identifiable",
         bullets(map(direction_text, result.uncertainty.undetermined))
         or "Every direction is determined to better than its own size.",
@@ -96,12 +96,12 @@ def report(result: FitResult, full_runs: Mapping[int, Prediction]) -> str:
     if result.descent:
         parts += ["## Descent", "Loss and parameters from step to step.", "![descent](descent.png)"]
     if result.advice:
-        parts += ["## What may be wrong", markdown_table(advice_rows(result.advice))]
+        parts += ["## What may be wrong", markdown_table(*advice_rows(result.advice))]
     if result.comparison:
         parts += [
             "## Damping laws",
             verdict(result.comparison) + ".",
-            markdown_table(comparison_rows(result.comparison)),
+            markdown_table(*comparison_rows(result.comparison)),
         ]
     for run, trace in fitted_runs(result):
         parts.append(f"## {literal(trace.name)}")
@@ -121,11 +121,11 @@ def _first_parts(result: SceneFit, status: str) -> list[str]:
         f"# Fit of {literal(result.scene.name)}",
         f"{status} **{result.status}**{message}.",
         "## Parameters",
-        markdown_table(parameter_rows(result)),
+        markdown_table(*parameter_rows(result)),
     ]
     rows = interval_rows(result)
     if len(rows) > 1:
-        parts += ["## Other intervals", markdown_table(rows)]
+        parts += ["## Other intervals", markdown_table(*rows)]
     return parts
 
 
@@ -148,16 +148,16 @@ def write_channel_report(result: ChannelFit, folder: str | Path) -> list[Path]:
     files += write_scenes(result, folder)
     between = []
     if result.between:
-        between = ["## Over the runs", markdown_table(between_rows(result))]
+        between = ["## Over the runs", markdown_table(*between_rows(result))]
     parts = [
         *_first_parts(result, "Status"),
         *between,
         "## Channels",
-        markdown_table(channel_rows(result)),
+        markdown_table(*channel_rows(result)),
         "## Sensitivity",
         "The percentage by which a channel changes for a change of a parameter by 1 %: for tensions relative to their "
         "root mean square, for other channels relative to their standard deviation.",
-        markdown_table(sensitivity_rows(result)),
+        markdown_table(*sensitivity_rows(result)),
         *_quality(channel_summary(result)),
         *_warnings(result),
         *(f"## {literal(run.name)}\n\n![{literal(run.name)}](channels_{i + 1}.png)" for i, run in enumerate(runs)),
@@ -186,7 +186,7 @@ def _modes(result: FitResult) -> str:
     columns = enumerate(zip(modes.period, modes.damping_ratio, large, strict=True), start=1)
     rows = [(str(i), f"{period:.4g}", f"{small:.3g}", f"{ratio:.3g}") for i, (period, small, ratio) in columns]
     swings = ("damping ratio, small swings (b_l)", f"swings of {amplitude:.3g} m (b_l and b_q)")
-    return markdown_table([("mode", "period [s]", *swings), *rows])
+    return markdown_table(("mode", "period [s]", *swings), *rows)
 
 
 def part_rows(result: FitResult) -> Rows:

@@ -195,7 +195,8 @@ def _check_unit(trace: Trace, model: Model, unit: str | None) -> None:
         else:
             fix = "The unit is rad. Use --unit deg"
         raise SceneError(f"{trace.name}: theta reaches {largest:.3g} and looks like degrees. {fix}")
-    rate = np.abs(np.diff(trace.theta, axis=0) / np.diff(trace.t)[:, None])
+    theta = trace.across_gaps(LONGEST_GAP * pendulum_period(length))
+    rate = np.abs(np.diff(theta, axis=0) / np.diff(trace.t)[:, None])
     if unit == "deg" and largest < np.pi and np.nanmax(rate) < fastest:
         raise SceneError(
             f"{trace.name}: theta stays within 3.14 and looks like radians, but the unit is deg. Use --unit rad, or "
@@ -205,14 +206,17 @@ def _check_unit(trace: Trace, model: Model, unit: str | None) -> None:
 
 #: Fraction of the shortest link's period over which rates are computed to check the unit: 10 mrad noise is small then.
 RATE_REACH = 0.05
+#: Longest gap between known frames of a link, as a fraction of that period, across which they show its rate.
+LONGEST_GAP = 0.5
 
 
 def _specific_energy(trace: Trace, length: np.ndarray) -> float:
     """Kinetic energy per mass [J/kg] of the nodes in the median frame, with angles read as radians."""
     period = pendulum_period(length)
     apart = max(1, round(RATE_REACH * period / trace.interval))
-    before = trace.theta[:-apart]
-    after = trace.theta[apart:]
+    theta = trace.across_gaps(LONGEST_GAP * period)
+    before = theta[:-apart]
+    after = theta[apart:]
     omega = (after - before) / (trace.t[apart:] - trace.t[:-apart])[:, None]
     velocity = np.cumsum(1j * length * omega * np.exp(0.5j * (after + before)), axis=1)
     energy = 0.5 * np.mean(np.abs(velocity) ** 2, axis=1)

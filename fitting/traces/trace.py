@@ -125,6 +125,20 @@ class Trace:
             found[:, j] = np.interp(times, self.t[known], column[known])
         return found
 
+    def across_gaps(self, longest: float) -> np.ndarray:
+        """Angles (k, n), between known samples at most `longest` [s] apart interpolated linearly; NaN is missing."""
+        found = self.theta.copy()
+        for column in found.T:
+            known = np.isfinite(column)
+            if not known.any():
+                continue
+            times = self.t[known]
+            before = np.maximum(np.searchsorted(times, self.t, side="right") - 1, 0)
+            after = np.minimum(np.searchsorted(times, self.t), len(times) - 1)
+            near = times[after] - times[before] <= longest
+            column[near] = np.interp(self.t, times, column[known], left=np.nan, right=np.nan)[near]
+        return found
+
     def in_model_convention(self, convention: Convention) -> Trace:
         """Angles [rad] from the horizontal, positive downwards, continuous in time."""
         unit = convention.radians

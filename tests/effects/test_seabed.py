@@ -132,3 +132,9 @@ def test_where_two_slopes_of_a_grid_meet_the_bed_turns_over_a_part_of_the_cells(
     normal = np.asarray(bed.upward(places))
     slope = np.array([left, left, 0.5 * (left + right), right, right])
     np.testing.assert_allclose(-normal[:, 0] / normal[:, 2], slope, atol=1e-12)
+
+
+def test_a_depth_next_to_a_grid_is_refused(lying, refusal):
+    grid = {"bed_x": [0.0, 1.0], "bed_y": [0.0, 1.0], "bed_depth": [4.0] * 4}
+    line = refusal(lambda: lying([0.0] * 3, depth=5.0, **grid))
+    assert line.startswith("effects.seabed.depth: 5.0 cannot be combined with a grid; allowed: `depth`, or `bed_x`")

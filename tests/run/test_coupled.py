@@ -94,6 +94,29 @@ def test_a_restored_state_repeats_to_the_bit(coupled, tmp_path):
         coupled.restore(tmp_path / "text.npz")
 
 
+def test_a_state_that_started_elsewhere_is_restored_with_the_mussels_of_its_start(tmp_path):
+    """Mussels grow between 4 m and 8 m of depth only: the loop has them where it starts, not where the scene has it."""
+    layer = {"depth": [4.0, 8.0], "thickness": [0.0, 0.1], "density": 1400.0}
+    (line,) = LOOP["line"]
+    grown = {**line, "diameter": 0.02, "growth": layer}
+    water = {"sea": {"depth": 20.0}, "effects": {"weight": {}, "buoyancy": {}}}
+    scene = {**LOOP, "point": [{**p, "position": [*p["position"][:2], -2.0]} for p in LOOP["point"]], **water}
+    scene["line"] = [grown]
+    deep = np.array([[0.0, 0.0, -7.0], [1.0, 0.0, -7.0]])
+    still = np.zeros((2, 3))
+    lines = dj.Coupled(scene, points=ENDS)
+    lines.init(deep)
+    lines.step(deep + [0.1, 0.0, 0.0], still, 0.05)
+    saved = lines.save(tmp_path / "saved.npz")
+    after = lines.step(deep, still, 0.05)
+    started, fresh = dj.Coupled(scene, points=ENDS), dj.Coupled(scene, points=ENDS)
+    started.init()
+    for other, state in ((fresh, tmp_path / "saved.npz"), (started, saved)):
+        other.restore(state)
+        np.testing.assert_array_equal(other.mass, lines.mass)
+        np.testing.assert_array_equal(other.step(deep, still, 0.05), after)
+
+
 #: The loop with steps that follow an accuracy.
 FOLLOWING = {**LOOP, "run": {"accuracy": 1e-3, "duration": 0.5}}
 

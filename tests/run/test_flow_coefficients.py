@@ -122,6 +122,14 @@ BAD = [
     ({}, "morison_drag.cdn: missing; needed: drag coefficient across the link"),
     ({"coefficients": "rough_cylinder", "roughness": -0.1}, "morison_drag.roughness: -0.1 is out of range"),
     ({"coefficients": "rough"}, "morison_drag.coefficients: 'rough' is unknown"),
+    (
+        {"coefficients": "rough_cylinder", "cdn": 1.2},
+        "morison_drag.cdn: 1.2 is not used by coefficients 'rough_cylinder'; allowed: with 'given'",
+    ),
+    (
+        {"cdn": 1.2, "table_kc": [0.0, 9.0]},
+        "morison_drag.table_kc: [0.0, 9.0] is not used by coefficients 'given'; allowed: with 'table'",
+    ),
 ]
 
 
@@ -129,6 +137,28 @@ BAD = [
 def test_what_is_outside_of_a_table_or_does_not_fit_is_named(drag, start, refusal):
     scene = {**SCENE, "effects": {**SCENE["effects"], "morison_drag": drag}}
     assert refusal(dj.build, scene).startswith(f"effects.{start}")
+
+
+def test_roughness_without_a_rough_cylinder_is_refused(refusal):
+    """Added mass of a rough cylinder uses the roughness of the drag."""
+    drag = {"cdn": 1.2, "roughness": 0.03}
+    scene = {**SCENE, "effects": {**SCENE["effects"], "morison_drag": drag}}
+    assert dj.load_scene(scene).effects["morison_drag"]["roughness"] == 0.03
+    scene["effects"]["morison_inertia"] = {"can": 1.0}
+    line = refusal(dj.load_scene, scene)
+    assert line.startswith("effects.morison_drag.roughness: 0.03 is not used by coefficients 'given'; allowed: with")
+
+
+def test_coefficients_of_line_types_are_left_out_where_the_flow_gives_them():
+    rope = {"name": "rope", "mass": 40.0, "diameter": 0.15, "EA": 1e6, "cdn": 1.1, "cdt": 0.2, "can": 0.9}
+    line = {key: value for key, value in SCENE["line"][0].items() if key not in ("mass", "diameter", "axial")}
+    line |= {"type": "rope", "length": 4.0, "links": 4}
+    scene = dj.load_scene({**SCENE, "line_type": [rope], "line": [line], "start": {"kind": "static"}})
+    assert scene.effects["morison_drag"]["cdn"] is None
+    assert np.allclose(scene.effects["morison_drag"]["cdt"], 0.2)
+    given = scene.with_values({"effects.morison_inertia.coefficients": "given"})
+    assert np.allclose(given.effects["morison_inertia"]["can"], 0.9)
+    assert dj.Scene.from_dict(scene.to_dict()) == scene
 
 
 def test_command_and_table_say_the_numbers(printed, json_of, file_of):

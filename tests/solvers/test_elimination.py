@@ -5,7 +5,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from dropper_jax.model.geometry import Member
+from dropper_jax.model.graph import Graph
 from dropper_jax.solvers.elimination import eliminate, elimination_order, solve
+from dropper_jax.solvers.saddle import find_nodes_before_last_link
 
 GRAPHS = {
     "one node": (1, []),
@@ -82,3 +85,14 @@ def test_programs_have_no_scatter_and_no_library_call(word):
     order, blocks, dense = system("grid")
     run = jax.jit(lambda b, r: solve(eliminate(order, b), r))
     assert word not in run.lower(blocks, np.ones((len(dense) // 3, 3))).as_text()
+
+
+def test_each_of_a_thousand_lines_in_a_row_waits_for_a_point_of_its_own():
+    """From a fixed point, and listed so that each line takes the point of the one before it: only one choice is left.
+
+    The lines' points move on along paths that are longer than the stack of Python.
+    """
+    count = 1100
+    lines = tuple(Member(f"line-{i}", 1, i, i + 1) for i in range(count))
+    before = find_nodes_before_last_link(Graph(lines, (True, *[False] * count)))
+    assert before == {count + i: {i} for i in range(count)}

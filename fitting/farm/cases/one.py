@@ -176,8 +176,8 @@ class Runner:
 
     def __call__(self, case: Case) -> Found:
         """Arrays of a run: those of `Tally`, `quantity:NAME` of the site's quantities, `status`, `failed_at` [s],
-        `message`, `broken` (time [s] of the break), `rest` (n,) [N] and `depth` (lines, 2) [m], the minimum and maximum
-        depth below the level, both at rest."""
+        `message`, `broken` (time [s] of the state's break), `rest` (n,) [N] and `depth` (lines, 2) [m], the minimum and
+        maximum depth below the level, both at rest."""
         try:
             return self._run(case)
         except SceneError as error:
@@ -222,7 +222,11 @@ class Runner:
                 code = "not_converged" if np.isfinite(rows.residual[good]) else "non_finite"
                 info = {"status": np.array(STATUS.index(code)), "failed_at": np.array(t[good])}
                 break
-        broken = [row["time_s"] for row in breaks(scene, carry.state.parted)]
+        broken = []
+        if case.storm.broken is not None:
+            entry = case.storm.broken.entry
+            parted = jax.tree.map(lambda a: a[entry : entry + 1], carry.state.parted)
+            broken = [row["time_s"] for row in breaks(scene, parted)]
         below = case.storm.level - np.asarray(model.nodes(start.r, model.ends(start.t)))[:, 2]
         depth = np.array([(below[line.nodes].min(), below[line.nodes].max()) for line in tally.lines])
         found = tally.collect() | info

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 
-from dropper_jax.base.markdown import bullets, cell, cells, table
+from dropper_jax.base.markdown import bullets, cell, cells, markdown_table
 from dropper_jax.base.read import Table
 from dropper_jax.plots import style
 from fitting.farm.site.report_files import write_report
@@ -73,29 +73,29 @@ def page_text(found: Table) -> str:
         f"Factors: {found['factors']['source']} (edition: {found['factors']['edition']}).",
         bullets(found["flags"]),
         "## Parts, each in its worst case",
-        table(
+        markdown_table(
             ["part", "lines", "worst line", "load [N]", "+- seeds", "+- step", "at rest [N]", "utilisation", "case"],
-            [_part_cells(part, labels) for part in found["parts"]],
+            *(_part_cells(part, labels) for part in found["parts"]),
         ),
         _standard(found),
         "## Factors",
-        table(
+        markdown_table(
             ["part", "factor x load / capacity, worst case", *found["factors"]],
-            [_factor_cells(part) for part in found["parts"]],
+            *(_factor_cells(part) for part in found["parts"]),
         ),
         "![Utilisation](utilisation.png)",
         "## Anchors",
-        table(
+        markdown_table(
             ["point", "held by", "load [N]", "upward [N]", "uplift [deg]", "utilisation", "case"],
-            [_anchor_cells(anchor, labels) for anchor in found["anchors"]],
+            *(_anchor_cells(anchor, labels) for anchor in found["anchors"]),
         ),
         _quantities(found, labels),
         "## Excursion and depth",
         bullets(_position_lines(found, labels)),
         "## Fatigue",
-        table(
+        markdown_table(
             ["part", "curve", "damage per hour, worst case", "damage per year", "life [years]"],
-            [_fatigue_cells(part) for part in found["parts"]],
+            *(_fatigue_cells(part) for part in found["parts"]),
         ),
         "## Load cases",
         _worst_cases(found, labels),
@@ -118,7 +118,7 @@ def _standard(found: Table) -> str:
     head = ["waves [years]", "current [years]", "sea states", "currents", "intact cases", "with a broken line"]
     last = f"{standard['source']}. Edition: {standard['edition']}. Clause: {standard['clause']}. "
     last += f"Compared with: {standard['checked']}."
-    return f"## Return periods\n\n{last}\n\n{table(head, rows)}"
+    return f"## Return periods\n\n{last}\n\n{markdown_table(head, *rows)}"
 
 
 def _factor_cells(part: Table) -> list[str]:
@@ -140,7 +140,7 @@ def _quantities(found: Table, labels: Labels) -> str:
         rows.append([name, f"{value['value']:.4g}", cell(value["error"], ".2g"), labels[worst["case"]]])
     if not rows:
         return ""
-    return "## Quantities\n\n" + table(["quantity", "value [SI]", "+- seeds", "case"], rows)
+    return "## Quantities\n\n" + markdown_table(["quantity", "value [SI]", "+- seeds", "case"], *rows)
 
 
 def _part_cells(part: Table, labels: Labels) -> list[str]:
@@ -246,7 +246,7 @@ def _worst_cases(found: Table, labels: Labels) -> str:
             by_case[row["case"]] = max(before, used)
     ordered = sorted(by_case.items(), key=lambda item: -item[1][0])
     rows = [[str(n), labels[n], name, f"{utilisation:.2f}"] for n, (utilisation, name) in ordered[:MOST_CASES]]
-    text = table(["case", "", "part used most", "utilisation"], rows)
+    text = markdown_table(["case", "", "part used most", "utilisation"], *rows)
     if len(ordered) > MOST_CASES:
         text += f"\n\n{len(ordered) - MOST_CASES} more in cases.csv."
     return text

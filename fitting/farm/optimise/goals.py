@@ -144,7 +144,7 @@ class StormLimit:
         if isinstance(self.of, str):
             return named_quantity(self.of, model, self.path, self.limit)
         if self.kind == "clearance":
-            return Clearance(f"clearance {number}", _pairs(model, self.of), self.limit)
+            return Clearance(f"clearance {number}", _pairs(model, self.of, self.path), self.limit)
         return NodeDisplacement(f"motion {number}", _nodes(model, self.of), 1.0 / self.limit)
 
 
@@ -177,13 +177,29 @@ def _nodes(model: Model, lines: Sequence[str]) -> tuple[int, ...]:
     return tuple(dict.fromkeys(np.concatenate(list(line_nodes(model, lines).values())).tolist()))
 
 
-def _pairs(model: Model, lines: Sequence[str]) -> tuple[tuple[int, int], ...]:
-    """Nodes of each line with those of the next one, without ends and shared nodes."""
-    nodes = [own[own < model.geometry.inner].tolist() for own in line_nodes(model, lines).values()]
+def _pairs(model: Model, lines: Sequence[str], path: str) -> tuple[tuple[int, int], ...]:
+    """Nodes of each line with those of the next one, without shared nodes; ends only if a line has no inner ones.
+
+    Raises:
+        SceneError: two lines without such a pair.
+    """
+    nodes = line_nodes(model, lines)
     pairs: list[tuple[int, int]] = []
     for one, other in pairwise(nodes):
-        pairs += product(one, other)
+        first = _find_own_nodes(model, nodes[one], nodes[other])
+        second = _find_own_nodes(model, nodes[other], nodes[one])
+        if not (first and second):
+            raise SceneError(f"{path}.lines: {one!r} and {other!r} have no free nodes of their own. Use more links")
+        pairs += product(first, second)
     return tuple(pairs)
+
+
+def _find_own_nodes(model: Model, nodes: np.ndarray, others: np.ndarray) -> list[int]:
+    """The inner ones of a line's nodes; of a line of one link, its free ends that are not among `others`."""
+    inner = nodes[nodes < model.geometry.inner]
+    if len(inner):
+        return inner.tolist()
+    return nodes[~np.isin(nodes, others)].tolist()
 
 
 def read_goals(site: Site) -> Goals:

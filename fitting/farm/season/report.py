@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dropper_jax.base.markdown import bullets, cell, table
+from dropper_jax.base.markdown import bullets, cell, markdown_table
 from dropper_jax.base.read import Table
 from dropper_jax.plots import style
 from fitting.farm.site.report_files import write_report
@@ -49,7 +49,7 @@ def page(found: Table) -> str:
         f"{found['least_share']:.0%} of their lift. Depths are those at rest below the water's level, over all levels "
         "and currents.",
         bullets(found["flags"]),
-        table([*head, "to sinking [m]", "to lifting [m]"], [_month_cells(row) for row in found["months"]]),
+        markdown_table([*head, "to sinking [m]", "to lifting [m]"], *map(_month_cells, found["months"])),
         "![Floats and their bounds](season.png)",
     ]
     return "\n\n".join(part for part in parts if part) + "\n"

@@ -185,3 +185,9 @@ def test_angles_of_a_run_are_explained_up_to_the_error_of_its_step(tmp_path, pre
     unstated = fit_by(prepared.simulator, [replace(read_trace(path), model_error=0.0)], rig(), 2 * TRUTH)
     assert unstated.status == "misfit"
     assert "model_error" in unstated.message
+
+
+def test_the_speeds_of_links_that_are_seen_every_second_frame_are_known(result, trace):
+    odd = np.add.outer(np.arange(len(trace.t)), np.arange(trace.links)) % 2 == 1
+    seldom = replace(result, traces=[replace(trace, theta=np.where(odd, np.nan, trace.theta))])
+    assert seldom.fastest == pytest.approx(result.fastest, rel=0.4)

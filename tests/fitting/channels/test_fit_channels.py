@@ -185,6 +185,14 @@ def test_mistakes_are_named(more, message, refusal):
     assert message in refusal(pose, table(seen(np.random.default_rng(0))), dj.load_scene(scene()), **given)
 
 
+def test_a_point_behind_its_camera_is_named(refusal):
+    """The camera looks away from the pendulum."""
+    data = table(seen(np.random.default_rng(0)))
+    data["camera"] = [{**CAMERA, "look_at": [0.1, -6.0, -0.4]}]
+    line = refusal(fit_channels, data, scene(), ["b_l"])
+    assert "fails, run_0: channel 'dot' at 0 s: its point is behind its camera (move the camera" in line
+
+
 def test_growth_of_derivatives_is_seen(found):
     """Derivatives that grow as exp(20 t/T): from the last of the middle fifth to the last sample in 40 of 99 steps."""
     slopes = np.exp(20 * np.linspace(0, 1, 100))[:, None, None]

@@ -6,7 +6,7 @@ import numpy as np
 from fitting.channels.channel import SavedMotion
 from fitting.channels.observe import at_times
 from fitting.channels.position import Node
-from fitting.channels.sensors import Angle, Depth, Pixel, Position, Tension, projection
+from fitting.channels.sensors import Angle, Depth, Pixel, Position, Tension, projection, read_camera
 
 NODES = jnp.array([[[0.0, 0.0, 0.0], [1.0, 1.0, -2.0], [4.0, 5.0, -2.0]]] * 2)
 SEEN = SavedMotion(NODES, NODES[1:], jnp.array([[3.0, 5.0]]))
@@ -50,6 +50,22 @@ def test_a_camera_sees_right_to_the_right_and_up_above_by_the_focal_length_over_
     assert np.allclose(show(0), [420, 240])
     assert np.allclose(show(1), [320, 140])
     assert np.allclose(show(2), [320, 340])
+
+
+def test_a_camera_does_not_see_what_is_behind_it():
+    """At 3 m from the axis, 5 m ahead and 5 m behind: a pinhole would show the latter mirrored, at -3/5."""
+    matrix = projection(np.array([0.0, -10.0, 0.0]), np.zeros(3), 1000.0, np.zeros(2))
+    nodes = jnp.array([[[3.0, y, 0.0]] for y in (-5.0, -10.0, -15.0)])
+    dot = Pixel(**COMMON, node=Node(0, 0, 0.0), matrix=tuple(map(tuple, matrix)))
+    seen = dot.see(SavedMotion(nodes, nodes, jnp.zeros((3, 1))))
+    np.testing.assert_allclose(seen, [[600.0, 0.0], [np.nan, np.nan], [np.nan, np.nan]], atol=1e-9)
+
+
+def test_a_projection_of_either_sign_looks_at_the_same_side():
+    matrix = projection(np.array([0.0, -10.0, 0.0]), np.zeros(3), 1000.0, np.zeros(2))
+    for sign in (1.0, -1.0):
+        camera = read_camera({"name": "left", "projection": (sign * matrix).tolist()}, "camera.0")
+        np.testing.assert_array_equal(camera.matrix, matrix)
 
 
 def test_between_saved_times_cubics_are_met_exactly_and_other_motions_to_fourth_order():

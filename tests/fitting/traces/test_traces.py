@@ -188,6 +188,32 @@ def test_angles_that_the_scene_contradicts_are_refused(dropper, spread, size, gi
 
 
 @pytest.mark.parametrize(
+    ("size", "given", "words"),
+    [(np.degrees(1.0), ANY, "looks like degrees"), (1.0, Convention(unit="deg"), "looks like radians")],
+)
+def test_the_unit_of_links_that_are_seen_every_second_frame_is_checked(dropper, size, given, words):
+    true = still_swinging(*dropper)
+    swing = 0.5 * np.sin(np.arange(200) * 0.2)[:, None] * (size > 1)
+    odd = (np.arange(200)[:, None] + np.arange(7)) % 2
+    measured = Trace("x", true.t, np.where(odd, np.nan, size * (true.theta + swing)))
+    with pytest.raises(SceneError, match=words):
+        check_scale(measured, dropper[0], given)
+
+
+def test_gaps_between_known_samples_are_crossed_up_to_their_length():
+    """A line of 2 rad/s, of which a second link is never seen, a third one in two frames far apart."""
+    t = np.array([0.0, 0.1, 0.2, 0.3, 0.4, 1.0, 2.0])
+    theta = np.tile(2 * t[:, None], 3)
+    theta[[0, 2, 3], 0] = np.nan
+    theta[:, 1] = np.nan
+    theta[1:-1, 2] = np.nan
+    found = Trace("x", t, theta).across_gaps(0.6)
+    np.testing.assert_allclose(found[:, 0], [np.nan, 0.2, 0.4, 0.6, 0.8, 2.0, 4.0])
+    assert np.isnan(found[:, 1]).all()
+    np.testing.assert_array_equal(found[:, 2], theta[:, 2])
+
+
+@pytest.mark.parametrize(
     ("option", "names"), [("free", ["b_x"]), ("to", ["effects.weight.b_l"]), ("vary", ["line.0.mass.9"])]
 )
 def test_a_wrong_name_is_called_after_the_option_that_gave_it(dropper, option, names):

@@ -120,6 +120,17 @@ def test_steps_of_cases_follow_the_accuracy_of_the_site(tmp_path):
         small_site(run={**run, "accuracy": 0.01, "dt": 0.01})
 
 
+def test_breaks_of_the_scenes_own_failures_are_not_those_of_a_state():
+    """The east leg breaks at once in every run; the west leg, that of the state, only where a run reaches its time."""
+    scene = {**SCENE, "failure": [{"line": "east-leg", "link": 1, "time": 0.1}]}
+    cases = {"directions": [0.0], "currents": [0.5], "states": ["intact", "west-leg"], "break_time": 0.8}
+    site = small_site(scene=scene, cases=cases, run={**SITE["run"], "duration": 1.0, "skip": 0.4}, quantities=[])
+    intact, broken = (next(case for case in site.cases if case.storm.state == name) for name in ("intact", "west-leg"))
+    run = Runner(site)
+    assert run(intact)["broken"].tolist() == []
+    np.testing.assert_allclose(run(broken)["broken"], [0.8])
+
+
 @pytest.mark.check
 def test_a_run_keeps_the_loads_of_a_plain_simulation_of_its_scene(site, folder):
     """The same scene by `simulate`, its extremes and held loads by the report of runs."""

@@ -127,6 +127,48 @@ def test_a_point_may_be_allowed_above_the_water(height, met):
     assert (bound.value <= 1.0) == met
 
 
+def droppers(*ends, links=1):
+    """A site of lines that hang 2 m apart from fixed points, from each to the point of the same number in `ends`."""
+    names = [f"dropper-{i}" for i in range(len(ends))]
+    points = [{"name": f"top-{i}", "position": [2.0 * i, 0.0, -1.0]} for i in range(len(ends))]
+    for name in dict.fromkeys(ends):
+        points.append({"name": name, "kind": "free", "position": [0.0, 0.0, -4.0], "mass": 9.0, "volume": 0.002})
+    rope = {"name": "rope", "mass": 1.2, "diameter": 0.03, "EA": 5e4, "breaking_load": 9e3, "cdn": 1.2}
+    lines = []
+    for i, (name, end) in enumerate(zip(names, ends, strict=True)):
+        lines.append({"name": name, "from": f"top-{i}", "to": end, "type": "rope", "length": 3.0, "links": links})
+    scene = {
+        "name": "droppers",
+        "run": {"dt": 0.02, "duration": 1.0},
+        "line_type": [rope],
+        "point": points,
+        "line": lines,
+        "sea": {"depth": 10.0},
+        "effects": {"weight": {}, "buoyancy": {}, "morison_drag": {}},
+    }
+    table = {key: SITE[key] for key in ("run", "sea_state", "cases", "factors", "part")}
+    return read_site({**table, "scene": scene, **constraint("clearance", lines="*", minimum=0.5)})
+
+
+@pytest.mark.parametrize("links", [1, 2])
+def test_lines_of_one_link_keep_the_distance_of_their_free_ends(links):
+    own = droppers("a", "b", "c", links=links)
+    model = build_model(own.scene)
+    r = np.zeros((1, model.free_nodes, 3))
+    r[0, :, 0] = [*np.arange(3.0).repeat(links - 1), 0.0, 0.8, 2.0]  # inner nodes 1 m apart, then ends
+    (signal,) = (one for one in read_goals(own).quantities(own, model) if one.name == "clearance 1")
+    steps = Steps(r, np.zeros((1, model.line.links)), np.ones(1))
+    assert 0.5 / np.max(signal.signal(model, steps)) == pytest.approx(0.8 if links == 1 else 1.0)
+
+
+def test_lines_without_nodes_of_their_own_have_no_clearance():
+    own = droppers("a", "a")
+    with pytest.raises(
+        SceneError, match=r"constraint.0.lines: 'dropper-0' and 'dropper-1' have no free nodes of their"
+    ):
+        read_goals(own).quantities(own, build_model(own.scene))
+
+
 @pytest.mark.check
 def test_a_constraint_may_limit_a_quantity_by_name():
     limits = {"tension.west-leg.fairlead.max": 2e4, "offset.p1.max": 5.0}

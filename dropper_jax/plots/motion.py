@@ -117,7 +117,7 @@ def amplitude_spectrum(run: Run, path: str | Path) -> Path:
     link vector [-], since the angles of a conical motion are constant or grow without limit.
     Of a system it is that of tensions [N or kN] and of motions [m] under the surface, as in their histories.
     """
-    if run.scene.branched:
+    if run.scene.single_line is None:
         return _system_spectra(run, path)
     # height of the axis of a spectrum [decades]
     decades = 4

@@ -70,7 +70,7 @@ def _geometry(scene: SceneData, index: dict[str, int], corners: int) -> Graph:
         Member(n.name, n.links, index[n.start], index[n.end], far=nodes[n.name] != "shared") for n in scene.lines
     )
     held = tuple(not p.is_free for p in scene.points)
-    return Graph(members, held + (False,) * corners, is_path=not scene.branched)
+    return Graph(members, held + (False,) * corners, is_path=scene.single_line is not None)
 
 
 def _axial(lines: tuple[LineSpec, ...]) -> AxialLaw:

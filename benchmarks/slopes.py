@@ -25,7 +25,8 @@ from dropper_jax.base.json_values import jsonable
 from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.plots import style
 from dropper_jax.run.chunks import run_chunks
-from dropper_jax.run.quantities import Quantity, quantity
+from dropper_jax.run.quantities import Quantity
+from dropper_jax.run.quantity_names import quantity
 from fitting.sensitivity import Local, local, study
 from fitting.sensitivity.derivatives import changed_study
 from fitting.sensitivity.differences import DIFFERENCES

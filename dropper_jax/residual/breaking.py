@@ -10,7 +10,6 @@ from jax import Array
 
 from dropper_jax.model import BREAKING, Failures, Model, Parted, Potential, State, as_parted, book_works
 
-
 #: Relative rounding of a time that is a whole number of steps.
 SAME_TIME = 1e-9
 

@@ -13,8 +13,9 @@ from dropper_jax.load.checks_water import line_reach
 from dropper_jax.model import Failures, Graph, Line, Member, Model, Point, check_slots
 from dropper_jax.scene import LineSpec, SceneData, join_lines, sliced_lines
 from dropper_jax.sea.make import make_sea
+from dropper_jax.statics.loads import release_loads
 from dropper_jax.statics.search import Equilibrium
-from dropper_jax.statics.static_pose import equilibrium, release_loads
+from dropper_jax.statics.static_pose import equilibrium
 
 
 def bare_model(scene: SceneData, dtype: str | None = None) -> Model:

@@ -25,7 +25,8 @@ from dropper_jax.run.model_slopes import model_slopes, shift_model
 from dropper_jax.run.quantities import Quantity
 from dropper_jax.run.quantity_names import static_quantity
 from dropper_jax.scene import line_slices, whole_lines
-from dropper_jax.statics.static_pose import release_loads, settle
+from dropper_jax.statics.loads import release_loads
+from dropper_jax.statics.static_pose import settle
 
 
 @dataclass(frozen=True)

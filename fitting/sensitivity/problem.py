@@ -27,7 +27,7 @@ from dropper_jax.run.quantity_names import quantity
 from dropper_jax.run.statistics import OF_SAMPLES, OVER_STEPS, PERIOD
 from dropper_jax.scene import RunSpec, StartSpec
 from dropper_jax.statics.host_stiffness import free_motion
-from dropper_jax.statics.static_pose import release_loads
+from dropper_jax.statics.loads import release_loads
 from dropper_jax.stepping.adaptive import interval_ends
 from dropper_jax.stepping.integrate import Steps, advance, along_accepted_steps, integrate
 from dropper_jax.stepping.progress import Trajectory, begin

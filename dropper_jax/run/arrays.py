@@ -6,6 +6,7 @@ import numpy as np
 
 from dropper_jax.axial import LAWS, AxialLaw, Groups
 from dropper_jax.axial.force_table import stack_tables
+from dropper_jax.base.errors import SceneError
 from dropper_jax.base.numerics import as_array
 from dropper_jax.effects import EFFECTS
 from dropper_jax.effects.buoyancy import displaced_diameter
@@ -97,6 +98,18 @@ def _law(line: LineSpec) -> AxialLaw:
 def static_pose(scene: SceneData, model: Model) -> Equilibrium:
     """The equilibrium of a scene's model, under its release force if it has one."""
     return equilibrium(model, release_loads(model, scene.start))
+
+
+def resting_nodes(scene: SceneData, model: Model) -> np.ndarray:
+    """Nodes of a scene's model at rest, line after line (n + lines, 3) [m].
+
+    Raises:
+        SceneError: no equilibrium found.
+    """
+    pose = static_pose(scene, model)
+    if pose.status != "ok":
+        raise SceneError(f"start: {pose.message}")
+    return pose.positions
 
 
 def _failures(scene: SceneData) -> Failures | None:

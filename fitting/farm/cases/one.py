@@ -17,7 +17,7 @@ from dropper_jax.evaluation.fatigue import RANGE_ROUNDING, cycles
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model, State
 from dropper_jax.run.build import build_model, initial_state, stepper_of
-from dropper_jax.run.chunks import compile_run, first_carry
+from dropper_jax.run.chunks import OWN, compile_run, first_carry
 from dropper_jax.run.end_links import EndLinks, line_ends
 from dropper_jax.run.growth import overgrown
 from dropper_jax.run.observation import breaks
@@ -213,7 +213,7 @@ class Runner:
         info = {"status": np.array(0)}
         retried = 0
         while done < scene.run.rows:
-            carry, rows = run.run_chunk(carry, scene.run.rows - done)
+            carry, rows = run.advance(carry, scene.run.rows - done, OWN)
             t = (done + 1 + np.arange(len(rows.r))) * scene.run.interval
             solved = np.asarray(rows.first_bad) < 0
             good = int(np.sum(solved))

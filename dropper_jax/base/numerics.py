@@ -83,7 +83,6 @@ def store_once(x: Tree) -> Tree:
 trace_once = partial(jax.jit, inline=True)
 
 
-@trace_once
 def local_jacobian(f: Callable[[Array], Tree], x: Array) -> Tree:
     """Blocks (n, ..., c) of a map that acts on each row of x (n, c), or each entry (n,), by itself.
 
@@ -92,6 +91,7 @@ def local_jacobian(f: Callable[[Array], Tree], x: Array) -> Tree:
     return jax.jacfwd(lambda e: f(x + e))(jnp.zeros(x.shape[1:], x.dtype))
 
 
+@trace_once
 def dot(a: Array, b: Array) -> Array:
     """Scalar products of 3-vectors (..., 3).
 

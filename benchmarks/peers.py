@@ -18,7 +18,7 @@ import mujoco_chain
 from study import RESULTS, Found, command, describe, say, store, versions
 
 from dropper_jax import Model, Scene, State, build, load_scene
-from dropper_jax.plots import style
+from dropper_jax.plots import figures, style
 from dropper_jax.study.pictures import marks
 from dropper_jax.study.reference import Reference, reference
 from dropper_jax.study.schemes import Scheme, runnable
@@ -122,7 +122,7 @@ def _ratio(row: Found, ours: list[Found]) -> Found:
 @style.plot_style()
 def picture(result: Found, path: Path) -> Path:
     """RMS position error against wall time per simulated second, ours filled, the others open, log-log."""
-    figure = style.new_figure(9.0, 5.8)
+    figure = figures.new_figure(9.0, 5.8)
     axes = figure.subplots()
     # below this the reference's own error is compared; a run at its own step even shows none
     floor = result["reference"]["error_estimate_rad"]
@@ -137,10 +137,10 @@ def picture(result: Found, path: Path) -> Path:
     axes.set(xscale="log", yscale="log", xlabel="wall time per simulated second [s], one thread")
     axes.set_ylabel("RMS position error [m]")
     figure.legend(loc="outside right center", fontsize=8)
-    style.title(
+    figures.title(
         figure, f"{result['scene']}: the same motion by other simulators, {result['reference']['horizon_s']:g} s"
     )
-    return style.save(figure, path)
+    return figures.save(figure, path)
 
 
 @command()

@@ -23,9 +23,10 @@ from random_scenes import draw_scene
 from dropper_jax.base.errors import SceneError, silent
 from dropper_jax.base.json_values import jsonable
 from dropper_jax.load.scene import Scene, load_scene
-from dropper_jax.plots import style
+from dropper_jax.plots import figures, style
 from dropper_jax.run.chunks import run_chunks
-from dropper_jax.run.quantities import Quantity, quantity
+from dropper_jax.run.quantities import Quantity
+from dropper_jax.run.quantity_names import quantity
 from fitting.sensitivity import Local, local, study
 from fitting.sensitivity.derivatives import changed_study
 from fitting.sensitivity.differences import DIFFERENCES
@@ -270,7 +271,7 @@ def draw_plateau(stored: Path, picture: Path) -> None:
     sizes = found["sizes"]
     both = [sizes.index(size) for size in DIFFERENCES]
     with style.plot_style():
-        figure = style.new_figure(9.5, 3.4)
+        figure = figures.new_figure(9.5, 3.4)
         panels = figure.subplots(1, len(found["quantities"]))
         for axes, name, slopes in zip(panels, found["quantities"], found["slopes"], strict=True):
             stated, other = (slopes[i] for i in both)
@@ -281,7 +282,7 @@ def draw_plateau(stored: Path, picture: Path) -> None:
             axes.set_title(name, loc="left")
             axes.set_xlabel("change of the parameter [%]")
         panels[0].set_ylabel("slope [% per %]")
-        style.save(figure, picture)
+        figures.save(figure, picture)
 
 
 def main() -> None:

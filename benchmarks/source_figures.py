@@ -29,8 +29,9 @@ from dropper_jax.analysis.spectrum import amplitude_spectrum
 from dropper_jax.load.checks_water import surface_over
 from dropper_jax.load.scene import Scene
 from dropper_jax.plots import style, view
+from dropper_jax.plots.figures import new_figure, save
 from dropper_jax.plots.run import readable
-from dropper_jax.plots.style import force_unit
+from dropper_jax.plots.scales import force_unit
 from dropper_jax.plots.time_panels import Curve, Panel, history
 from dropper_jax.run.build import build, build_model
 from dropper_jax.run.end_links import point_loads
@@ -141,7 +142,7 @@ def _grid(figure: SourceFigure, panels: list[Lines], columns: int, path: Path) -
         size = (3.1 * columns, 2.7)
     if rows > 8:
         size = (9.0, 1.5)
-    picture = style.new_figure(size[0], 0.7 + size[1] * rows)
+    picture = new_figure(size[0], 0.7 + size[1] * rows)
     grid = picture.subplots(rows, columns, squeeze=False, sharex=figure.kind == "history").ravel()
     for axes, panel in zip(grid, panels, strict=False):
         colours = iter(style.CYCLE)
@@ -165,7 +166,7 @@ def _grid(figure: SourceFigure, panels: list[Lines], columns: int, path: Path) -
     if names:
         picture.legend(handles, names, loc="outside lower left", ncols=len(names))
     _entitle(picture, figure)
-    return style.save(picture, path)
+    return save(picture, path)
 
 
 def _entitle(picture: Figure, figure: SourceFigure) -> None:
@@ -262,7 +263,7 @@ def _space(figure: SourceFigure, solution: Solution, path: Path) -> list[Path]:
     """Paths of the nodes in space, their samples as points."""
     positions = solution.positions
     limits = view.box(positions)
-    picture = style.new_figure(*view.figure_size(limits), layout=None)
+    picture = new_figure(*view.figure_size(limits), layout=None)
     axes = view.space_axes(picture, limits)
     few = positions[:: max(1, len(positions) // 5000)]
     for node in range(1, positions.shape[1]):
@@ -270,7 +271,7 @@ def _space(figure: SourceFigure, solution: Solution, path: Path) -> list[Path]:
     axes.plot(*positions[0].T, "o-", color=style.DARK, lw=1.2, ms=4)
     picture.legend(loc="lower left", ncols=3, markerscale=4)
     _entitle(picture, figure)
-    return [style.save(picture, path)]
+    return [save(picture, path)]
 
 
 def _steps(figure: SourceFigure, path: Path) -> Path:
@@ -305,12 +306,12 @@ def _profile(figure: SourceFigure, path: Path) -> Path:
     positions = np.stack([np.zeros_like(z), np.zeros_like(z), z], axis=-1)
     # final speed of a current that rises from slack water
     flow = np.asarray(sea.stream(jnp.asarray(positions), jnp.asarray(1e6)))
-    picture = style.new_figure(5.0, 5.2)
+    picture = new_figure(5.0, 5.2)
     axes = picture.subplots()
     axes.plot(np.linalg.norm(flow, axis=-1), z, color=style.FIRST)
     axes.set(xlabel="speed of the current [m/s]", ylabel="z [m]", xlim=(0.0, None))
     _entitle(picture, figure)
-    return style.save(picture, path)
+    return save(picture, path)
 
 
 #: Drawings by kind: from the scene alone, of one configuration or motion, of quantities against time.

@@ -28,7 +28,7 @@ from IPython.display import Image
 
 import dropper_jax as dj
 from dropper_jax import plots, statics
-from dropper_jax.plots import style
+from dropper_jax.plots import style, tension_colours
 
 plt.rcParams.update(style.RC | {"figure.dpi": 90})
 
@@ -83,12 +83,12 @@ print(f"maximum tension   {solution.tension.max():.2f} N; the whole dropper weig
 
 # %%
 fig, axes = plt.subplots(2, 5, figsize=(9.5, 4.0), sharex=True, sharey=True, layout="constrained")
-norm = style.tension_norm(solution.tension)
+norm = tension_colours.tension_norm(solution.tension)
 for ax, when in zip(axes.flat, np.arange(10) * 0.11, strict=True):
     i = np.searchsorted(solution.t, when)
     x, _, z = solution.positions[i].T
     for j in range(7):
-        colour = style.tension_map()(norm(solution.tension[i, j]))
+        colour = tension_colours.tension_map()(norm(solution.tension[i, j]))
         ax.plot(x[j : j + 2], z[j : j + 2], color=colour, lw=3.5, solid_capstyle="round")
     ax.plot(x, z, "o", color="white", mec=style.DARK, ms=3.5, mew=0.7)
     ax.set(title=f"{when:.2f} s", aspect="equal")
@@ -96,7 +96,7 @@ for ax in axes[:, 0]:
     ax.set_ylabel("z [m]")
 for ax in axes[1]:
     ax.set_xlabel("x [m]")
-bar = fig.colorbar(plt.cm.ScalarMappable(norm, style.tension_map()), ax=axes, shrink=0.9)
+bar = fig.colorbar(plt.cm.ScalarMappable(norm, tension_colours.tension_map()), ax=axes, shrink=0.9)
 bar.set_label("tension [N]")
 plt.show()
 

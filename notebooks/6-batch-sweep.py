@@ -23,7 +23,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import dropper_jax as dj
-from dropper_jax.plots import style
+from dropper_jax.plots import style, tension_colours
 from fitting.sweep import open_sweep, sweep
 
 plt.rcParams.update(style.RC | {"figure.dpi": 90})
@@ -52,7 +52,7 @@ for ax, (name, label) in zip(axes, pictured.items(), strict=True):
     level = np.asarray(found[name])
     if name == "energy_final":
         level = level - level.min()  # the zero of the potential energy is arbitrary
-    mesh = ax.pcolormesh(b_l, b_q, level.T, cmap=style.tension_map(), shading="gouraud")
+    mesh = ax.pcolormesh(b_l, b_q, level.T, cmap=tension_colours.tension_map(), shading="gouraud")
     ax.set(xscale="log", title=label)
     ax.set(xlabel="linear damping b_l [kg/s]", ylabel="quadratic damping b_q [kg/m]")
     ax.grid(False)

@@ -16,7 +16,7 @@ from PIL import Image
 import dropper_jax as dj
 from dropper_jax import plots, statics
 from dropper_jax.cli import main
-from dropper_jax.plots import style
+from dropper_jax.plots import figures, style, tension_colours
 from dropper_jax.report.page import view_page
 from fitting.films import track
 from fitting.films.overlay import write_overlay
@@ -55,7 +55,7 @@ def damping_sweep(work: Path) -> None:
     values = {"b_l": np.geomspace(0.0005, 0.02, 24), "b_q": np.linspace(0.0, 0.01, 16)}
     sweep(scene, values, work / "damping.zarr", quantities=["tension_max", "energy_final"])
     with open_sweep(work / "damping.zarr") as found, matplotlib.style.context(["default", style.RC]):
-        figure = style.new_figure(9.5, 3.8)
+        figure = figures.new_figure(9.5, 3.8)
         for axes, name, label in zip(
             figure.subplots(1, 2),
             ("tension_max", "energy_final"),
@@ -65,7 +65,9 @@ def damping_sweep(work: Path) -> None:
             level = np.asarray(found[name])
             if name == "energy_final":
                 level = level - resting_energy(scene)
-            mesh = axes.pcolormesh(values["b_l"], values["b_q"], level.T, cmap=style.tension_map(), shading="gouraud")
+            mesh = axes.pcolormesh(
+                values["b_l"], values["b_q"], level.T, cmap=tension_colours.tension_map(), shading="gouraud"
+            )
             lines = axes.contour(values["b_l"], values["b_q"], level.T, 6, colors="white", linewidths=0.8)
             axes.set(xscale="log", title=label)
             axes.set(xlabel="linear damping b_l [kg/s]", ylabel="quadratic damping b_q [kg/m]")
@@ -73,7 +75,7 @@ def damping_sweep(work: Path) -> None:
             bar = figure.colorbar(mesh, ax=axes)
             bar.add_lines(lines)
             bar.set_ticks(lines.levels[1:-1])
-        style.save(figure, HERE / "damping-sweep.png")
+        figures.save(figure, HERE / "damping-sweep.png")
 
 
 def storm(work: Path) -> None:
@@ -139,9 +141,9 @@ def source_figures(work: Path) -> None:
 def sheets(work: Path) -> None:
     """Sheets of the figures in a folder, in their order."""
     rows = tomllib.loads(FIGURES.with_suffix(".toml").read_text(encoding="utf-8"))["figure"]
-    figures = [row["name"] for row in rows]
+    names = [row["name"] for row in rows]
     for name, (begins, columns) in SHEETS.items():
-        chosen = [figure for figure in figures if figure.startswith(tuple(begins.split()))]
+        chosen = [figure for figure in names if figure.startswith(tuple(begins.split()))]
         rows = [
             [_small(work / f"{figure}.png") for figure in chosen[i : i + columns]]
             for i in range(0, len(chosen), columns)

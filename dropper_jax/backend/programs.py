@@ -26,7 +26,8 @@ import jax
 from dropper_jax import backend
 from dropper_jax.backend import is_plain
 from dropper_jax.backend.one_kernel import lower_kernel
-from dropper_jax.backend.stored import SETTINGS, Folder, StoredPrograms, open_folder, user_folder
+from dropper_jax.backend.program_files import Folder, open_folder, user_folder
+from dropper_jax.backend.stored import SETTINGS, StoredPrograms
 
 P = ParamSpec("P")
 R = TypeVar("R")

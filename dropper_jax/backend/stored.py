@@ -1,26 +1,17 @@
 """Compiled programs stored between processes: a second start neither traces, lowers nor compiles them.
 
-A file holds one executable, as `jax.experimental.serialize_executable` writes it, after its digest: JAX loads a file
-with a flipped bit without an error. Its name is the digest of all that the program depends on: the sources, versions,
-flags and settings, the processor, the function, its static arguments, and the shapes and types of the others. A
-program that cannot be stored or loaded is compiled.
-
-JAX reads its part of a file by `pickle`, which can run any code. Programs are therefore loaded only from a folder that
-belongs to the user and that no other user may write, where the system knows owners.
+A file holds one executable, as `jax.experimental.serialize_executable` writes it. Its name is the digest of all that
+the program depends on: the sources, versions, flags and settings, the processor, the function, its static arguments,
+and the shapes and types of the others. A program that cannot be stored or loaded is compiled.
 """
 
 from __future__ import annotations
 
-import dataclasses
 import hashlib
 import os
 import pickle
 import platform
-import stat
-import sys
-import tempfile
-import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from functools import cache
 from importlib import metadata
@@ -29,20 +20,11 @@ from pathlib import Path
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import Array
 from jax.experimental import serialize_executable
 
-#: Packages whose names and sources the key of a program contains.
-PACKAGES = ("dropper_jax", "fitting")
-#: First bytes of a file, before the digest and the program.
-MARK = b"dropper2"
-UNFINISHED = ".unfinished"
-WRITABLE_BY_OTHERS = stat.S_IWGRP | stat.S_IWOTH
-DIGEST = hashlib.sha256().digest_size
-#: Age [s] after which an unfinished file counts as left over from a stopped process.
-ABANDONED = 3600.0
-#: Total size [bytes] of the stored programs; the least recently used ones are removed first.
-LARGEST = 1_000_000_000
+from dropper_jax.backend.program_files import Folder
+from dropper_jax.backend.stable_text import PACKAGES, NoStableText, stable_text, tree_text
+
 #: Settings of JAX that a program depends on.
 SETTINGS = (
     "jax_enable_x64",
@@ -54,73 +36,6 @@ SETTINGS = (
     "jax_numpy_dtype_promotion",
     "jax_threefry_partitionable",
 )
-
-
-class NoStableText(ValueError):
-    """A value that may mean something else in another process."""
-
-
-class Folder:
-    """Files by key in a folder, with a limit on their total size.
-
-    Args:
-        path: the folder, which exists.
-        largest: total size [bytes] of its files.
-    """
-
-    def __init__(self, path: Path, largest: int = LARGEST) -> None:
-        self.path = path
-        self.largest = largest
-        self._unseen = largest  # bytes written since the sizes of all files were added up
-
-    def read(self, key: str) -> bytes | None:
-        """The content with that key; None if it is missing or damaged. A damaged file is removed."""
-        file = self.path / key
-        try:
-            whole = file.read_bytes()
-        except OSError:
-            return None
-        head = whole[: len(MARK) + DIGEST]
-        content = whole[len(MARK) + DIGEST :]
-        if head != MARK + hashlib.sha256(content).digest():
-            self.remove(key)
-            return None
-        with suppress(OSError):
-            os.utime(file)
-        return content
-
-    def write(self, key: str, content: bytes) -> None:
-        """Store content, replacing an existing file at once; a full or read-only disk is ignored."""
-        with suppress(OSError):
-            with tempfile.NamedTemporaryFile(dir=self.path, suffix=UNFINISHED, delete=False) as file:
-                file.write(MARK + hashlib.sha256(content).digest() + content)
-            os.replace(file.name, self.path / key)
-            self._unseen += len(content)
-            if self._unseen > self.largest / 64:  # looking at all files costs more than storing one
-                self._remove_old()
-                self._unseen = 0
-
-    def remove(self, key: str) -> None:
-        """Remove a file."""
-        with suppress(OSError):
-            (self.path / key).unlink()
-
-    def _remove_old(self) -> None:
-        """Remove the least recently used files beyond the limit, and what stopped processes have left."""
-        files = []
-        for file in self.path.iterdir():
-            with suppress(OSError):
-                about = file.stat()
-                if file.suffix != UNFINISHED:
-                    files.append((about.st_mtime, about.st_size, file))
-                elif about.st_mtime < time.time() - ABANDONED:
-                    file.unlink()
-        size = sum(bytes_ for _, bytes_, _ in files)
-        for _, bytes_, file in sorted(files):
-            if size <= self.largest:
-                return
-            self.remove(file.name)
-            size -= bytes_
 
 
 class StoredPrograms:
@@ -152,7 +67,7 @@ class StoredPrograms:
                 *(f"{name}={getattr(jax.config, name, None)}" for name in SETTINGS),
                 stable_text(function),
                 stable_text(dict(settings)),
-                _tree_text(tree),
+                tree_text(tree),
                 *map(_kind, leaves),
             ]
         except NoStableText:
@@ -191,30 +106,6 @@ class StoredPrograms:
         self.folder.write(key, content)
 
 
-def open_folder(folder: Path) -> Path | None:
-    """The folder of programs, created if it is missing; None if it is not the user's own, not writable, or
-    writable by others."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-        tempfile.TemporaryFile(dir=folder).close()
-        status = folder.stat()
-        if hasattr(os, "getuid") and (status.st_uid != os.getuid() or status.st_mode & WRITABLE_BY_OTHERS):
-            return None
-    except OSError:
-        return None
-    return folder
-
-
-def user_folder() -> Path | None:
-    """The user's folder of programs; None for a user without a home directory."""
-    from platformdirs import user_cache_path  # noqa: PLC0415 - only the command line needs it
-
-    folder = user_cache_path("dropper-jax", appauthor=False, opinion=False)
-    if not folder.is_absolute():
-        return None
-    return folder / "programs"
-
-
 def sources_digest(root: Path = Path(__file__).parents[2]) -> str:
     """Digest of all sources of the packages of this project, which are in the folder `root`."""
     digest = hashlib.sha256()
@@ -223,72 +114,6 @@ def sources_digest(root: Path = Path(__file__).parents[2]) -> str:
             digest.update(f"{file.relative_to(root)}\n{file.stat().st_size}\n".encode())
             digest.update(file.read_bytes())
     return digest.hexdigest()
-
-
-def stable_text(value: object) -> str:
-    """A text that two values share only if they mean the same in every process with the same sources.
-
-    Arrays are written by their digests; objects of this project by their names and fields.
-
-    Raises:
-        NoStableText: an object of another kind, or a function that was created at run time.
-    """
-    match value:
-        case None | bool() | int() | float() | str():
-            return f"{type(value).__name__}:{value!r}"
-        case np.ndarray() | np.generic() | Array():
-            array = np.asarray(value)
-            return f"array:{array.dtype}{array.shape}{hashlib.sha256(array.tobytes()).hexdigest()}"
-        case dict():
-            return _joined("dict", sorted(f"{stable_text(key)}={stable_text(one)}" for key, one in value.items()))
-        case frozenset():
-            return _joined("frozenset", sorted(map(stable_text, value)))
-        case tuple() | list():
-            return _joined(_type_text(type(value)), map(stable_text, value))
-        case _ if dataclasses.is_dataclass(value) and not isinstance(value, type):
-            fields = dataclasses.fields(value)
-            texts = (f"{field.name}={stable_text(getattr(value, field.name))}" for field in fields)
-            return _joined(_type_text(type(value)), texts)
-        case _ if callable(value):
-            return _name(value)
-    raise NoStableText(type(value).__name__)
-
-
-def _joined(kind: str, parts: Iterable[str]) -> str:
-    """The texts of the parts of a value of this kind as one text."""
-    return f"{kind}({','.join(parts)})"
-
-
-def _type_text(kind: type) -> str:
-    """The name of a type: of Python's containers, or of this project."""
-    if kind in (tuple, list, dict, type(None)):
-        return kind.__name__
-    return _name(kind)
-
-
-def _name(value: type | Callable[..., object]) -> str:
-    """`module:name` of a type or function that a module of this project defines under that name."""
-    module = getattr(value, "__module__", None) or ""
-    name = getattr(value, "__qualname__", "")
-    found = sys.modules.get(module)
-    for part in name.split("."):
-        found = getattr(found, part, None)
-    # a compiled function may replace its original under the same name
-    original = getattr(found, "__wrapped__", found)
-    if module.partition(".")[0] not in PACKAGES or (value is not found and value is not original):
-        raise NoStableText(f"{module}.{name}")
-    return f"{module}:{name}"
-
-
-def _tree_text(tree: jax.tree_util.PyTreeDef) -> str:
-    """The types of a tree and their static data, without its leaves."""
-    node = tree.node_data()
-    if node is None:
-        if tree.num_leaves:
-            return "leaf"
-        return "none"
-    kind, static = node
-    return _joined(_type_text(kind) + stable_text(static), map(_tree_text, tree.children()))
 
 
 def _kind(leaf: object) -> str:

@@ -83,6 +83,14 @@ def store_once(x: Tree) -> Tree:
 trace_once = partial(jax.jit, inline=True)
 
 
+def local_jacobian(f: Callable[[Array], Tree], x: Array) -> Tree:
+    """Blocks (n, ..., c) of a map that acts on each row of x (n, c), or each entry (n,), by itself.
+
+    All rows move together, so `jax.jacfwd` needs one direction per column.
+    """
+    return jax.jacfwd(lambda e: f(x + e))(jnp.zeros(x.shape[1:], x.dtype))
+
+
 @trace_once
 def dot(a: Array, b: Array) -> Array:
     """Scalar products of 3-vectors (..., 3).

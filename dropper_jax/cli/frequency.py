@@ -209,13 +209,13 @@ def _text(found: FrequencyResponse) -> str:
 
 def _draw(name: str, found: FrequencyResponse, path: Path) -> None:
     """Spectra of the tensions at the ends with the largest deviations, in the sea state with the maximum tension."""
-    from dropper_jax.plots import style
+    from dropper_jax.plots import figures, style
     from dropper_jax.plots.time_panels import Curve, Panel, draw_panel
 
     state = int(np.argmax(np.max(found.maximum_tension, axis=1)))
     omega, tension, _ = found.spectra(state)
     with style.plot_style():
-        figure = style.new_figure(7.0, 4.4)
+        figure = figures.new_figure(7.0, 4.4)
         axes = figure.subplots()
         # the six ends with the largest deviations
         ends = np.argsort(-found.tension_deviation[state])[:6]
@@ -224,5 +224,5 @@ def _draw(name: str, found: FrequencyResponse, path: Path) -> None:
         axes.set(xlabel="frequency [rad/s]", ylabel="spectrum of the tension [kN$^2$ s/rad]", ylim=(0.0, None))
         figure.legend(loc="outside right upper")
         hs, tp = found.sea_states[state]
-        style.title(figure, f"{name}: tension in waves of {hs:.3g} m and {tp:.3g} s")
-        style.save(figure, path)
+        figures.title(figure, f"{name}: tension in waves of {hs:.3g} m and {tp:.3g} s")
+        figures.save(figure, path)

@@ -174,7 +174,7 @@ def _assignment(text: str) -> tuple[str, Plain]:
         return path.strip(), value.strip()
 
 
-#: Signals and statistics of `dropper_jax.run.quantities`, which imports JAX.
+#: Signals of `dropper_jax.run.motion_signals` and statistics of `dropper_jax.run.statistics`, which import JAX.
 SIGNALS = (
     "tension",
     "anchor",

@@ -57,8 +57,8 @@ def _step_facts(solution: Solution) -> list[tuple[str, str]]:
     found = []
     if "stated_errors" in solution.settings:
         found.append(("errors", errors_in_words(solution.settings["stated_errors"])))
-    # the stated errors are the verdict; steps that follow snaps have no constant number per period
-    elif facts["steps_per_axial_period"] is not None and "refused_steps" not in solution.settings:
+    # the stated errors are the verdict
+    elif facts["steps_per_axial_period"] is not None:
         text = (
             "{steps_per_axial_period:.2g} steps per period of the stiffest link, {axial_period_s:.2g} s; a step of "
             "{axial_step_s:.2g} s resolves it"

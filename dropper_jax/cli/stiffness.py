@@ -61,7 +61,7 @@ def run(args: Namespace) -> int:
     names, about = _requested_points(scene, args)
 
     from dropper_jax.run.build import build_model, equilibrium
-    from dropper_jax.statics.static_pose import release_loads
+    from dropper_jax.statics.loads import release_loads
     from dropper_jax.statics.stiffness import mooring_stiffness
 
     pose = equilibrium(scene)
@@ -108,8 +108,8 @@ def _of_one(
     """The 6x6 matrix of a body, or of fixed points that move together, about a reference (3,) [m]."""
     from dropper_jax.run.build import build_model, equilibrium
     from dropper_jax.run.fixed_points import without_body
+    from dropper_jax.statics.loads import release_loads
     from dropper_jax.statics.rigid_group import moved_to, stiffness_of_group
-    from dropper_jax.statics.static_pose import release_loads
     from dropper_jax.statics.stiffness import mooring_stiffness
 
     bodies = [body.name for body in scene.bodies]

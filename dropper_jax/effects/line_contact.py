@@ -57,7 +57,7 @@ class LineContact(Effect):
             raise SceneError(
                 'effects.line_contact.pairs: missing; needed: names of lines, such as [["dropper-1", "dropper-2"]]'
             )
-        if not scene.branched:
+        if scene.single_line is not None:
             raise SceneError("effects.line_contact: acts between lines of a system. Use it in scenes of several lines")
         path = "effects.line_contact"
         lines = _lines_by_name(scene)

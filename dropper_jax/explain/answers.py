@@ -19,8 +19,9 @@ from dropper_jax.run.build import build_model, equilibrium
 from dropper_jax.run.line_weights import end_angles, end_forces, wet_weights
 from dropper_jax.run.model_slopes import shift_model
 from dropper_jax.scene import whole_lines
+from dropper_jax.statics.loads import release_loads
 from dropper_jax.statics.rigid_group import stiffness_of_group
-from dropper_jax.statics.static_pose import release_loads, settle
+from dropper_jax.statics.static_pose import settle
 
 if TYPE_CHECKING:
     from dropper_jax.load.scene import Scene

@@ -24,8 +24,9 @@ from dropper_jax.scene import whole_lines
 from dropper_jax.sea.make import make_current, waves_of
 from dropper_jax.sea.spec import SeaSpec, WaveSpec
 from dropper_jax.sea.waves import Waves
+from dropper_jax.statics.loads import release_loads
 from dropper_jax.statics.search import Equilibrium
-from dropper_jax.statics.static_pose import equilibrium, release_loads
+from dropper_jax.statics.static_pose import equilibrium
 
 #: Largest error of the basis that stays below that of the linearisation.
 BASIS_ERROR = 0.02

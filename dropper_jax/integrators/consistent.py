@@ -54,7 +54,7 @@ class ProjectionProblem(StepProblem):
 
     def link_vectors(self, x: Array) -> Array:
         """Rates of the links, for the network solver."""
-        return self.model.rates(self.k.v + x, self.k.ends)
+        return self.model.geometry.differences(self.k.v + x, self.k.ends.velocities)
 
     def link_rows(self, d: Array, y: Array) -> tuple[Array, Array]:
         rows = jnp.sum(self.link_direction * d, axis=-1) - self.aim

@@ -12,8 +12,9 @@ import jax.numpy as jnp
 from jax import Array
 
 from dropper_jax.backend.tridiagonal import solve_tridiagonal
+from dropper_jax.base.numerics import local_jacobian
 from dropper_jax.model import AddedMass, Kinematics, Model, State, Works, book_works, turning
-from dropper_jax.residual import Explicit, local_jacobian
+from dropper_jax.residual import Explicit
 from dropper_jax.solvers.elimination import apply, inverse
 
 #: Rates of positions (nodes, 3) [m/s], of velocities (nodes, 3) [m/s^2], and powers (k,) [W].

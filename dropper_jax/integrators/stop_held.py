@@ -25,6 +25,14 @@ from dropper_jax.base.numerics import dot
 from dropper_jax.model import Kinematics, Law, Model
 from dropper_jax.residual import PerLaw, Unknowns
 
+#: Number of Newton corrections: the first is exact if no impulse reaches its bound. A joint that reaches its bound in
+#: the last one keeps more than its part of one step. That affects the accuracy of this event, never the energy.
+CORRECTIONS = 3
+#: Excess of an impulse over its bound, relative to it, up to which both differ by rounding.
+BEYOND_ROUNDING = 1e-9
+#: Factor of an impulse on its bound whose nearest allowed one is on the bound despite rounding.
+OUTWARDS = 2.0
+
 
 def stop_held_joints(model: Model, z: PerLaw, middle: Kinematics, after: Kinematics, h: Array) -> tuple[Array, Array]:
     """End velocities (nodes, 3) [m/s] with stuck joints at rest, and the work of that (<= 0) [J].
@@ -83,15 +91,12 @@ def _solve(
         for law, p, q, is_held, was_over, direction in zip(model.laws, unravel(x).z, z, held, over, aim, strict=True):
             beyond = is_held & ~was_over & _beyond(law, p, q, h)
             now_over = (*now_over, was_over | beyond)
-            # doubled, so that its nearest allowed torque is on the bound despite rounding
-            now_aim = (*now_aim, jnp.where(beyond, 2.0 * (p / h + q), direction))
+            now_aim = (*now_aim, jnp.where(beyond, OUTWARDS * (p / h + q), direction))
         return (x, factor, now_over, now_aim), None
 
     nothing = tuple(map(jnp.zeros_like, held))
     start = flat, lu_factor(jnp.eye(len(flat), dtype=flat.dtype)), nothing, zero.z
-    # Newton corrections: the first is exact if no impulse reaches its bound. A joint that reaches its bound in the last
-    # one keeps more than its part of one step. That affects the accuracy of this event, never the energy
-    x, factor, over, aim = jax.lax.scan(correct, start, None, length=3)[0]
+    x, factor, over, aim = jax.lax.scan(correct, start, None, length=CORRECTIONS)[0]
     return unravel(x), factor, over, aim
 
 
@@ -103,7 +108,7 @@ def _beyond(law: Law, p: Array, q: Array, h: Array) -> Array:
     size = jnp.max(jnp.abs(p) + jnp.abs(h * q), axis=-1, keepdims=True)
     # the impulse nearest to p that keeps `h q + p`, friction's impulse over the full step, within its bound
     nearest = h * law.admissible(p / h + q) - h * q
-    return jnp.max(jnp.abs(p - nearest), axis=-1, keepdims=True) > 1e-9 * size
+    return jnp.max(jnp.abs(p - nearest), axis=-1, keepdims=True) > BEYOND_ROUNDING * size
 
 
 #: Relative compliance of the impulses: there may be more stuck joints than motions that they stop (8 joints, 5 motions

@@ -22,10 +22,11 @@ def check_layout(scene: SceneData) -> Iterator[Check]:
     for section, named in (("point", scene.points), ("line", scene.lines), ("buoy", scene.buoys)):
         yield from _name_checks(section, named)
     _check_ends(scene)
-    if scene.branched:
+    line = scene.single_line
+    if line is None:
         yield from _system_checks(scene)
     else:
-        yield from _line_checks(scene)
+        yield from _line_checks(scene, line)
     check_anchors(scene.anchors, scene.fixed_points)
     lines = {line.name: line for line in scene.lines}
     for i, failure in enumerate(scene.failures):
@@ -62,10 +63,9 @@ def _check_ends(scene: SceneData) -> None:
             raise refuse(f"point.{i}.name", point.name, "is not an end of any line", ", ".join(sorted(used)))
 
 
-def _line_checks(scene: SceneData) -> Iterator[Check]:
-    """Checks that a line starts at a fixed point, and that links between two fixed ends can close: no side of the
-    polygon exceeds the sum of the others."""
-    line = scene.lines[0]
+def _line_checks(scene: SceneData, line: LineSpec) -> Iterator[Check]:
+    """Checks that a single line starts at a fixed point, and that links between two fixed ends can close: no side of
+    the polygon exceeds the sum of the others."""
     start = scene.point(line.start)
     yield (
         start.is_free,
@@ -164,9 +164,10 @@ def _check_system_effects(scene: SceneData) -> Iterator[Check]:
             f"line.{i}.nodes: {line.nodes!r} leaves the free point {line.start!r} without mass; allowed: shared, or "
             "the line written from its other end",
         )
-    for name in scene.effects:
-        single = EFFECTS[name].single_line and scene.branched
-        yield single, f"effects.{name}: acts on the nodes of one line; allowed: scenes with one line"
+    if scene.single_line is None:
+        for name in scene.effects:
+            single = EFFECTS[name].single_line
+            yield single, f"effects.{name}: acts on the nodes of one line; allowed: scenes with one line"
     for i, buoy in enumerate(scene.buoys):
         yield (
             scene.sea is None,

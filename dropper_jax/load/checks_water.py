@@ -99,12 +99,12 @@ def sea_warnings(scene: SceneData, sea: Sea) -> tuple[str, ...]:
 
 def line_reach(scene: SceneData) -> tuple[np.ndarray, float]:
     """A ball that the line cannot leave while its points are fixed: its centre (3,) [m] and radius [m]."""
-    if scene.branched:
+    line = scene.single_line
+    if line is None:
         positions = np.array([item.position for item in (*scene.points, *scene.bodies, *scene.vessels)])
         middle = np.mean(positions, axis=0)
         longest = max(line.total for line in scene.lines)
         return middle, (np.max(np.linalg.norm(positions - middle, axis=1)) + longest)
-    line = scene.lines[0]
     if scene.point(line.end).is_free:
         return scene.point(line.start).position, line.total
     return _middle(scene, 0), 0.5 * line.total
@@ -268,7 +268,7 @@ def _slenderness(scene: SceneData, sea: Sea) -> Iterator[str]:
     diameter = drag_diameter(scene)
     shortest = _shortest(sea)
     path = "line.0"
-    if scene.branched:
+    if scene.single_line is None:
         thickest = np.argmax(np.broadcast_to(diameter, scene.line.links))
         path = next(f"line.{line.name}" for line in line_slices(scene) if thickest < line.links.stop)
     sizes = {path: np.max(diameter)}

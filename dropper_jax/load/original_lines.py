@@ -1,6 +1,6 @@
 """Lines with types, sections and attached points in their original form, before they become one value per link.
 
-A `Scene` holds one value per link (`line_types.expand`). Values changed by path have the same meaning as in the file:
+A `Scene` holds one value per link (`typed_lines.expand`). Values changed by path have the same meaning as in the file:
 `line.leg.length` is the length of the line, `line_type.chain.EA` that of every line of the type.
 """
 
@@ -14,8 +14,10 @@ from dataclasses import dataclass
 from dropper_jax.axial import LAWS
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import ScenePath, Table, Values, declared_fields, plain
-from dropper_jax.load.line_types import COEFFICIENTS, SECTION_KEYS, LineType, expand, law_constants
+from dropper_jax.load.line_sections import SECTION_KEYS
+from dropper_jax.load.line_types import LineType, law_constants
 from dropper_jax.load.paths import Steps, get, set_value, steps_to
+from dropper_jax.load.typed_lines import COEFFICIENTS, expand
 from dropper_jax.scene import GrowthSpec
 from dropper_jax.scene.length_in_time import LengthInTimeSpec, WinchSpec
 

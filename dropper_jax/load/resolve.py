@@ -21,9 +21,9 @@ from dropper_jax.base.read import (
     short_text,
 )
 from dropper_jax.load.library import FLOAT_DENSITY, PREFIX, float_of, part
-from dropper_jax.load.line_types import expand
 from dropper_jax.load.original_lines import OriginalLines
 from dropper_jax.load.template import Template
+from dropper_jax.load.typed_lines import expand
 from dropper_jax.scene import PointSpec
 
 

@@ -195,17 +195,17 @@ class Scene(SceneData):
         scene = replace(scene, points=scene.points + attached_points(scene))
         check_layout(scene)
         read_text(scene.run.integrator, "run.integrator", INTEGRATORS)
-        branched = scene.branched
-        held = branched or not scene.point(scene.lines[0].end).is_free
-        start = scene.start.of_lines(scene.lines, held, branched)
+        line = scene.single_line
+        held = line is None or not scene.point(line.end).is_free
+        start = scene.start.of_lines(scene.lines, held, branched=line is None)
         scene = replace(scene, start=start, effects=_read_effects(scene))
         check_scene(scene)
         scene = replace(scene, start=closed_start(scene))
         pose = None
-        if not branched:
+        if line is not None:
             pose = given_pose(scene)
-        if pose is not None:
-            check_pose(scene, scene.lines[0], *pose)
+        if line is not None and pose is not None:
+            check_pose(scene, line, *pose)
         else:
             check_system_pose(scene)
         check_bed(scene, pose)

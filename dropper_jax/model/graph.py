@@ -111,12 +111,16 @@ class Graph:
         return [name for name in dict.fromkeys(names) if name]
 
     def line_links(self, names: Sequence[str]) -> dict[str, np.ndarray]:
-        """Numbers of the links of each line as specified; pieces `name-1`, `name-2` of a cut one belong to it."""
+        """Numbers of the links of each line as specified; pieces `name-1`, `name-2` of a cut one belong to it.
+
+        Next to a line `name`, which is not cut, `name-1` is a line of its own.
+        """
         found: dict[str, list[np.ndarray]] = {name: [] for name in names}
+        whole = {member.name for member in self.members}
         for member, span in zip(self.members, self.spans, strict=True):
             own = member.name
             stem, _, piece = own.rpartition("-")
-            if own not in found and piece.isdecimal():
+            if own not in found and piece.isdecimal() and stem not in whole:
                 own = stem
             if own in found:
                 found[own].append(np.arange(span.start, span.stop))

@@ -49,15 +49,6 @@ class ModelView(Protocol):
     def having(self, slot: type[Role]) -> tuple[Role, ...]:
         """The effects that fill a slot, in order."""
 
-    def nodes(self, r: Array, ends: Ends) -> Array:
-        """All nodes (n + lines, 3) [m]."""
-
-    def links(self, r: Array, ends: Ends) -> Array:
-        """Link vectors (n, 3) [m]."""
-
-    def rates(self, v: Array, ends: Ends | None) -> Array:
-        """Rates of the link vectors (n, 3) [m/s]."""
-
     def gather(self, link_force: Array) -> Array:
         """Sum on the free nodes (nodes, ...) of tension forces of links (n, ...)."""
 
@@ -154,17 +145,17 @@ class Kinematics:
     @cached_property
     def nodes(self) -> Array:
         """All nodes (n + lines, 3) [m]."""
-        return self.model.nodes(self.r, self.ends)
+        return self.model.geometry.nodes(self.r, self.ends.positions)
 
     @cached_property
     def links(self) -> Array:
         """Link vectors (n, 3) [m]."""
-        return self.model.links(self.r, self.ends)
+        return self.model.geometry.differences(self.r, self.ends.positions)
 
     @cached_property
     def link_velocities(self) -> Array:
         """Rates of the link vectors (n, 3) [m/s]."""
-        return self.model.rates(self.v, self.ends)
+        return self.model.geometry.differences(self.v, self.ends.velocities)
 
     @cached_property
     def tangents(self) -> Array:

@@ -22,7 +22,7 @@ from PIL import Image
 
 from dropper_jax.base.errors import Progress, SceneError, silent
 from dropper_jax.base.files import atomic_write, remove_leftovers, unfinished_folder
-from dropper_jax.plots import style, system, view
+from dropper_jax.plots import figures, marks, style, system, tension_colours, view
 from dropper_jax.plots.run import Run
 from dropper_jax.plots.style import ALERT, CYCLE, DARK, FAINT
 
@@ -167,7 +167,7 @@ class _Stage:
         self.step = int(np.ceil(np.diff(frames).max(initial=1)))
         flat = view.planar(positions)
         limits = system.limits(run, positions)
-        self.figure = style.new_figure(*view.figure_size(limits, LONGEST), layout=None)
+        self.figure = figures.new_figure(*view.figure_size(limits, LONGEST), layout=None)
         self.axes = _axes(self.figure, limits, flat)
         # the first buoy is more informative than the middle of the list of nodes
         self.traced = run.buoys[0].node if run.buoys else positions.shape[1] // 2
@@ -185,7 +185,7 @@ class _Stage:
 
     def _texts(self, speed: str) -> None:
         run = self.run
-        text, colour = style.how(run)
+        text, colour = figures.how(run)
         names = {node: name for name, node in run.point_names.items()}
         what = names.get(self.traced, f"node {self.traced}")
         note = f"thin line: path of {what}, last {self.trail} frames"
@@ -197,15 +197,18 @@ class _Stage:
     def _movers(self, flat: bool) -> None:
         """The moving parts, in the order in which they are drawn."""
         run = self.run
-        tension: dict[str, Any] = {"cmap": style.tension_map(), "norm": style.tension_norm(run.tension)}
+        tension: dict[str, Any] = {
+            "cmap": tension_colours.tension_map(),
+            "norm": tension_colours.tension_norm(run.tension),
+        }
         width = 1.2 if flat else 0.4
         self.surface = LineCollection([], colors=system.SURFACE, linewidths=width)
         self.trace = Line2D([], [], color=FAINT, lw=1.0)
-        self.links = LineCollection([], linewidths=3.5 * style.bold(run), capstyle="round", **tension)
+        self.links = LineCollection([], linewidths=3.5 * marks.bold(run), capstyle="round", **tension)
         self.buoys = PolyCollection([], facecolors=system.BUOY, edgecolors=DARK, linewidths=0.7)
-        self.nodes = Line2D([], [], ls="", marker="o", ms=style.dot(run), mfc="white", mec=DARK, mew=0.9)
+        self.nodes = Line2D([], [], ls="", marker="o", ms=marks.dot(run), mfc="white", mec=DARK, mew=0.9)
         self.fixed_points = Line2D([], [], ls="", marker="s", ms=7, mfc=DARK, mec="white")
-        style.tension_bar(self.figure, self.links, run.tension, cax=view.bar_axes(self.figure))
+        tension_colours.tension_bar(self.figure, self.links, run.tension, cax=view.bar_axes(self.figure))
         self.movers = (self.surface, self.trace, self.links, self.buoys, self.nodes, self.fixed_points)
         for artist in self.movers:
             artist.set(transform=self.axes.transData, figure=self.figure)
@@ -250,7 +253,7 @@ class _Stage:
 
 def _palette() -> Image.Image:
     """The same colours for all frames: those of the style, and their mixtures with white for smooth edges."""
-    tension = style.tension_map()(np.linspace(0.0, 1.0, 40))[:, :3]
+    tension = tension_colours.tension_map()(np.linspace(0.0, 1.0, 40))[:, :3]
     strong = np.concatenate([tension, [to_rgb(colour) for colour in SOLID]])
     mixed = 1 - np.multiply.outer((1.0, 0.75, 0.5, 0.25), 1 - strong)
     greys = np.linspace(to_rgb(DARK), (1.0, 1.0, 1.0), 32)

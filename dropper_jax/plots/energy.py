@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from dropper_jax.analysis.energy import balance_drift
-from dropper_jax.plots import style
+from dropper_jax.plots import figures, marks, scales, style
 from dropper_jax.plots.run import Run
 from dropper_jax.plots.style import CYCLE, DARK
 
@@ -26,9 +26,9 @@ def energy_balance(run: Run, path: str | Path) -> Path:
     kinetic = run.kinetic
     work = run.work
     potential = run.potential - run.potential.min()
-    figure = style.new_figure(8.5, 5.8)
+    figure = figures.new_figure(8.5, 5.8)
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(2.6, 1))
-    mark = {"marker": style.marker(t), "ms": 4}
+    mark = {"marker": marks.marker(t), "ms": 4}
     # The sum is drawn below the others: if there is only one energy, both stay visible.
     upper.plot(t, kinetic + potential - work.sum(axis=1), color=DARK, lw=2.4, label="sum", **mark)
     upper.plot(t, kinetic, color=CYCLE[0], lw=0.9, label="kinetic", **mark)
@@ -37,11 +37,11 @@ def energy_balance(run: Run, path: str | Path) -> Path:
     for name, done, colour in zip(run.work_names, work.T, colours, strict=False):
         upper.plot(t, -done, color=colour, label=f"minus work, {name.replace('_', ' ')}", **mark)
     upper.set_ylabel("energy [J]")
-    style.legend_above(upper, 3, "left", borderaxespad=0.2)
+    figures.legend_above(upper, 3, "left", borderaxespad=0.2)
     scale = max(np.abs(kinetic).max(), np.abs(potential).max()) or 1.0
     drift = np.maximum(np.abs(balance_drift(run)), ROUNDING * scale)
     lower.semilogy(t, drift, color=DARK, lw=0.8, **mark)
     lower.set_ylim(0.5 * drift[1:].min(initial=drift.max()), 3 * drift.max())
     lower.set_ylabel("|drift| [J]")
-    style.time_axis(lower, t)
-    return style.finish(figure, run, "energy balance", path)
+    scales.time_axis(lower, t)
+    return figures.finish(figure, run, "energy balance", path)

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator, MaxNLocator
 
 from dropper_jax.analysis import spectrum
-from dropper_jax.plots import panels, style, system, view
+from dropper_jax.plots import figures, panels, scales, style, system, view
 from dropper_jax.plots.run import ANGLE, TRAVEL, Run, directions, elevations, travel
 from dropper_jax.plots.style import CYCLE, DARK, FAINT, FIRST, SECOND
 from dropper_jax.plots.tension import ends_panel, scale_tensions
@@ -100,8 +100,8 @@ def phase_space(run: Run, path: str | Path) -> Path:
         axes.plot(angle, rate, color=FIRST, lw=width, alpha=0.8)
         axes.plot(angle[0], rate[0], "o", ms=5, mfc="white", mec=DARK, label="start")
         axes.plot(angle[-1], rate[-1], "o", ms=5, color=SECOND, label="end")
-        style.widen(angle, axes.set_xlim)
-        style.widen(rate, axes.set_ylim)
+        scales.widen(angle, axes.set_xlim)
+        scales.widen(rate, axes.set_ylim)
         axes.xaxis.set_major_locator(MaxNLocator(5))
 
     labels = ("polar angle [rad]", "rate [rad/s]")
@@ -117,7 +117,7 @@ def amplitude_spectrum(run: Run, path: str | Path) -> Path:
     link vector [-], since the angles of a conical motion are constant or grow without limit.
     Of a system it is that of tensions [N or kN] and of motions [m] under the surface, as in their histories.
     """
-    if run.scene.branched:
+    if run.scene.single_line is None:
         return _system_spectra(run, path)
     # height of the axis of a spectrum [decades]
     decades = 4
@@ -159,8 +159,8 @@ def _system_spectra(run: Run, path: str | Path) -> Path:
     vertical motion over the surface."""
     spectra = [_spectra(panel) for panel in (ends_panel(run, scale_tensions(run)), *motion_panels(run))]
     shown = [*spectra, *_heave_ratio(spectra)]
-    figure = style.new_figure(8.5, 1.2 + 1.75 * len(shown))
-    all_axes = style.panels(figure, len(shown), sharex=True)
+    figure = figures.new_figure(8.5, 1.2 + 1.75 * len(shown))
+    all_axes = figures.panels(figure, len(shown), sharex=True)
     for axes, panel in zip(all_axes, shown, strict=True):
         draw_panel(axes, panel)
         axes.set_ylabel(panel.label)
@@ -171,7 +171,7 @@ def _system_spectra(run: Run, path: str | Path) -> Path:
     last = np.median([_last_frequency(curve.t, curve.values[None, :, None]) for curve in firsts])
     all_axes[-1].set(xlabel="frequency [Hz]", xlim=(0.0, last))
     figure.align_ylabels()
-    return style.finish(figure, run, "amplitude spectra", path)
+    return figures.finish(figure, run, "amplitude spectra", path)
 
 
 def _spectra(panel: Panel) -> Panel:

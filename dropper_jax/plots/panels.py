@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from dropper_jax.plots import style
+from dropper_jax.plots import figures, marks, scales, style
 from dropper_jax.plots.run import ANGLE, Run, changing, chosen_links
 from dropper_jax.plots.style import CYCLE, FAINT, FIRST
 
@@ -36,40 +36,40 @@ def traces(run: Run, path: str | Path, what: str, columns: Columns) -> Path:
     if not moving.any():
         return constants(run, path, what, columns)
     if links > MOST:
-        return style.finish(_map(columns, run), run, what, path)
+        return figures.finish(_map(columns, run), run, what, path)
     still = [label for label, moves in zip(run.labels, moving, strict=True) if not moves]
     if still:
         what = f"{what} ({', '.join(still)}: at rest)"
-    return style.finish(_stack(columns, run, np.flatnonzero(moving)), run, what, path)
+    return figures.finish(_stack(columns, run, np.flatnonzero(moving)), run, what, path)
 
 
 def constants(run: Run, path: str | Path, what: str, columns: Columns) -> Path:
     """Constant values, along the links; of several lines each under its name."""
-    figure = style.new_figure(8.5, 0.9 + 2.4 * len(columns))
+    figure = figures.new_figure(8.5, 0.9 + 2.4 * len(columns))
     marked = "-o"
     if len(run.labels) > 60:
         marked = "-"
-    for axes, (label, values) in zip(style.panels(figure, len(columns)), columns, strict=True):
+    for axes, (label, values) in zip(figures.panels(figure, len(columns)), columns, strict=True):
         for line in run.written_lines:
             link = 1 + np.arange(line.links.start, line.links.stop)
             axes.plot(link, values[-1, line.links], marked, color=FIRST, ms=4)
         axes.set_ylabel(label)
-        style.widen(values[-1], axes.set_ylim)
+        scales.widen(values[-1], axes.set_ylim)
         _link_axis(axes, run, "x")
-    return style.finish(figure, run, f"{what}, from start to end", path)
+    return figures.finish(figure, run, f"{what}, from start to end", path)
 
 
 def _stack(columns: Columns, run: Run, links: np.ndarray) -> Figure:
     """A panel per link and quantity."""
-    figure = style.new_figure(8.5, max(3.2, 1.3 + 0.95 * len(links)))
+    figure = figures.new_figure(8.5, max(3.2, 1.3 + 0.95 * len(links)))
     grid = figure.subplots(len(links), len(columns), sharex=True, squeeze=False)
     for colour, own, (label, values) in zip(CYCLE, grid.T, columns, strict=False):
         for link, axes in zip(links, own, strict=True):
-            axes.plot(run.t, values[:, link], color=colour, lw=0.9, marker=style.marker(run.t), ms=4)
-            style.widen(values[:, link], axes.set_ylim)
+            axes.plot(run.t, values[:, link], color=colour, lw=0.9, marker=marks.marker(run.t), ms=4)
+            scales.widen(values[:, link], axes.set_ylim)
             axes.yaxis.set_major_locator(MaxNLocator(3))
         own[0].set_title(label, loc="left")
-        style.time_axis(own[-1], run.t)
+        scales.time_axis(own[-1], run.t)
     for link, axes in zip(links, grid[:, 0], strict=True):
         axes.set_ylabel(run.labels[link], rotation=0, ha="right", va="center")
     figure.align_ylabels()
@@ -80,11 +80,11 @@ def _map(columns: Columns, run: Run) -> Figure:
     """A picture per quantity, links against time, with colours for the deviation from the mean."""
     t = run.t
     links = np.arange(len(run.labels) + 1) + 0.5
-    figure = style.new_figure(8.5, 1.0 + 3.0 * len(columns))
+    figure = figures.new_figure(8.5, 1.0 + 3.0 * len(columns))
     edges = np.array([t[0], t[0] + 1.0])
     if len(t) > 1:
         edges = np.concatenate([t[:1], 0.5 * (t[1:] + t[:-1]), t[-1:]])
-    for axes, (label, values) in zip(style.panels(figure, len(columns)), columns, strict=True):
+    for axes, (label, values) in zip(figures.panels(figure, len(columns)), columns, strict=True):
         values = values - values.mean(axis=0)
         half = np.percentile(np.abs(values), 99.5) or 1.0
         look = {"cmap": "RdBu_r", "vmin": -half, "vmax": half}
@@ -93,7 +93,7 @@ def _map(columns: Columns, run: Run) -> Figure:
         _link_axis(axes, run, "y")
         axes.invert_yaxis()
         axes.grid(False)
-        style.time_axis(axes, t)
+        scales.time_axis(axes, t)
     return figure
 
 
@@ -134,22 +134,22 @@ def grid(
     chosen = chosen_links(run, MOST)
     count = len(chosen)
     if count == 0:
-        figure = style.new_figure(6.0, 2.0)
+        figure = figures.new_figure(6.0, 2.0)
         figure.text(0.5, 0.45, f"no link turns by more than {ANGLE:g} rad", ha="center", color=FAINT)
-        return style.finish(figure, run, what, path)
+        return figures.finish(figure, run, what, path)
     # A little wider than high: 7 links make 2 rows of 4, 9 make 3 of 3.
     rows = max(1, round(0.85 * math.sqrt(count)))
     columns = math.ceil(count / rows)
     size = (max(2.9 * columns + 0.3, 6.0), 2.4 * rows + 0.9)
     if count == 1:
         size = (6.0, 4.5)
-    figure = style.new_figure(*size)
-    panels = style.panels(figure, count, columns, sharex=share, sharey=share)
+    figure = figures.new_figure(*size)
+    panels = figures.panels(figure, count, columns, sharex=share, sharey=share)
     for axes, link in zip(panels, chosen, strict=True):
         draw(axes, int(link))
         axes.set_title(run.labels[link], loc="left")
-    style.outer_labels(panels, columns, *labels)
+    figures.outer_labels(panels, columns, *labels)
     handles, names = panels[0].get_legend_handles_labels()
     if len(handles) > 1:
         figure.legend(handles, names, loc="outside lower left", ncols=len(names))
-    return style.finish(figure, run, what, path)
+    return figures.finish(figure, run, what, path)

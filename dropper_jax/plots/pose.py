@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d import Axes3D
 from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
-from dropper_jax.plots import style, view
+from dropper_jax.plots import figures, marks, style, tension_colours, view
 from dropper_jax.plots.run import Run
 from dropper_jax.plots.style import CYCLE, DARK, FAINT
 from dropper_jax.plots.system import SURFACE, WATER, draw_bed, draw_solids, limits, surface_lines
@@ -61,29 +61,29 @@ def snapshot(run: Run, path: str | Path, time: float | None = None) -> Path:
     links = _bold_links(axes, run, now)
     draw_solids(axes, run, now)
     nodes = positions[now]
-    if style.dot(run) > 0:
-        draw(nodes, ls="", marker="o", ms=style.dot(run), mfc="white", mec=DARK, mew=1.0, label="node")
+    if marks.dot(run) > 0:
+        draw(nodes, ls="", marker="o", ms=marks.dot(run), mfc="white", mec=DARK, mew=1.0, label="node")
     draw(nodes[list(run.fixed_nodes)], ls="", marker="s", ms=7, mfc=DARK, mec="white", label="fixed point")
     joints = {*run.joints} - {buoy.node for buoy in run.buoys}
     if joints and not crowded:
         draw(nodes[sorted(joints)], ls="", marker="D", ms=5, mfc=CYCLE[4], mec=DARK, label="free point")
-    style.tension_bar(figure, links, run.max_tension[now], **bar)
+    tension_colours.tension_bar(figure, links, run.max_tension[now], **bar)
     corner = "outside lower left" if flat else "lower left"
     figure.legend(loc=corner, ncols=3, handletextpad=0.5, columnspacing=1.2)
     what = "position and tension"
     if len(run.t) > 1:
         what = f"{what} at t = {clock:.4g} s"
-    return style.finish(figure, run, what, path)
+    return figures.finish(figure, run, what, path)
 
 
 def _new_view(drawn: np.ndarray, flat: bool) -> tuple[Figure, Axes, dict[str, Any]]:
     """A figure of limits (3, 2) [m], its axes in the x-z plane or in space, and the position of its colour bar."""
     width, height = view.figure_size(drawn)
     if flat:
-        figure = style.new_figure(width, height)
+        figure = figures.new_figure(width, height)
         axes = view.flat_axes(figure, drawn)
         return figure, axes, {"ax": axes, "shrink": 0.75, "pad": 0.03}
-    figure = style.new_figure(width, height, layout=None)
+    figure = figures.new_figure(width, height, layout=None)
     axes = view.space_axes(figure, drawn)
     return figure, axes, {"cax": view.bar_axes(figure)}
 
@@ -110,10 +110,10 @@ def _bold_links(axes: Axes, run: Run, index: int) -> ScalarMappable:
     segments = run.segments(run.positions[index])
     look: dict[str, Any] = {
         "array": tension,
-        "cmap": style.tension_map(),
-        "norm": style.tension_norm(tension),
+        "cmap": tension_colours.tension_map(),
+        "norm": tension_colours.tension_norm(tension),
         "capstyle": "round",
-        "linewidths": 4.0 * style.bold(run),
+        "linewidths": 4.0 * marks.bold(run),
     }
     if isinstance(axes, Axes3D):
         return axes.add_collection(Line3DCollection(segments, **look))
@@ -128,6 +128,6 @@ def _past(positions: np.ndarray, now: int) -> list[int]:
     """Samples before `now` at a given distance, so that a picture does not depend on the output interval."""
     moved = np.abs(np.diff(positions[: now + 1], axis=0)).max(axis=(1, 2))
     back = np.cumsum(moved[::-1])
-    marks = PAST_DISTANCE * view.size(positions) * np.arange(1, PAST + 1)
-    steps = np.searchsorted(back, marks[marks <= back.max(initial=0.0)]) + 1
+    distances = PAST_DISTANCE * view.size(positions) * np.arange(1, PAST + 1)
+    steps = np.searchsorted(back, distances[distances <= back.max(initial=0.0)]) + 1
     return (now - steps[::-1]).tolist()

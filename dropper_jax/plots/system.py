@@ -13,7 +13,7 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from dropper_jax.base.constants import DEGREE
 from dropper_jax.load.checks_water import bed_height
-from dropper_jax.plots import style, view
+from dropper_jax.plots import figures, scales, style, view
 from dropper_jax.plots.run import Run, elevations
 from dropper_jax.plots.style import CYCLE, DARK
 
@@ -68,7 +68,7 @@ def body_motion(run: Run, path: str | Path) -> Path:
     bodies = run.bodies
     if bodies is None:
         raise ValueError(f"solution: scene {run.scene.name!r} has no [[body]]. Use a scene with bodies")
-    figure = style.new_figure(8.5, 6.2)
+    figure = figures.new_figure(8.5, 6.2)
     panels = figure.subplots(3, 1, sharex=True)
     x, y, heave = np.moveaxis(bodies.position, -1, 0)
     away = np.hypot(x - x[0], y - y[0])
@@ -83,9 +83,9 @@ def body_motion(run: Run, path: str | Path) -> Path:
     for axes, label in zip(panels, ("displacement [m]", "heave [m]", "pitch, roll dashed [deg]"), strict=True):
         axes.set_ylabel(label)
     if len(bodies.names) > 1:
-        style.legend_above(panels[0], 4, "left", borderaxespad=0.2)
-    style.time_axis(panels[2], run.t)
-    return style.finish(figure, run, "motion of the bodies", path)
+        figures.legend_above(panels[0], 4, "left", borderaxespad=0.2)
+    scales.time_axis(panels[2], run.t)
+    return figures.finish(figure, run, "motion of the bodies", path)
 
 
 def limits(run: Run, positions: np.ndarray) -> np.ndarray:

@@ -8,9 +8,10 @@ from typing import NamedTuple
 import numpy as np
 
 from dropper_jax.load.scene import Scene
-from dropper_jax.plots import panels, style
+from dropper_jax.plots import figures, panels, style
 from dropper_jax.plots.run import TENSION, Run, changing
-from dropper_jax.plots.style import CYCLE, DARK, force_unit
+from dropper_jax.plots.scales import force_unit
+from dropper_jax.plots.style import CYCLE, DARK
 from dropper_jax.plots.time_panels import Curve, Panel, history
 from dropper_jax.run.bends import curvature
 from dropper_jax.run.end_links import Motion, loaded_fixed_points, point_loads
@@ -31,7 +32,7 @@ def along_lines(scene: Scene, positions: np.ndarray, tension: np.ndarray, path: 
     bent[bent == 0.0] = np.nan  # ends, and points that cut a line
     lines = sorted(whole_lines(scene), key=lambda line: -tension[line.links].max())
     unit, size = force_unit(tension)
-    figure = style.new_figure(7.5, 4.8)
+    figure = figures.new_figure(7.5, 4.8)
     upper, lower = figure.subplots(2, 1, sharex=True)
     for i, (colour, line) in enumerate(zip(CYCLE, lines[: 2 * MOST_CURVES], strict=False)):
         dashes = "--" if i % 2 else "-"  # equal lines hide each other
@@ -41,8 +42,8 @@ def along_lines(scene: Scene, positions: np.ndarray, tension: np.ndarray, path: 
         lower.plot(arc, bent[line.nodes], **mark)
     upper.set_ylabel(f"tension [{unit}]")
     lower.set(xlabel="unstretched arc length [m]", ylabel="curvature [1/m]")
-    style.legend_above(upper, 4, "left", borderaxespad=0.2)
-    return style.save(figure, path)
+    figures.legend_above(upper, 4, "left", borderaxespad=0.2)
+    return figures.save(figure, path)
 
 
 class ScaledTensions(NamedTuple):

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
-from dropper_jax.plots import style
+from dropper_jax.plots import figures, marks, scales
 from dropper_jax.plots.run import Run
 from dropper_jax.plots.style import CYCLE, FAINT
 
@@ -70,7 +70,7 @@ def history(run: Run, path: str | Path, what: str, panels: list[Panel]) -> Path:
         zoom = zoom_of(panels)
         width = 11.5
         ratios = [1.55, 1.0]
-    figure = style.new_figure(width, 1.2 + 1.75 * len(panels))
+    figure = figures.new_figure(width, 1.2 + 1.75 * len(panels))
     grid = figure.subplots(len(panels), len(ratios), sharex="col", sharey="row", squeeze=False, width_ratios=ratios)
     above: list[str] = []
     for row, panel in zip(grid, panels, strict=True):
@@ -87,16 +87,16 @@ def history(run: Run, path: str | Path, what: str, panels: list[Panel]) -> Path:
             legend(row[-1])
         above = names
     for unit in {_unit(panel) for panel in panels}:
-        style.share_scales([row[0] for row, panel in zip(grid, panels, strict=True) if _unit(panel) == unit])
+        scales.share_scales([row[0] for row, panel in zip(grid, panels, strict=True) if _unit(panel) == unit])
     for axes in grid[-1]:
-        style.time_axis(axes, run.t)
+        scales.time_axis(axes, run.t)
     if zoom is not None:
         grid[-1, 1].set_xlim(*zoom)
         notes = filter(None, (panels[0].title, "mean, minimum and maximum"))
         grid[0, 0].set_title("; ".join(notes), loc="left", fontsize=9)
         grid[0, 1].set_title(f"zoom on the maximum, {zoom[0]:.4g} to {zoom[1]:.4g} s", loc="left", fontsize=9)
     figure.align_ylabels()
-    return style.finish(figure, run, what, path)
+    return figures.finish(figure, run, what, path)
 
 
 def _unit(panel: Panel) -> str:
@@ -113,7 +113,7 @@ def _shortest(panel: Panel, panels: list[Panel]) -> float:
 
 def legend(axes: Axes) -> None:
     """Place the legend above the right end, where there is no title."""
-    style.legend_above(axes, 4, fontsize=8, handlelength=1.2, columnspacing=1.0, borderaxespad=0.1)
+    figures.legend_above(axes, 4, fontsize=8, handlelength=1.2, columnspacing=1.0, borderaxespad=0.1)
 
 
 def draw_panel(
@@ -133,13 +133,13 @@ def draw_panel(
             t, values, low, high = reduce_samples(t, values, low, high)
             axes.plot(t, _without_beat(t, values, envelope), lw=1.1, **line)
         else:
-            axes.plot(t, values, lw=1.0, marker=style.marker(t), ms=4, **line)
+            axes.plot(t, values, lw=1.0, marker=marks.marker(t), ms=4, **line)
         if np.any(high > low):
             axes.fill_between(t, low, high, alpha=0.28, lw=0, **look)
     if panel.zero:
         axes.axhline(0.0, color=FAINT, lw=0.7, zorder=0.5)
     if part is None:  # a part has the scale of the whole
-        style.widen(np.concatenate([curve.values for curve in panel.curves]), axes.set_ylim)
+        scales.widen(np.concatenate([curve.values for curve in panel.curves]), axes.set_ylim)
     axes.yaxis.set_major_locator(MaxNLocator(4))
     axes.margins(y=0.08)
 

@@ -13,10 +13,11 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
 from dropper_jax.load.checks_water import bed_height
-from dropper_jax.plots import panels, style, view
+from dropper_jax.plots import figures, marks, panels, scales, style, view
 from dropper_jax.plots.motion import uniform_spectrum
 from dropper_jax.plots.run import ANGLE, Run, elevations, swing
-from dropper_jax.plots.style import ALERT, CYCLE, DARK, FAINT, SECOND, force_unit
+from dropper_jax.plots.scales import force_unit
+from dropper_jax.plots.style import ALERT, CYCLE, DARK, FAINT, SECOND
 from dropper_jax.plots.system import BED, SURFACE, WATER, draw_solids
 from dropper_jax.run.wakes import SceneWakes
 from dropper_jax.sea.spec import SeaSpec
@@ -40,7 +41,7 @@ def regimes(waves: Sequence[tuple[str, float, float, float]], gravity: float, pa
     limit = np.vectorize(highest)(length, depths)
     linear = LINEAR / np.vectorize(second_harmonic)(1.0, length, depths)
     stokes = np.where(length < STOKES_LENGTH * depths, STOKES_HEIGHT * limit, linear)
-    figure = style.new_figure(7.6, 6.2)
+    figure = figures.new_figure(7.6, 6.2)
     axes = figure.subplots()
     low = min([1e-5, *(0.5 * h / (gravity * t**2) for _, h, t, _ in waves)])
     axes.fill_between(depths, low, linear, color=CYCLE[5], alpha=0.25, label="linear", lw=0)
@@ -62,8 +63,8 @@ def regimes(waves: Sequence[tuple[str, float, float, float]], gravity: float, pa
         ylim=(low, 0.05),
     )
     figure.legend(loc="outside lower center", ncols=3)
-    style.title(figure, "theories of regular waves")
-    return style.save(figure, path)
+    figures.title(figure, "theories of regular waves")
+    return figures.save(figure, path)
 
 
 def _line(axes: Axes, at: float, text: str) -> None:
@@ -82,15 +83,15 @@ def flow_map(name: str, found: SceneWakes, path: str | Path) -> Path:
     x = np.linspace(e.x.min() - 0.1 * size, e.x.max() + 0.8 * size, 90)
     y = np.linspace(e.y.min() - 0.25 * size, e.y.max() + 0.25 * size, 160)
     speed = wakes.velocity(x, y, height)
-    figure = style.new_figure(9.0, 5.6)
+    figure = figures.new_figure(9.0, 5.6)
     axes = figure.subplots()
     shown = axes.pcolormesh(x, y, speed.T, cmap="viridis", vmin=0.0, vmax=wakes.speed, shading="gouraud")
     axes.plot(e.x, e.y, ".", color="white", ms=2.5, mec=DARK, mew=0.3, label="links")
     axes.set(xlabel="along the current [m]", ylabel="across it [m]", aspect="equal")
     axes.grid(False)
     figure.colorbar(shown, ax=axes, label=f"current at z = {height:.1f} m [m/s]", shrink=0.8)
-    style.title(figure, f"{name}: {wakes.speed:.2f} m/s towards {np.degrees(found.direction):.0f} degrees from x")
-    return style.save(figure, path)
+    figures.title(figure, f"{name}: {wakes.speed:.2f} m/s towards {np.degrees(found.direction):.0f} degrees from x")
+    return figures.save(figure, path)
 
 
 #: Number of points along the surface of a picture.
@@ -125,8 +126,8 @@ def under_surface(run: Run, path: str | Path, time: float | None = None) -> Path
     if low_and_long:  # one above the other
         columns = 1
         height = 2.6 * sides + 0.4
-    figure = style.new_figure(9.5, height)
-    for axis, axes in enumerate(style.panels(figure, sides, columns, sharey=True)):
+    figure = figures.new_figure(9.5, height)
+    for axis, axes in enumerate(figures.panels(figure, sides, columns, sharey=True)):
         _side_view(axes, run, index, axis, half)
     figure.axes[0].set_ylabel("z [m]")
     if low_and_long:
@@ -134,7 +135,7 @@ def under_surface(run: Run, path: str | Path, time: float | None = None) -> Path
         figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside lower left", ncols=4)
     else:
         figure.axes[0].legend(loc="upper left", bbox_to_anchor=(0.0, 1.12), ncols=4)
-    return style.finish(figure, run, f"under the surface at t = {run.t[index]:.2f} s", path)
+    return figures.finish(figure, run, f"under the surface at t = {run.t[index]:.2f} s", path)
 
 
 def _side_view(axes: Axes, run: Run, index: int, axis: int, half: float) -> None:
@@ -160,7 +161,7 @@ def _side_view(axes: Axes, run: Run, index: int, axis: int, half: float) -> None
     label = "line" if len(run.lines) == 1 else "lines"
     for line in run.lines:
         own = nodes[line.nodes]
-        axes.plot(own[:, axis], own[:, 2], "-o", color=DARK, ms=max(style.dot(run) - 0.5, 0.0), label=label)
+        axes.plot(own[:, axis], own[:, 2], "-o", color=DARK, ms=max(marks.dot(run) - 0.5, 0.0), label=label)
         label = None
     ends = nodes[list(run.fixed_nodes)]
     axes.plot(ends[:, axis], ends[:, 2], "s", color=SECOND, ms=6, label="fixed points")
@@ -181,12 +182,12 @@ def response(run: Run, path: str | Path) -> Path:
     for name, angles, rates, colour in zip(("polar", "azimuth"), run.angles, run.angle_rates(), CYCLE, strict=False):
         turning.append((name, angles[:, index], rates[:, index], colour))
     turning = [row for row in turning if np.ptp(row[1]) > ANGLE] or turning[:1]
-    figure = style.new_figure(9.5, 7.6)
+    figure = figures.new_figure(9.5, 7.6)
     grid = figure.add_gridspec(3, len(turning), height_ratios=(1.0, 1.3, 1.6))
     top = figure.add_subplot(grid[0, :])
     top.plot(run.t, eta, color=SURFACE)
     top.set_ylabel("elevation [m]")
-    style.time_axis(top, run.t)
+    scales.time_axis(top, run.t)
     spectra = figure.add_subplot(grid[1, :])
     for column, (name, angle, rate, colour) in enumerate(turning):
         frequency, size = uniform_spectrum(run.t, angle)
@@ -194,11 +195,11 @@ def response(run: Run, path: str | Path) -> Path:
         if frequency[-1] > 0.0:  # a run of a few samples has no spectrum
             spectra.set_xscale("log")
         space = figure.add_subplot(grid[2, column])
-        space.plot(angle, rate, color=colour, lw=0.7, marker=style.marker(run.t))
+        space.plot(angle, rate, color=colour, lw=0.7, marker=marks.marker(run.t))
         space.set(xlabel=f"{name} angle [rad]", ylabel="rate [rad/s]")
     spectra.set(xlabel="frequency [Hz]", ylabel="amplitude [rad]")
     spectra.legend()
-    return style.finish(figure, run, f"response of {run.labels[index]}", path)
+    return figures.finish(figure, run, f"response of {run.labels[index]}", path)
 
 
 def _response_link(run: Run) -> int:
@@ -226,8 +227,8 @@ def tension_envelope(run: Run, path: str | Path) -> Path:
     columns = min(len(shown), 2)
     rows = -(-len(shown) // columns)
     height = 4.2 if rows == 1 else 1.0 + 1.9 * rows
-    figure = style.new_figure(4.0 + 3.5 * columns, height)
-    all_axes = style.panels(figure, len(shown), columns)
+    figure = figures.new_figure(4.0 + 3.5 * columns, height)
+    all_axes = figures.panels(figure, len(shown), columns)
     unit, scale = force_unit(sizes)
     for axes, line in zip(all_axes, shown, strict=True):
         own = run.lengths[line.links]
@@ -235,13 +236,13 @@ def tension_envelope(run: Run, path: str | Path) -> Path:
         _envelope(axes, np.cumsum(own) - 0.5 * own, *parts)
         if len(shown) > 1:
             axes.set_title(line.name, loc="left")
-    style.share_scales(all_axes)
-    style.outer_labels(all_axes, columns, "arc length [m]", f"tension [{unit}]")
+    scales.share_scales(all_axes)
+    figures.outer_labels(all_axes, columns, "arc length [m]", f"tension [{unit}]")
     if len(shown) == 1:
-        style.legend_above(all_axes[0], 4, "left")
+        figures.legend_above(all_axes[0], 4, "left")
     else:
         figure.legend(*all_axes[0].get_legend_handles_labels(), loc="outside lower left", ncols=4)
-    return style.finish(figure, run, what, path)
+    return figures.finish(figure, run, what, path)
 
 
 def _envelope(axes: Axes, s: np.ndarray, tension: np.ndarray, least: np.ndarray, largest: np.ndarray) -> None:

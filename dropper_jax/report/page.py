@@ -19,7 +19,7 @@ import numpy as np
 
 from dropper_jax.base.files import atomic_write
 from dropper_jax.base.read import Table
-from dropper_jax.plots import style
+from dropper_jax.plots import figures, tension_colours
 from dropper_jax.plots.run import Bodies, Run, elevations, readable
 from dropper_jax.plots.system import bed_grid
 from dropper_jax.plots.time_panels import cycle
@@ -101,7 +101,7 @@ def write_view(solution: Solution, path: str | Path, other: Solution | None = No
 
 def pair_page(first: Solution, second: Solution) -> str:
     """Two runs side by side as one page: the same colours for the same tension, one clock and one camera."""
-    limits = [style.tension_limits(readable(solution).tension) for solution in (first, second)]
+    limits = [tension_colours.tension_limits(readable(solution).tension) for solution in (first, second)]
     shared = (np.min(limits), np.max(limits))
     pages = [html.escape(view_page(solution, shared)) for solution in (first, second)]
     title = html.escape(" and ".join(dict.fromkeys([first.scene.name, second.scene.name])))
@@ -118,7 +118,7 @@ def view_page(solution: Solution, limits: tuple[float, float] | None = None) -> 
     """
     run = readable(solution)
     # `<` would let a scene's name end the script element
-    data = json.dumps(_page_data(run, limits or style.tension_limits(run.tension)), allow_nan=False)
+    data = json.dumps(_page_data(run, limits or tension_colours.tension_limits(run.tension)), allow_nan=False)
     data = data.replace("<", "\\u003c")
     return _fill_page(
         "view.html", TITLE=html.escape(run.scene.name), STYLE=_asset("view.css"), DATA=data, SCRIPT=_script()
@@ -150,7 +150,7 @@ def _page_data(run: Run, limits: tuple[float, float]) -> Table:
     scene = run.scene
     shown = choose_samples(run, FRAMES)
     frames = shown.frames
-    shades = style.tension_map()(np.linspace(0.0, 1.0, COLOURS))[:, :3]
+    shades = tension_colours.tension_map()(np.linspace(0.0, 1.0, COLOURS))[:, :3]
     diameter = None
     if scene.line.diameter is not None:
         diameter = scene.line.diameter.tolist()
@@ -162,7 +162,7 @@ def _page_data(run: Run, limits: tuple[float, float]) -> Table:
     return {
         "name": scene.name,
         "description": scene.description,
-        "how": style.how(run)[0],
+        "how": figures.how(run)[0],
         "ok": run.status == "ok",
         "frames": len(frames),
         "nodes": run.positions.shape[1],

@@ -13,9 +13,10 @@ from matplotlib.patches import Circle
 from dropper_jax.base.read import Table
 from dropper_jax.evaluation.record import Record
 from dropper_jax.evaluation.tension import load_extremes
-from dropper_jax.plots import style
+from dropper_jax.plots import figures, scales, style
 from dropper_jax.plots.run import readable
-from dropper_jax.plots.style import ALERT, CYCLE, DARK, FAINT, FIRST, SECOND, force_unit
+from dropper_jax.plots.scales import force_unit
+from dropper_jax.plots.style import ALERT, CYCLE, DARK, FAINT, FIRST, SECOND
 from dropper_jax.plots.time_panels import Curve, line_style
 from dropper_jax.plots.water import draw_bands
 from dropper_jax.report.sections import load_of_anchor
@@ -33,8 +34,8 @@ def _panels(count: int, height: float) -> tuple[Figure, np.ndarray]:
     columns = 1 if count < 4 else 2
     width = 7.5 if columns == 1 else 11.25
     rows = -(-count // columns)
-    figure = style.new_figure(width, 0.9 + height * rows)
-    return figure, style.panels(figure, count, columns)
+    figure = figures.new_figure(width, 0.9 + height * rows)
+    return figure, figures.panels(figure, count, columns)
 
 
 def _tension_range(record: Record, lines: list[Table], found: Table) -> Figure:
@@ -56,7 +57,7 @@ def _tension_range(record: Record, lines: list[Table], found: Table) -> Figure:
         axes.set(xlabel=ARC, ylabel=f"tension [{unit}]", ylim=(min(0.0, axes.get_ylim()[0]), None))
         axes.margins(x=0.01)
         axes.set_title(line["line"], loc="left")
-    style.share_scales(panels)
+    scales.share_scales(panels)
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower left", ncols=5, columnspacing=1.0)
     return figure
 
@@ -80,8 +81,8 @@ def _anchors(record: Record, anchors: list[Table], found: Table) -> Figure:
         if anchor["holding"] is not None:
             title = f"{title}, maximum utilisation {anchor['holding']['utilisation']['max']:.2f}"
         axes.set_title(title, loc="left")
-        style.time_axis(axes, record.t)
-    style.share_scales(panels)
+        scales.time_axis(axes, record.t)
+    scales.share_scales(panels)
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower left", ncols=2)
     return figure
 
@@ -90,8 +91,8 @@ def _fatigue(record: Record, lines: list[Table], found: Table) -> Figure:
     """Equivalent range along each line, and the damage per year if there is a breaking load."""
     damaged = all(line["damage"] is not None for line in lines)
     height = 5.6 if damaged else 3.4
-    figure = style.new_figure(7.5, height)
-    panels = style.panels(figure, 1 + damaged, sharex=True)
+    figure = figures.new_figure(7.5, height)
+    panels = figures.panels(figure, 1 + damaged, sharex=True)
     unit, scale = force_unit(np.concatenate([line["equivalent_range_n"] for line in lines]))
     for colour, line in zip(CYCLE, lines, strict=False):
         look = {"marker": "o", "ms": 3, "color": colour}
@@ -111,9 +112,9 @@ def _fatigue(record: Record, lines: list[Table], found: Table) -> Figure:
 def _watch(record: Record, points: list[Table], found: Table) -> Figure:
     """Plan view of each moving point about its mean position, with its watch circle, and its z over time."""
     columns = -(-len(points) // 2)
-    figure = style.new_figure(4.0 + 2.4 * columns, 4.6)
+    figure = figures.new_figure(4.0 + 2.4 * columns, 4.6)
     left, right = figure.subfigures(1, 2, width_ratios=(2.4 * columns, 4.0))
-    plans = style.panels(left, len(points), columns)
+    plans = figures.panels(left, len(points), columns)
     height = right.subplots()
     widest = max(p["radius_max_m"] for p in points) or 1.0
     for colour, point, plan in zip(CYCLE, points, plans, strict=False):
@@ -134,8 +135,8 @@ def _watch(record: Record, points: list[Table], found: Table) -> Figure:
     left.supxlabel("x from the mean [m]; + mean, x static, dashed: maximum radius", fontsize=9)
     left.supylabel("y from the mean [m]", fontsize=9)
     height.set_ylabel("z [m]")
-    style.time_axis(height, record.t)
-    style.legend_above(height, 3, "left")
+    scales.time_axis(height, record.t)
+    figures.legend_above(height, 3, "left")
     return figure
 
 
@@ -166,8 +167,8 @@ def _along(record: Record, lines: list[Table], found: Table) -> Figure:
             same.append(f"{label} {100.0 * values[0]:g} % of the time")
         else:
             drawn.append((curves, 100.0, f"{label}\n[% of time]", (-4, 104)))
-    figure = style.new_figure(7.5, 1.0 + 0.25 * bool(same) + 1.7 * len(drawn))
-    panels = style.panels(figure, len(drawn), sharex=True)
+    figure = figures.new_figure(7.5, 1.0 + 0.25 * bool(same) + 1.7 * len(drawn))
+    panels = figures.panels(figure, len(drawn), sharex=True)
     for axes, (curves, scale, label, limits) in zip(panels, drawn, strict=True):
         for index, (colour, curve) in enumerate(zip(CYCLE, curves, strict=False)):
             look = {"marker": "o", "ms": 3, "color": colour, "ls": line_style(curves, index)}
@@ -212,7 +213,7 @@ def draw_run(record: Record, found: Table, folder: Path) -> dict[str, Path]:
         if len(shown) < len(rows):
             title = f"{title}, {len(shown)} of {len(rows)} (the largest)"
         figure = picture.draw(record, shown, found)
-        files[name] = style.finish(figure, readable(record.solution), title, folder / f"{name}.png")
+        files[name] = figures.finish(figure, readable(record.solution), title, folder / f"{name}.png")
     return files
 
 
@@ -238,5 +239,5 @@ def draw_extremes(extremes: Table, folder: Path) -> Path:
         axes.set(xlabel="reduced variate, -log(-log P) [-]", ylabel=f"largest [{unit}]")
         axes.set_title(name, loc="left")
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower left", ncols=3)
-    style.title(figure, "maxima of the runs and of a storm")
-    return style.save(figure, folder / "extremes.png")
+    figures.title(figure, "maxima of the runs and of a storm")
+    return figures.save(figure, folder / "extremes.png")

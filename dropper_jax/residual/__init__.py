@@ -7,7 +7,6 @@ from dropper_jax.residual.problem import (
     SpeedProblem,
     StepProblem,
     Unknowns,
-    local_jacobian,
 )
 from dropper_jax.residual.scheme import (
     Embedded,
@@ -54,7 +53,6 @@ __all__ = [
     "couples_inertia",
     "explicit_row",
     "largest_row",
-    "local_jacobian",
     "newton",
     "point_masses_only",
     "step",

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -12,18 +10,16 @@ from jax import Array
 
 from dropper_jax.model import BREAKING, Failures, Model, Parted, Potential, State, as_parted, book_works
 
-
-def with_breaking(model: Model, s: State, advance: Callable[[Model, State], tuple[Any, ...]]) -> tuple[Any, ...]:
-    """The results of `advance(model, s)`, the state after a step first, with the links that break at its end."""
-    if s.parted is None:
-        return advance(model, s)
-    before = as_parted(model, s.parted)
-    s1, *more = advance(before, replace(s, parted=None))
-    return break_links(model, before, s, s1), *more
-
-
 #: Relative rounding of a time that is a whole number of steps.
 SAME_TIME = 1e-9
+
+
+def without_broken_links(model: Model, s: State) -> tuple[Model, State]:
+    """The model during a step from s, in which broken links have no tension, and the state that it advances;
+    `break_links` follows."""
+    if s.parted is None:
+        return model, s
+    return as_parted(model, s.parted), replace(s, parted=None)
 
 
 def break_links(model: Model, before: Model, s: State, s1: State) -> State:

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from copy import copy
 from dataclasses import replace
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 from jax import Array
 
@@ -198,15 +197,3 @@ class SpeedProblem(StepProblem):
     def unknown_size(self) -> Array:
         """Size of x, (nodes, 1) [m/s]: a link's length per step."""
         return self.model.line.length[: self.model.free_nodes, None] / jnp.abs(self.h)
-
-
-#: An array, or a tree of arrays.
-Rows = TypeVar("Rows")
-
-
-def local_jacobian(f: Callable[[Array], Rows], x: Array) -> Rows:
-    """Blocks (n, ..., c) of a map that acts on each row of x (n, c), or each entry (n,), by itself.
-
-    All rows move together, so `jax.jacfwd` needs one direction per column.
-    """
-    return jax.jacfwd(lambda e: f(x + e))(jnp.zeros(x.shape[1:], x.dtype))

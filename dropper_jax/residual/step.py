@@ -27,7 +27,7 @@ from jax.flatten_util import ravel_pytree
 from dropper_jax.axial import SlackTangent
 from dropper_jax.base.numerics import store_once
 from dropper_jax.model import LimitsTimeStep, Model, State
-from dropper_jax.residual.breaking import with_breaking
+from dropper_jax.residual.breaking import break_links, without_broken_links
 from dropper_jax.residual.problem import StepProblem, Unknowns
 from dropper_jax.residual.scheme import Implicit, Integrator
 
@@ -378,29 +378,30 @@ def step(stepper: Stepper, model: Model, s: State, h: Array) -> tuple[State, Arr
     """
     h = jnp.asarray(h, model.dtype)
     integrator = stepper.integrator
-
-    def advance(model: Model, s: State) -> tuple[State, Array]:
-        if not integrator.implicit:
-            s1 = integrator.advance(model.with_internal_state(s.own), s, h)
-            return s1, explicit_row(model, s, s1)
-        if len(integrator.stages) == 1:
-            return solve_and_finish(stepper, (model, s, h))[:2]
+    acting, start = without_broken_links(model, s)
+    if not integrator.implicit:
+        s1 = integrator.advance(acting.with_internal_state(start.own), start, h)
+        row = explicit_row(acting, start, s1)
+    elif len(integrator.stages) == 1:
+        s1, row, _ = solve_and_finish(stepper, (acting, start, h))
+    else:
 
         def stage(s: State, fraction: Array) -> tuple[State, Array]:
-            return solve_and_finish(stepper, (model, s, fraction * h))[:2]
+            return solve_and_finish(stepper, (acting, s, fraction * h))[:2]
 
         # a scan, not an unrolled loop: five copies of a step would take five times as long to compile
-        s, rows = jax.lax.scan(stage, jax.tree.map(jnp.asarray, s), jnp.asarray(integrator.stages, model.dtype))
-        return s, jnp.max(rows)
-
-    return with_breaking(model, s, advance)
+        s1, rows = jax.lax.scan(stage, jax.tree.map(jnp.asarray, start), jnp.asarray(integrator.stages, model.dtype))
+        row = jnp.max(rows)
+    return break_links(model, acting, s, s1), row
 
 
 def step_and_filter(
     stepper: Stepper, model: Model, s: State, h: Array, filtering: Filter
 ) -> tuple[State, Array, Array]:
     """`step` of a scheme of one stage, and what its matrix lets pass of the rows of `filtering`, (nodes, 3)."""
-    return with_breaking(model, s, lambda model, s: solve_and_finish(stepper, (model, s, h), filtering))
+    acting, start = without_broken_links(model, s)
+    s1, row, filtered = solve_and_finish(stepper, (acting, start, h), filtering)
+    return break_links(model, acting, s, s1), row, filtered
 
 
 def solve_and_finish(

@@ -6,6 +6,7 @@ import numpy as np
 
 from dropper_jax.axial import LAWS, AxialLaw, Groups
 from dropper_jax.axial.force_table import stack_tables
+from dropper_jax.base.errors import SceneError
 from dropper_jax.base.numerics import as_array
 from dropper_jax.effects import EFFECTS
 from dropper_jax.effects.buoyancy import displaced_diameter
@@ -13,8 +14,9 @@ from dropper_jax.load.checks_water import line_reach
 from dropper_jax.model import Failures, Graph, Line, Member, Model, Point, check_slots
 from dropper_jax.scene import LineSpec, SceneData, join_lines, sliced_lines
 from dropper_jax.sea.make import make_sea
+from dropper_jax.statics.loads import release_loads
 from dropper_jax.statics.search import Equilibrium
-from dropper_jax.statics.static_pose import equilibrium, release_loads
+from dropper_jax.statics.static_pose import equilibrium
 
 
 def bare_model(scene: SceneData, dtype: str | None = None) -> Model:
@@ -70,7 +72,7 @@ def _geometry(scene: SceneData, index: dict[str, int], corners: int) -> Graph:
         Member(n.name, n.links, index[n.start], index[n.end], far=nodes[n.name] != "shared") for n in scene.lines
     )
     held = tuple(not p.is_free for p in scene.points)
-    return Graph(members, held + (False,) * corners, is_path=not scene.branched)
+    return Graph(members, held + (False,) * corners, is_path=scene.single_line is not None)
 
 
 def _axial(lines: tuple[LineSpec, ...]) -> AxialLaw:
@@ -96,6 +98,18 @@ def _law(line: LineSpec) -> AxialLaw:
 def static_pose(scene: SceneData, model: Model) -> Equilibrium:
     """The equilibrium of a scene's model, under its release force if it has one."""
     return equilibrium(model, release_loads(model, scene.start))
+
+
+def resting_nodes(scene: SceneData, model: Model) -> np.ndarray:
+    """Nodes of a scene's model at rest, line after line (n + lines, 3) [m].
+
+    Raises:
+        SceneError: no equilibrium found.
+    """
+    pose = static_pose(scene, model)
+    if pose.status != "ok":
+        raise SceneError(f"start: {pose.message}")
+    return pose.positions
 
 
 def _failures(scene: SceneData) -> Failures | None:

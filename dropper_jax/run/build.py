@@ -26,9 +26,10 @@ from dropper_jax.run.growth import overgrown
 from dropper_jax.run.wakes import with_wakes
 from dropper_jax.scene import RunSpec, StartSpec, directions
 from dropper_jax.statics.linearised import Linearised, linearised_about
+from dropper_jax.statics.loads import release_loads
 from dropper_jax.statics.search import Equilibrium
 from dropper_jax.statics.static_pose import equilibrium as model_equilibrium
-from dropper_jax.statics.static_pose import release_loads, settle
+from dropper_jax.statics.static_pose import settle
 from dropper_jax.stepping.stepper import make_stepper
 
 

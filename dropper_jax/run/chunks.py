@@ -113,10 +113,6 @@ class Program(NamedTuple):
     advance: Advance
     words: Callable[[int], str]
 
-    def run_chunk(self, carry: Progress, left: int) -> tuple[Progress, Trajectory]:
-        """The carry after at most this number of saves, and the saved states."""
-        return self.advance(carry, left, OWN)
-
 
 class Companion(NamedTuple):
     """The same run from its start with other steps: finer, with two saves for each of the first run, or coarser, with
@@ -241,7 +237,7 @@ def run_chunks(run: Program, saves: int, say: Callable[[float, str], None], rows
         while reached[1] < saves and not reached[0].has_failed:
             chunk_started = time.perf_counter()
             before, done = reached
-            carry, chunk = run.run_chunk(before, min(count, saves - done))
+            carry, chunk = run.advance(before, min(count, saves - done), OWN)
             rows.append(done, (jax.tree.map(np.asarray, chunk), name_leaves(Last(last_row(chunk), carry))))
             done += len(chunk.r)
             reached = carry, done

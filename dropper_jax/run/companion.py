@@ -314,9 +314,10 @@ def _mean_square_turn(solution: Samples, difference: np.ndarray) -> np.ndarray:
     Args:
         difference: of the positions of the free nodes of both runs (k, nodes, 3) [m].
     """
-    if solution.scene.branched:
+    line = solution.scene.single_line
+    if line is None:
         return np.zeros(len(difference))
-    length = solution.scene.lines[0].length
+    length = line.length
     # the nodes between two fixed end points, or from a fixed one to the free end
     nodes = np.pad(difference, ((0, 0), (1, len(length) - difference.shape[1]), (0, 0)))
     return np.mean(np.sum((np.diff(nodes, axis=1) / length[:, None]) ** 2, axis=2), axis=1)

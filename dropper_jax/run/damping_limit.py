@@ -10,9 +10,10 @@ import numpy as np
 from jax import Array
 
 from dropper_jax.backend.programs import cached_jit
+from dropper_jax.base.numerics import local_jacobian
 from dropper_jax.model import Model
 from dropper_jax.model.slots import Force
-from dropper_jax.residual import Embedded, local_jacobian
+from dropper_jax.residual import Embedded
 from dropper_jax.run.row_store import Rows
 
 #: Number of saved times whose damping rates are checked.

@@ -23,7 +23,7 @@ from dropper_jax.effects.cylinder import POST_CRITICAL, from_table, rough_added_
 from dropper_jax.effects.morison_drag import relative_roughness
 from dropper_jax.load.checks_water import mean_period
 from dropper_jax.load.scene import Scene
-from dropper_jax.run.arrays import bare_model, static_pose
+from dropper_jax.run.arrays import bare_model, resting_nodes
 from dropper_jax.scene import line_slices
 from dropper_jax.scene.data import first_nodes
 from dropper_jax.sea import Sea
@@ -65,7 +65,7 @@ def link_flow(scene: Scene) -> Flow:
         SceneError: KC or Re outside of a table.
     """
     model = bare_model(scene, "float64")
-    nodes = static_pose(scene, model).positions
+    nodes = resting_nodes(scene, model)
     first = first_nodes(scene)
     tangent = unit_vectors(nodes[first + 1] - nodes[first])
     diameter = drag_diameter(scene) * np.ones(len(tangent))

@@ -9,7 +9,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import Table
 from dropper_jax.load.scene import Scene
-from dropper_jax.run.arrays import bare_model, static_pose
+from dropper_jax.run.arrays import bare_model, resting_nodes
 from dropper_jax.scene import LineSpec, grown, sliced_lines
 
 
@@ -24,7 +24,7 @@ def overgrown(scene: Scene) -> Scene:
     for section in (table, *table["line"]):
         section.pop("growth", None)
     bare = Scene.from_dict(table)
-    z = static_pose(bare, bare_model(bare)).positions[:, 2]
+    z = resting_nodes(bare, bare_model(bare))[:, 2]
     changes = {}
     for i, (line, where) in enumerate(sliced_lines(scene)):
         layer = _layer(scene, line, z[where.nodes])

@@ -17,7 +17,8 @@ def step_facts(solution: Samples) -> dict[str, float | int | None]:
 
     Returns:
         axial_period_s: `2 pi/omega` of the stiffest link, `omega^2 = 4 EA/(L m)`, None if no link stretches.
-        steps_per_axial_period, axial_step_s: steps per period, and the step that gives 60 steps per period.
+        steps_per_axial_period, axial_step_s: steps per period, None of steps that follow an accuracy, and the step that
+            gives `STEPS_PER_PERIOD` of them.
         largest_turn_rad: maximum rotation of a link between two saved times. slack_to_taut_steps,
             compression_to_tension_steps: number of steps, summed over the links, in which an elastic link changes from
             slack to taut, and a rigid one from compression to tension. None unless every step is saved.
@@ -29,7 +30,7 @@ def step_facts(solution: Samples) -> dict[str, float | int | None]:
     if period is not None:
         facts["axial_period_s"] = period
         facts["axial_step_s"] = period / STEPS_PER_PERIOD
-        if "dt" in used:
+        if "dt" in used and "refused_steps" not in used:  # with an accuracy dt is the interval between saved times
             facts["steps_per_axial_period"] = period / used["dt"]
     if used.get("save_every") != 1 or "refused_steps" in used or len(solution.t) < 3:
         return facts

@@ -19,7 +19,7 @@ from dropper_jax.effects.buoyancy import drag_diameter
 from dropper_jax.effects.cylinder import steady_drag
 from dropper_jax.effects.morison_drag import relative_roughness
 from dropper_jax.load.scene import Scene
-from dropper_jax.run.arrays import bare_model, static_pose
+from dropper_jax.run.arrays import bare_model, resting_nodes
 from dropper_jax.run.wake_model import TURBULENCE, Elements, Wakes, solve_wakes
 from dropper_jax.scene import LineSlice, line_slices
 from dropper_jax.scene.data import first_nodes, link_differences
@@ -73,7 +73,7 @@ def scene_wakes(scene: Scene) -> SceneWakes:
     drag = scene.effects["morison_drag"]
     bare = dataclasses.replace(scene, effects={**scene.effects, "morison_drag": {**drag, "wakes": "none"}})
     model = bare_model(bare, "float64")
-    nodes = static_pose(bare, model).positions
+    nodes = resting_nodes(bare, model)
     along = link_differences(scene, nodes[None])[0]
     middle = nodes[first_nodes(scene)] + 0.5 * along
     stream = _stream(scene, model.needed_sea, middle, along)

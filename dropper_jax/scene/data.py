@@ -109,13 +109,21 @@ class SceneData(DeclaredSection):
             raise SceneError(f"{path}: {name!r} has the lines {', '.join(ends)}; allowed: a point with one line")
 
     @property
-    def branched(self) -> bool:
-        """Whether it is a system of lines: more than one, or with free points other than the end of a line."""
+    def single_line(self) -> LineSpec | None:
+        """The line of a scene of one line, from a fixed point to a fixed or free one; None of a system of lines: more
+        than one, or with masses at points, buoys or bodies."""
         first = self.lines[0]
         if len(self.lines) > 1 or self.bodies or self.buoys or first.nodes == "shared":
-            return True
+            return None
         hangs_free = not first.rigid and any(p.is_free for p in self.points if p.name == first.start)
-        return hangs_free or any(point.has_body for point in self.points)
+        if hangs_free or any(point.has_body for point in self.points):
+            return None
+        return first
+
+    @property
+    def branched(self) -> bool:
+        """Whether it is a system of lines."""
+        return self.single_line is None
 
     @property
     def link_mass_nodes(self) -> dict[str, str]:

@@ -25,7 +25,8 @@ from dropper_jax.residual import StepProblem, Unknowns
 from dropper_jax.solvers.coupling import Coupling
 from dropper_jax.solvers.elimination import apply, optimization_barrier
 from dropper_jax.solvers.links import LinkParts
-from dropper_jax.solvers.saddle import Saddle, Stretching, factor_lines
+from dropper_jax.solvers.saddle import Saddle, factor_lines
+from dropper_jax.solvers.stretching import Stretching
 
 #: Unknowns of a body: positions of its corners, multipliers of its edges, and of its pin.
 BODY_COORDINATES = 12

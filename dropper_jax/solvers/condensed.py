@@ -19,9 +19,17 @@ import jax.numpy as jnp
 from jax import Array
 
 from dropper_jax.backend.tridiagonal import solve_tridiagonal
-from dropper_jax.base.numerics import Components, components, dot_components, each, inverse_rows, store_once
+from dropper_jax.base.numerics import (
+    Components,
+    components,
+    dot_components,
+    each,
+    inverse_rows,
+    local_jacobian,
+    store_once,
+)
 from dropper_jax.model import Graph, Model
-from dropper_jax.residual import Implicit, Solver, StepProblem, Unknowns, local_jacobian
+from dropper_jax.residual import Implicit, Solver, StepProblem, Unknowns
 from dropper_jax.solvers.links import LinkParts
 
 #: Inverses of the node blocks: (nodes,), or three rows of three components (nodes,).

@@ -12,7 +12,7 @@ from jax import Array
 from dropper_jax.base.indexed_sums import scatter_add_many
 from dropper_jax.model import ElementForce, at_pieces
 from dropper_jax.residual import StepProblem, Unknowns
-from dropper_jax.solvers.elimination import Pair
+from dropper_jax.solvers.elimination import ALONG_LINES, WIDER, Pair
 
 
 class Coupling(NamedTuple):
@@ -23,6 +23,20 @@ class Coupling(NamedTuple):
 
     def transpose(self) -> Coupling:
         return Coupling(tuple((column, row) for row, column in self.pairs), self.blocks.mT)
+
+
+def coupled_pairs(between: Coupling | None) -> tuple[Pair, ...]:
+    """The nodes that elements couple in addition to links."""
+    if between is None:
+        return ()
+    return between.pairs
+
+
+def most_neighbours(between: tuple[Pair, ...]) -> int:
+    """Maximum number of neighbours of nodes in one round (see `elimination_order`)."""
+    if between:
+        return WIDER
+    return ALONG_LINES
 
 
 def coupling(problem: StepProblem, u: Unknowns) -> Coupling | None:

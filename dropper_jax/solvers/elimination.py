@@ -31,6 +31,8 @@ Pair = tuple[int, int]
 #: Maximum number of neighbours of nodes in one round if second neighbours are coupled, as by bending. A chain of 200
 #: then takes 15 rounds; 69 with 4, and 101 with 2, which eliminate it from its ends.
 WIDER = 5
+#: The same if links alone couple nodes: an inner node of a line has two.
+ALONG_LINES = 2
 
 
 @dataclass(frozen=True)
@@ -76,7 +78,7 @@ class Order:
 
 
 def elimination_order(
-    count: int, blocks: list[Pair], after: Mapping[int, Iterable[int]] | None = None, most: int = 2
+    count: int, blocks: list[Pair], after: Mapping[int, Iterable[int]] | None = None, most: int = ALONG_LINES
 ) -> Order:
     """The order for `count` nodes whose matrix is the sum of `blocks`, listed by (row, column).
 

@@ -6,7 +6,8 @@ from typing import NamedTuple
 
 from jax import Array
 
-from dropper_jax.residual import StepProblem, Unknowns, local_jacobian
+from dropper_jax.base.numerics import local_jacobian
+from dropper_jax.residual import StepProblem, Unknowns
 
 
 class LinkParts(NamedTuple):

@@ -16,13 +16,15 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jax import Array
 
+from dropper_jax.base.numerics import local_jacobian
 from dropper_jax.model import ElementForce, Model
-from dropper_jax.residual import Implicit, Solver, StepProblem, Unknowns, local_jacobian
+from dropper_jax.residual import Implicit, Solver, StepProblem, Unknowns
 from dropper_jax.solvers.bodies import BodyFactor, factor_bodies
 from dropper_jax.solvers.coupling import coupling
 from dropper_jax.solvers.elimination import apply, inverse, multiply, optimization_barrier
 from dropper_jax.solvers.links import LinkParts
-from dropper_jax.solvers.saddle import Saddle, Stretching, factor_lines
+from dropper_jax.solvers.saddle import Saddle, factor_lines
+from dropper_jax.solvers.stretching import Stretching
 
 #: Compliance of the friction of a sticking node relative to its inertia.
 SOFT = 1e-8

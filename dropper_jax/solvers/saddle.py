@@ -1,10 +1,10 @@
-"""Elimination of a system of lines: tensions first where all links stretch, else tensions together with positions.
+"""Elimination of a system of lines, of which some do not stretch: tensions together with positions.
 
     A x + D'(G D x + p y) = r_x,    g . D x + c y = r_y        (c = 0 of rigid links; D takes differences over links)
 
 Each inner node of a line is eliminated with the link before it, four unknowns. The last link of a line closes it. Its
 tension is eliminated after the inner nodes of the line and a separate point at one of its ends, so that its pivot is
-not zero.
+not zero. Where all links stretch, their tensions are eliminated first (`stretching`).
 """
 
 from __future__ import annotations
@@ -18,9 +18,8 @@ import numpy as np
 from jax import Array
 
 from dropper_jax.model import Graph, Model
-from dropper_jax.solvers.coupling import Coupling
+from dropper_jax.solvers.coupling import Coupling, coupled_pairs, most_neighbours
 from dropper_jax.solvers.elimination import (
-    WIDER,
     Elimination,
     Order,
     Pair,
@@ -30,57 +29,7 @@ from dropper_jax.solvers.elimination import (
     solve,
 )
 from dropper_jax.solvers.links import LinkParts
-
-
-class Stretching(NamedTuple):
-    """The factored matrix for elastic links only: tensions are eliminated first."""
-
-    graph: Graph
-    links: LinkParts
-    nodes: Elimination
-
-    @classmethod
-    def of(cls, graph: Graph, node: Array, links: LinkParts, between: Coupling | None) -> Stretching:
-        stiffness = links.turn - (links.force / links.compliance[:, None])[..., None] * links.gradient[:, None, :]
-        diagonal = node + graph.from_first(stiffness) + graph.from_last(stiffness)
-        blocks = jnp.concatenate([diagonal, -stiffness, -stiffness])
-        if between is not None:
-            blocks = jnp.concatenate([blocks, optimization_barrier(between.blocks)])
-        return cls(graph, links, eliminate(_node_order(graph, _pairs(between)), blocks))
-
-    def transpose(self) -> Stretching:
-        return self._replace(links=self.links.transpose(), nodes=self.nodes.transpose())
-
-    def solve(self, force: Array, stretch: Array) -> tuple[Array, Array]:
-        """Displacements (free, 3) and tensions (n,) for r_x = `force`, r_y = `stretch`."""
-        graph = self.graph
-        _, link_force, gradient, compliance = self.links
-        x = solve(self.nodes, force + graph.gather((stretch / compliance)[:, None] * link_force))
-        return x, (stretch - jnp.sum(gradient * graph.differences(x, None), axis=-1)) / compliance
-
-
-@lru_cache(maxsize=64)
-def _node_order(graph: Graph, between: tuple[Pair, ...]) -> Order:
-    """The order for the blocks of the free nodes, of links from first to last node, and from last to first, and of
-    elements."""
-    own = range(graph.free)
-    first = graph.first.tolist()
-    last = graph.last.tolist()
-    pairs = [*zip(own, own, strict=True), *zip(first, last, strict=True), *zip(last, first, strict=True)]
-    return elimination_order(graph.free, [*pairs, *between], most=_neighbours(between))
-
-
-def _pairs(between: Coupling | None) -> tuple[Pair, ...]:
-    """The nodes that elements couple in addition to links."""
-    if between is None:
-        return ()
-    return between.pairs
-
-
-def _neighbours(between: tuple[Pair, ...]) -> int:
-    """Maximum number of neighbours in one round (see `elimination_order`)."""
-    return WIDER if between else 2
-
+from dropper_jax.solvers.stretching import Stretching
 
 #: Compliance of the last link of a line, relative to that of its points. It has an effect only for a straight line
 #: between fixed points, which cannot move.
@@ -118,7 +67,7 @@ class Saddle(NamedTuple):
         ]
         if between is not None:
             values.append(jnp.pad(optimization_barrier(between.blocks), ((0, 0), (0, 1), (0, 1))))
-        return cls(graph, eliminate(_group_order(graph, _pairs(between)), jnp.concatenate(values)))
+        return cls(graph, eliminate(_group_order(graph, coupled_pairs(between)), jnp.concatenate(values)))
 
     def transpose(self) -> Saddle:
         return self._replace(groups=self.groups.transpose())
@@ -184,7 +133,9 @@ def _group_order(graph: Graph, between: tuple[Pair, ...]) -> Order:
     pairs: list[Pair] = []
     for rows, columns in sides:
         pairs += zip(rows, columns, strict=True)
-    return elimination_order(count, [*pairs, *between], find_nodes_before_last_link(graph), most=_neighbours(between))
+    return elimination_order(
+        count, [*pairs, *between], find_nodes_before_last_link(graph), most=most_neighbours(between)
+    )
 
 
 def find_nodes_before_last_link(graph: Graph) -> dict[int, set[int]]:

@@ -18,12 +18,22 @@ import jax.numpy as jnp
 from jax import Array
 
 from dropper_jax.model import Model, State
-from dropper_jax.residual import Stepper
+from dropper_jax.residual import Embedded, Stepper, explicit_row, step_and_filter
 from dropper_jax.stepping.extremes import Extremes, Watch, no_extremes, with_step
 from dropper_jax.stepping.halving import ROUNDING, step_failed
 from dropper_jax.stepping.progress import Progress, TensionMeans, Trajectory, begin
 from dropper_jax.stepping.step_change import books_changes, with_step_changed
-from dropper_jax.stepping.step_control import MOST, Control, after_step, next_length, shortest_step, try_step
+from dropper_jax.stepping.step_control import (
+    MOST,
+    ORDER,
+    Control,
+    after_step,
+    allowed_error,
+    error_rows,
+    next_length,
+    relative_error,
+    shortest_step,
+)
 
 #: Error of a repeated step relative to what is allowed, above which the step is divided. Without the limit, 7 of 12
 #: runs of a snapping rope without internal damping reached 10 to 100 times its tension. With 10, one of 9 reached 5.
@@ -145,7 +155,7 @@ def _try_step(stepper: Stepper, model: Model, progress: Progress, end: Array, dt
     control = control_of(progress)
     h, stop, repeats = _choose_length(model, progress, control, end, dt)
     start, added = with_step_changed(stepper, model, s, control.before, h)
-    s1, row, excess = try_step(stepper, model, start, h, control, accuracy)
+    s1, row, excess = _step_with_error(stepper, model, start, h, control, accuracy)
     s1 = replace(s1, t=jnp.where(s1.t < stop - ROUNDING * dt, s1.t, stop))
     failed = step_failed(stepper, model, s1, row)
     excess = jnp.where(failed | ~jnp.isfinite(excess), MOST, excess)
@@ -171,6 +181,19 @@ def _try_step(stepper: Stepper, model: Model, progress: Progress, end: Array, dt
     if record is not None:
         chosen = chosen._replace(record=record.with_step(h, accepted))
     return _Tried(chosen, h, row, failed, accepted)
+
+
+def _step_with_error(
+    stepper: Stepper, model: Model, s: State, h: Array, control: Control, accuracy: Array
+) -> tuple[State, Array, Array]:
+    """The state after a step of h [s], the largest scaled row, and the error relative to what the accuracy allows."""
+    scheme = stepper.integrator
+    if isinstance(scheme, Embedded):
+        allowed = allowed_error(accuracy, model.dtype)
+        s1, error = scheme.advance_with_error(model, s, h, allowed)
+        return s1, explicit_row(model, s, s1), jax.lax.stop_gradient(error) ** (ORDER / scheme.order)
+    s1, row, error = step_and_filter(stepper, model, s, h, error_rows(stepper, control.before))
+    return s1, row, relative_error(model, s, s1, h, error, control, accuracy)
 
 
 def _choose_length(

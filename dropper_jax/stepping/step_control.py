@@ -31,7 +31,7 @@ from jax import Array
 from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.numerics import safe_norm
 from dropper_jax.model import Graph, Model, State
-from dropper_jax.residual import Embedded, Filter, Stepper, Unknowns, explicit_row, step_and_filter
+from dropper_jax.residual import Embedded, Filter, Stepper, Unknowns
 
 #: Order of the error of positions per unit of time.
 ORDER = 2
@@ -141,28 +141,20 @@ def error_rows(stepper: Stepper, before: Array) -> Filter:
     return rows
 
 
-def try_step(
-    stepper: Stepper, model: Model, s: State, h: Array, control: Control, accuracy: Array
-) -> tuple[State, Array, Array]:
-    """The state after a step of h [s], the largest scaled row, and the error relative to what the accuracy allows."""
-    scheme = stepper.integrator
-    if isinstance(scheme, Embedded):
-        allowed = allowed_error(accuracy, model.dtype)
-        s1, error = scheme.advance_with_error(model, s, h, allowed)
-        return s1, explicit_row(model, s, s1), jax.lax.stop_gradient(error) ** (ORDER / scheme.order)
-    s1, row, error = step_and_filter(stepper, model, s, h, error_rows(stepper, control.before))
-    excess = _compare(model, s, s1, h, error, control, accuracy)
-    # there is nothing to compare the first acceleration with
-    return s1, row, jnp.where(control.before > 0.0, jax.lax.stop_gradient(excess), LEAST)
-
-
 def allowed_error(accuracy: Array | float, dtype: Any) -> Array:
     """Error of a step [m], [m/s] that schemes with an embedded estimate allow."""
     return jnp.maximum(TOLERANCE_SHARE * accuracy, TOLERANCE_ROUNDING * float(jnp.finfo(dtype).eps)).astype(dtype)
 
 
-def _compare(model: Model, s: State, s1: State, h: Array, error: Array, control: Control, accuracy: Array) -> Array:
-    """The error of a step relative to what the accuracy allows, of second order in h, a scalar."""
+def relative_error(
+    model: Model, s: State, s1: State, h: Array, error: Array, control: Control, accuracy: Array
+) -> Array:
+    """The error of a step relative to what the accuracy allows, of second order in h, a scalar; not differentiated.
+
+    Args:
+        s, s1, h: start and end of the step, and its length [s].
+        error: of the positions (nodes, 3) [m], see `error_rows`.
+    """
     speed = jnp.maximum(control.speed, _largest(s1.v))
     drift = _largest(error) / h / (DRIFT * accuracy * speed)
     links = model.links(s1.r, model.ends(s1.t))
@@ -172,7 +164,9 @@ def _compare(model: Model, s: State, s1: State, h: Array, error: Array, control:
     tension = jnp.where(taut, model.line.axial.stiffness(model.line.length) * jnp.abs(elongation), 0.0)
     of_tension = jnp.max(tension / control.level) / accuracy
     # an error of a step is of third order
-    return jnp.maximum(drift, jnp.cbrt(of_tension) ** ORDER)
+    excess = jnp.maximum(drift, jnp.cbrt(of_tension) ** ORDER)
+    # there is nothing to compare the first acceleration with
+    return jnp.where(control.before > 0.0, jax.lax.stop_gradient(excess), LEAST)
 
 
 def next_length(h: Array, excess: Array, control: Control, accepted: Array) -> Array:

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from dropper_jax.base.read import Table
-from dropper_jax.plots import style
+from dropper_jax.plots import figures, style
 from dropper_jax.study.damping import THESIS_DT
 from dropper_jax.study.pictures import column, grouped, marks, save_titled
 
@@ -20,7 +20,7 @@ from dropper_jax.study.pictures import column, grouped, marks, save_titled
 @style.plot_style()
 def work_precision(report: Table, path: str | Path) -> Path:
     """RMS angle error against wall time and against the step, and energy drift against the step, log-log."""
-    figure = style.new_figure(12.0, 5.4)
+    figure = figures.new_figure(12.0, 5.4)
     axes = figure.subplots(1, 3)
     rows = [row for row in report["rows"] if row["status"] == "ok"]
     error = ("rms_angle_error_rad", "RMS angle error [rad]")
@@ -72,7 +72,7 @@ def convergence(report: Table, path: str | Path) -> Path:
     kinds = ["polar"]
     if any(scheme["azimuth"] is not None for scheme in found):
         kinds.append("azimuth")
-    figure = style.new_figure(4.2 * len(found) + 0.6, 3.4 * len(kinds) + 0.9)
+    figure = figures.new_figure(4.2 * len(found) + 0.6, 3.4 * len(kinds) + 0.9)
     grid = figure.subplots(len(kinds), len(found), squeeze=False, sharex=True, sharey=True)
     for row, kind in zip(grid, kinds, strict=True):
         for axes, scheme in zip(row, found, strict=True):
@@ -107,7 +107,7 @@ def _links(axes: Axes, scheme: Table, kind: str, numbers: Sequence[int]) -> None
 def damping(report: Table, path: str | Path) -> Path:
     """Equivalent linear damping of each scheme against the step, with what the thesis fitted; failures at the top."""
     found = report["numerical_damping"]
-    figure = style.new_figure(8.0, 5.2)
+    figure = figures.new_figure(8.0, 5.2)
     axes = figure.subplots()
     schemes = grouped(found["rows"], itemgetter("label"))
     for i, (label, rows) in enumerate(schemes.items()):

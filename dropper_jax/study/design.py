@@ -22,9 +22,11 @@ from dropper_jax.run.build import SceneLike, build_model, equilibrium
 from dropper_jax.run.growth import overgrown
 from dropper_jax.run.line_weights import end_angles, end_forces
 from dropper_jax.run.model_slopes import model_slopes, shift_model
-from dropper_jax.run.quantities import Quantity, static_quantity
+from dropper_jax.run.quantities import Quantity
+from dropper_jax.run.quantity_names import static_quantity
 from dropper_jax.scene import line_slices, whole_lines
-from dropper_jax.statics.static_pose import release_loads, settle
+from dropper_jax.statics.loads import release_loads
+from dropper_jax.statics.static_pose import settle
 
 
 @dataclass(frozen=True)
@@ -75,9 +77,9 @@ def solve_design(
         scene: anything that `load_scene` takes.
         path: of one number of the scene, such as `line.0.length` or `point.float.volume`, or paths (p,).
         low, high: their ranges (p,).
-        target: a quantity without its statistic (see `run.quantities`): `tension.LINE.first`, `.last`, `.fairlead` or
-            `.max` [N], `anchor.POINT.horizontal` [N], `line.LINE.fairlead.angle` [rad], `depth.POINT` [m] below z = 0,
-            `offset.POINT` [m], `period.1` [s]; or as many as there are paths.
+        target: a quantity without its statistic (see `run.quantity_names`): `tension.LINE.first`, `.last`, `.fairlead`
+            or `.max` [N], `anchor.POINT.horizontal` [N], `line.LINE.fairlead.angle` [rad], `depth.POINT` [m] below
+            z = 0, `offset.POINT` [m], `period.1` [s]; or as many as there are paths.
         goal: the values of the targets.
         progress: gets a fraction, which approaches 1, and the number of poses after each static pose.
 

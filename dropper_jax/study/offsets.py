@@ -20,8 +20,8 @@ from dropper_jax.model import Model, State
 from dropper_jax.run.build import build_model
 from dropper_jax.run.line_weights import end_force_vectors
 from dropper_jax.scene import line_slices
+from dropper_jax.statics.loads import release_loads
 from dropper_jax.statics.search import search
-from dropper_jax.statics.static_pose import release_loads
 
 
 def offset_curves(

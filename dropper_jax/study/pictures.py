@@ -15,7 +15,7 @@ from dropper_jax.base.markdown import first_names
 from dropper_jax.base.read import Table
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model
-from dropper_jax.plots import style, view
+from dropper_jax.plots import figures, style, tension_colours, view
 from dropper_jax.run.samples import Samples
 from dropper_jax.scene import line_slices
 from dropper_jax.statics import Equilibrium
@@ -63,8 +63,8 @@ def mode_shapes(scene: Scene, model: Model, found: Equilibrium, modes: Modes, pa
     figure_size = (3.6 * columns + 0.6, 2.9 * rows + 0.8)
     if low:
         figure_size = (8.0, 1.5 * rows + 0.8)
-    figure = style.new_figure(*figure_size)
-    for i, axes in enumerate(style.panels(figure, count, columns)):
+    figure = figures.new_figure(*figure_size)
+    for i, axes in enumerate(figures.panels(figure, count, columns)):
         shape = np.asarray(modes.shape[i])
         shape = shape * SHAPE_SIZE * size / max(np.abs(shape).max(), np.finfo(float).tiny)
         ends = [np.asarray(model.nodes(r + sign * shape, ends_of_lines)) for sign in (1.0, -1.0)]
@@ -90,7 +90,7 @@ def _plane(rest: np.ndarray, moved: np.ndarray) -> tuple[int, int]:
 def responses(name: str, rows: Sequence[Table], path: str | Path) -> Path:
     """Amplitude, mean and phase of the first link over the period of the waves; dashed, in waves that are 10 %
     higher."""
-    figure = style.new_figure(7.5, 6.2)
+    figure = figures.new_figure(7.5, 6.2)
     panels = figure.subplots(3, 1, sharex=True)
     period = column(rows, "period_s")
     amplitude = column(rows, "amplitude_rad")
@@ -101,7 +101,7 @@ def responses(name: str, rows: Sequence[Table], path: str | Path) -> Path:
     if all(row.get("amplitude_10_percent_more") is not None for row in rows):
         higher = amplitude * (1.0 + column(rows, "amplitude_10_percent_more"))
         panels[0].plot(period, higher, label="waves 10 % higher", **marks(1))
-        style.legend_above(panels[0], 2, borderaxespad=0.2)
+        figures.legend_above(panels[0], 2, borderaxespad=0.2)
     panels[-1].set_xlabel("period of the waves [s]")
     figure.align_ylabels()
     return save_titled(figure, f"{name}: angle of the first link in regular waves", path)
@@ -114,14 +114,14 @@ def mussels(name: str, rows: Sequence[Table], path: str | Path) -> Path:
     Dashes: below the last depth of the table values are constant.
     """
     ropes = grouped(rows, lambda row: tuple(row["lines"]))
-    figure = style.new_figure(max(3.6 * len(ropes), 5.0) + 0.8, 6.4)
+    figure = figures.new_figure(max(3.6 * len(ropes), 5.0) + 0.8, 6.4)
     grid = figure.subplots(2, len(ropes), sharey=True, squeeze=False)
     below = 0.2 * np.max(column(rows, "depth_m")) or 1.0
     for (layer, weight), (lines, own) in zip(grid.T, ropes.items(), strict=True):
         months = grouped(own, itemgetter("month"))
         for i, (month, shown) in enumerate(months.items()):
             depth = column(shown, "depth_m")
-            colour = style.tension_map()(0.9 * i / max(len(months) - 1, 1))
+            colour = tension_colours.tension_map()(0.9 * i / max(len(months) - 1, 1))
             for axes, key, size in ((layer, "thickness_m", 1e3), (weight, "wet_weight_n_per_m", 1.0)):
                 values = size * column(shown, key)
                 axes.plot(values, depth, "o-", color=colour, ms=3.5, label=f"month {month:g}")
@@ -140,7 +140,7 @@ def mussels(name: str, rows: Sequence[Table], path: str | Path) -> Path:
 @style.plot_style()
 def tide(name: str, rows: Sequence[Table], path: str | Path) -> Path:
     """Current, level, excursion and force on the fixed points through a cycle."""
-    figure = style.new_figure(7.5, 6.2)
+    figure = figures.new_figure(7.5, 6.2)
     water, moved, tension = figure.subplots(3, 1, sharex=True)
     hours = column(rows, "t_s") / 3600.0
     water.plot(hours, column(rows, "speed_m_per_s"), label="current [m/s]", **marks(0))
@@ -152,7 +152,7 @@ def tide(name: str, rows: Sequence[Table], path: str | Path) -> Path:
         tension.plot(hours, np.linalg.norm([load[point] for load in loads], axis=1) / 1e3, label=point, **marks(i))
     tension.set(xlabel="time [h]", ylabel="force [kN]")
     for axes in (water, tension):
-        style.legend_above(axes, 4, fontsize=8, borderaxespad=0.2)
+        figures.legend_above(axes, 4, fontsize=8, borderaxespad=0.2)
     figure.align_ylabels()
     return save_titled(figure, f"{name}: through the tide", path)
 
@@ -184,7 +184,7 @@ def marks(index: int) -> Table:
 def costs(report: Table, path: str | Path) -> Path:
     """Microseconds, operations and bytes per step of the scene without each of its effects, one bar each."""
     rows = report["rows"]
-    figure = style.new_figure(11.0, 1.6 + 0.42 * len(rows))
+    figure = figures.new_figure(11.0, 1.6 + 0.42 * len(rows))
     names = [row["name"] for row in rows]
     colours = [{"whole scene": style.FIRST}.get(name, style.FAINT) for name in names]
     parts = (("us_per_step", "microseconds per step"), ("flops", "operations per step"), ("bytes", "bytes per step"))
@@ -203,14 +203,14 @@ def costs(report: Table, path: str | Path) -> Path:
 
 def save_titled(figure: Figure, text: str, path: str | Path) -> Path:
     """Write a figure to a file, with a title."""
-    style.title(figure, text)
-    return style.save(figure, path)
+    figures.title(figure, text)
+    return figures.save(figure, path)
 
 
 @style.plot_style()
 def offsets(name: str, rows: Sequence[Table], path: str | Path) -> Path:
     """Restoring force and maximum tension over the offset, a curve for each direction."""
-    figure = style.new_figure(9.5, 4.4)
+    figure = figures.new_figure(9.5, 4.4)
     restoring, tension = figure.subplots(1, 2, sharex=True)
     for i, (direction, own) in enumerate(grouped(rows, itemgetter("direction_deg")).items()):
         shown = [row for row in own if row["status"] == "ok"]

@@ -14,7 +14,8 @@ from dropper_jax.run.build import build_model
 from dropper_jax.run.line_weights import fixed_point_loads
 from dropper_jax.scene import line_slices, utilisations
 from dropper_jax.sea import Sea
-from dropper_jax.statics.static_pose import equilibrium, release_loads
+from dropper_jax.statics.loads import release_loads
+from dropper_jax.statics.static_pose import equilibrium
 
 
 def cycle_times(sea: Sea, count: int) -> np.ndarray:

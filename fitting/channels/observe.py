@@ -13,7 +13,8 @@ from dropper_jax.base.constants import GRAVITY
 from dropper_jax.model import State, state
 from dropper_jax.residual import Stepper
 from dropper_jax.run.build import from_angles
-from dropper_jax.statics.static_pose import nodal_loads, settle
+from dropper_jax.statics.loads import nodal_loads
+from dropper_jax.statics.static_pose import settle
 from dropper_jax.stepping.integrate import integrate
 from fitting.channels.channel import Channel, SavedMotion
 from fitting.channels.setup import Setup

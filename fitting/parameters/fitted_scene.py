@@ -36,7 +36,7 @@ def fitted_scene(scene: Scene, model: Model, parameters: Sequence[Parameter], va
 def _with_value(scene: Scene, model: Model, p: Parameter, value: float) -> Scene:
     """The scene with the value of a parameter, unchanged if it has no such number."""
     where = p.where
-    if scene.branched and isinstance(where, ModelTarget) and where.section == "lines":
+    if scene.single_line is None and isinstance(where, ModelTarget) and where.section == "lines":
         return _of_all_lines(scene, where, value)
     try:
         scene.value(p.name)

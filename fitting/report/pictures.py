@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from dropper_jax.analysis.spectrum import amplitude_spectrum
-from dropper_jax.plots import style
+from dropper_jax.plots import figures, scales, style
 from fitting.calibration.held_out import HeldOut
 from fitting.calibration.result import FitResult
 from fitting.channels.result import ChannelFit
@@ -55,12 +55,12 @@ def with_gaps(t: np.ndarray, x: np.ndarray, interval: float) -> tuple[np.ndarray
 def link_panels(links: int, title: str, height: float = 1.3, margin: float = 1.2) -> tuple[Figure, np.ndarray]:
     """A figure with one panel for each link, up to `MOST_LINKS_DRAWN`."""
     drawn = min(links, MOST_LINKS_DRAWN)
-    figure = style.new_figure(9.0, margin + height * drawn)
-    axes = style.panels(figure, drawn, sharex=True)
+    figure = figures.new_figure(9.0, margin + height * drawn)
+    axes = figures.panels(figure, drawn, sharex=True)
     more = ""
     if links > drawn:
         more = f" (links 1 to {drawn} of {links})"
-    style.title(figure, f"{title}{more}")
+    figures.title(figure, f"{title}{more}")
     for j, ax in enumerate(axes):
         ax.set_ylabel(f"link {j + 1}")
     return figure, axes
@@ -85,8 +85,8 @@ def traces(result: FitResult, run: int) -> Figure:
         ax.plot(t, measured[:, j], ".", ms=1.0, color=style.DARK, label="measured")
         for t1, seen, _ in held:
             ax.plot(t1, seen[:, j], ".", ms=1.0, color=style.DARK)
-    style.legend_above(axes[0], 3, markerscale=4)
-    style.time_axis(axes[-1], np.sort(np.concatenate([t, *(h[0] for h in held)])))
+    figures.legend_above(axes[0], 3, markerscale=4)
+    scales.time_axis(axes[-1], np.sort(np.concatenate([t, *(h[0] for h in held)])))
     return figure
 
 
@@ -99,8 +99,8 @@ def residuals(result: FitResult, run: int) -> Figure:
     for j, ax in enumerate(axes):
         ax.axhspan(-band, band, color=style.LIGHT, lw=0, label="2 standard deviations of all links")
         ax.plot(t, rest[:, j], ".", ms=1.5, color=style.SECOND)
-    style.legend_above(axes[0])
-    style.time_axis(axes[-1], t)
+    figures.legend_above(axes[0])
+    scales.time_axis(axes[-1], t)
     return figure
 
 
@@ -129,7 +129,7 @@ def spectra(result: FitResult, run: int) -> Figure:
             frequency, amplitude = amplitude_spectrum(grid, np.interp(grid, t[known], x[known]))
             ax.semilogy(frequency[1:], np.maximum(amplitude[1:], 1e-7), lw=0.9, color=colour, label=label)
             highest = min(highest, frequency[-1])
-    style.legend_above(first_drawn(axes), 2)
+    figures.legend_above(first_drawn(axes), 2)
     axes[-1].set_xlabel("frequency [Hz]")
     axes[-1].set_xlim(0, highest)
     return figure
@@ -140,8 +140,8 @@ def phase_space(result: FitResult, run: int) -> Figure:
     t, measured, simulated = fit_over_trace(result, run)
     links = min(measured.shape[1], MOST_LINKS_DRAWN)
     columns = min(links, 4)
-    figure = style.new_figure(max(2.6 * columns + 0.6, 5.4), 2.5 * -(-links // columns) + 0.8)
-    axes = style.panels(figure, links, columns)
+    figure = figures.new_figure(max(2.6 * columns + 0.6, 5.4), 2.5 * -(-links // columns) + 0.8)
+    axes = figures.panels(figure, links, columns)
     for j, ax in enumerate(axes):
         ax.set_title(f"link {j + 1}")
         known = np.isfinite(measured[:, j])  # rows of one recording: those of others may have the same times
@@ -151,7 +151,7 @@ def phase_space(result: FitResult, run: int) -> Figure:
             times, angles = with_gaps(t[known], x[known, j], result.traces[run].interval)
             ax.plot(angles, np.gradient(angles, times), lw=0.6, color=colour, label=label)
     figure.legend(*first_drawn(axes).get_legend_handles_labels(), loc="upper right", ncols=2)
-    style.title(figure, f"{result.traces[run].name}: phase space")
+    figures.title(figure, f"{result.traces[run].name}: phase space")
     figure.supxlabel("angle [rad]", fontsize=9)
     figure.supylabel("rate [rad/s]", fontsize=9)
     return figure
@@ -162,7 +162,7 @@ def descent(result: FitResult) -> Figure:
     points = result.descent
     parameters = result.parameters[:MOST_LINKS_DRAWN]
     step = np.arange(len(points))
-    figure = style.new_figure(9.0, 1.8 + 1.5 * (1 + len(parameters)))
+    figure = figures.new_figure(9.0, 1.8 + 1.5 * (1 + len(parameters)))
     axes = figure.subplots(1 + len(parameters), 1, sharex=True)
     axes[0].semilogy(step, [point["loss"] for point in points], ".-", ms=4, lw=1, color=style.FIRST)
     axes[0].set_ylabel("loss per sample")
@@ -177,7 +177,7 @@ def descent(result: FitResult) -> Figure:
             f"{weights[i]:g}", (i - 0.5, 0.97), (2, 0), ("data", "axes fraction"), "offset points", va="top", fontsize=7
         )
     axes[-1].set_xlabel("step; lines: windows are joined with the gap weight written there")
-    style.title(figure, "descent")
+    figures.title(figure, "descent")
     return figure
 
 
@@ -208,7 +208,7 @@ def channel_picture(result: ChannelFit, run: int, path: str | Path) -> Path:
             panels.append((f"{label} [{channel.measures}]", t, values[:, j], e.shown[r][c][:, j], off))
     left_out = len(panels) - MOST_COLUMNS
     panels = panels[:MOST_COLUMNS]
-    figure = style.new_figure(9.0, 1.0 + 1.7 * len(panels))
+    figure = figures.new_figure(9.0, 1.0 + 1.7 * len(panels))
     axes = figure.subplots(len(panels), 2, sharex=True, width_ratios=(3, 1), squeeze=False)
     for (label, t, measured, shown, off), (over, beside) in zip(panels, axes, strict=True):
         over.plot(t, measured, ".", ms=2, color=style.SECOND, label="measured")
@@ -217,7 +217,7 @@ def channel_picture(result: ChannelFit, run: int, path: str | Path) -> Path:
         beside.plot(*off, ".", ms=2, color=style.SECOND)
         beside.locator_params(axis="x", nbins=3)
         beside.axhline(0.0, color=style.DARK, lw=0.8)
-    style.legend_above(axes[0, 0], 2)
+    figures.legend_above(axes[0, 0], 2)
     more = ""
     if left_out > 0:
         more = f" ({left_out} further columns are not drawn)"
@@ -225,4 +225,4 @@ def channel_picture(result: ChannelFit, run: int, path: str | Path) -> Path:
     axes[0, 1].set_title("residual / noise", loc="left")
     for low in axes[-1]:
         low.set_xlabel("t [s]")
-    return style.save(figure, path)
+    return figures.save(figure, path)

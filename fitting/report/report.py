@@ -10,7 +10,7 @@ import numpy as np
 from dropper_jax.base.files import atomic_write, prepare_folder
 from dropper_jax.base.markdown import Rows, bullets, literal, markdown_table
 from dropper_jax.base.toml_text import as_toml
-from dropper_jax.plots import style
+from dropper_jax.plots import figures, scales, style
 from dropper_jax.run.build import build_model, equilibrium
 from dropper_jax.statics.modes import damping_at, natural_modes
 from fitting.calibration.decision import verdict
@@ -60,9 +60,9 @@ def draw_fit(result: FitResult, folder: str | Path) -> list[Path]:
     files = []
     for run, _ in fitted_runs(result):
         for name, draw in PICTURES.items():
-            files.append(style.save(draw(result, run), folder / f"{name}_{run + 1}.png"))
+            files.append(figures.save(draw(result, run), folder / f"{name}_{run + 1}.png"))
     if result.descent:
-        files.append(style.save(descent(result), folder / "descent.png"))
+        files.append(figures.save(descent(result), folder / "descent.png"))
     return files
 
 
@@ -222,6 +222,6 @@ def one_run_picture(found: Prediction, name: str, path: Path) -> Path:
         if not good.all():
             ax.plot(found.t[~good], simulated[~good, j], **beyond)
             ax.axvline(found.trusted, color=style.SECOND, lw=1.0, ls="--")
-    style.legend_above(axes[0], 3, markerscale=4)
-    style.time_axis(axes[-1], found.t)
-    return style.save(figure, path)
+    figures.legend_above(axes[0], 3, markerscale=4)
+    scales.time_axis(axes[-1], found.t)
+    return figures.save(figure, path)

@@ -24,8 +24,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dropper_jax.base.errors import Progress, silent
-from dropper_jax.run.quantities import OVER_STEPS
-from dropper_jax.run.statistics import IN_TIME, NOT_GAUSSIAN, excess_kurtosis
+from dropper_jax.run.statistics import IN_TIME, NOT_GAUSSIAN, OVER_STEPS, excess_kurtosis
 from fitting.parameters.parameter import Parameter
 from fitting.sensitivity.problem import Study
 from fitting.sensitivity.result import (

@@ -21,11 +21,13 @@ from dropper_jax.residual import Stepper
 from dropper_jax.run.build import SceneLike, build, initial_state, stepper_of
 from dropper_jax.run.fixed_points import with_points_fixed
 from dropper_jax.run.members import StepVerdict, check_steps
-from dropper_jax.run.quantities import OVER_STEPS, Quantity, QuantitySignals, quantity, quantity_signals
-from dropper_jax.run.statistics import OF_SAMPLES, PERIOD
+from dropper_jax.run.quantities import Quantity
+from dropper_jax.run.quantity_extremes import QuantitySignals, quantity_signals
+from dropper_jax.run.quantity_names import quantity
+from dropper_jax.run.statistics import OF_SAMPLES, OVER_STEPS, PERIOD
 from dropper_jax.scene import RunSpec, StartSpec
 from dropper_jax.statics.host_stiffness import free_motion
-from dropper_jax.statics.static_pose import release_loads
+from dropper_jax.statics.loads import release_loads
 from dropper_jax.stepping.adaptive import interval_ends
 from dropper_jax.stepping.integrate import Steps, advance, along_accepted_steps, integrate
 from dropper_jax.stepping.progress import Trajectory, begin
@@ -244,7 +246,7 @@ def start_as_trajectory(s: State) -> Trajectory:
 
 
 def study(scene: SceneLike, of: str, to: Sequence[str]) -> Study:
-    """The study of a quantity (see `quantities`) and parameters (paths or unique short names).
+    """The study of a quantity (see `run.quantity_names`) and parameters (paths or unique short names).
 
     Raises:
         SceneError: unknown names.

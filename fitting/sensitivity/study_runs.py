@@ -15,7 +15,8 @@ from dropper_jax.base.parallel_runs import run_parallel
 from dropper_jax.model import Model, State
 from dropper_jax.run.build import initial_state, stepper_of
 from dropper_jax.run.chunks import FACTOR, Companion, Program, compile_run, run_chunks
-from dropper_jax.run.quantities import OVER_STEPS, Quantity
+from dropper_jax.run.quantities import Quantity
+from dropper_jax.run.statistics import OVER_STEPS
 from dropper_jax.scene import RunSpec
 from dropper_jax.stepping.progress import Progress as RunProgress
 from dropper_jax.stepping.progress import Trajectory, begin

@@ -16,9 +16,9 @@ from dropper_jax.model import Model, State, state
 from dropper_jax.residual import Stepper
 from dropper_jax.run.build import initial_state
 from dropper_jax.statics.host_stiffness import follow_parameters
+from dropper_jax.statics.loads import release_loads
 from dropper_jax.statics.rest_problem import rest, unbalanced_at
 from dropper_jax.statics.search import outward
-from dropper_jax.statics.static_pose import release_loads
 from dropper_jax.stepping.equal_steps import advance_and_save
 from dropper_jax.stepping.integrate import Steps, empty_trajectory, scan_steps
 from dropper_jax.stepping.progress import Progress, Trajectory, begin

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dropper_jax.plots import style
+from dropper_jax.plots import figures, style
 from fitting.sensitivity.global_indices import Global
 from fitting.sensitivity.result import Local
 
@@ -69,7 +69,7 @@ def _bars(
 ) -> Path:
     """Horizontal bars of the names, the largest on top, side by side for several `values`, each with its label."""
     order = np.argsort(np.abs(values[0]))
-    figure = style.new_figure(8.0, 1.4 + 0.42 * len(names))
+    figure = figures.new_figure(8.0, 1.4 + 0.42 * len(names))
     axes = figure.subplots()
     height = 0.8 / len(values)
     for i, (column, label) in enumerate(zip(values, labels, strict=True)):
@@ -86,4 +86,4 @@ def _bars(
     axes.grid(axis="y", visible=False)
     if len(values) > 1:
         axes.legend(loc="lower right")
-    return style.save(figure, path)
+    return figures.save(figure, path)

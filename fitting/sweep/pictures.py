@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.plots import style
+from dropper_jax.plots import figures, style, tension_colours
 from fitting.sweep.plan import QUANTITIES
 from fitting.sweep.run import open_sweep
 from fitting.sweep.trace_pictures import short_path
@@ -35,7 +35,7 @@ def draw_sweep(path: str | Path, folder: str | Path) -> list[Path]:
         names = [name for name in QUANTITIES if name in found]
         names += [name for name in map(str, found.data_vars) if "." in name]
         for name in names:
-            files.append(style.save(_draw_quantity(found[name]), folder / f"{name}.png"))
+            files.append(figures.save(_draw_quantity(found[name]), folder / f"{name}.png"))
     if not files:
         raise SceneError(f"{path}: contains no quantity to draw. Use a sweep of {', '.join(QUANTITIES)}")
     return files
@@ -50,7 +50,7 @@ def _draw_quantity(values: xarray.DataArray) -> Figure:
     mean = values
     if averaged:
         mean = values.mean(averaged)
-    figure = style.new_figure(7.0, 4.4)
+    figure = figures.new_figure(7.0, 4.4)
     axes = figure.subplots()
     axes.set_xlabel(short_path(mean.dims[0]))
     if mean.ndim == 1:
@@ -58,7 +58,7 @@ def _draw_quantity(values: xarray.DataArray) -> Figure:
         axes.set_ylabel(label)
     else:
         x, y = (np.asarray(mean[name]) for name in mean.dims)
-        mesh = axes.pcolormesh(x, y, np.asarray(mean).T, cmap=style.tension_map(), shading="nearest")
+        mesh = axes.pcolormesh(x, y, np.asarray(mean).T, cmap=tension_colours.tension_map(), shading="nearest")
         figure.colorbar(mesh, ax=axes, label=label)
         axes.set_ylabel(short_path(mean.dims[1]))
         axes.grid(False)

@@ -28,7 +28,8 @@ from dropper_jax.model import Model, State
 from dropper_jax.residual import Stepper
 from dropper_jax.run.arrays import bare_model
 from dropper_jax.run.build import SceneLike, build, build_model, stepper_of
-from dropper_jax.run.quantities import Quantity, quantity
+from dropper_jax.run.quantities import Quantity
+from dropper_jax.run.quantity_names import quantity
 from dropper_jax.run.statistics import PERIOD
 from dropper_jax.scene import RunSpec
 from dropper_jax.stepping.stepper import check_settings, stepper_settings
@@ -61,7 +62,7 @@ class Plan:
     Attributes:
         scene: the base case.
         axes: varied inputs; the last one varies fastest.
-        quantities: names from `QUANTITIES`, or of `dropper_jax.run.quantities`.
+        quantities: names from `QUANTITIES`, or of `dropper_jax.run.quantity_names`.
         traces: also record nodes' positions and tensions at every saved time.
         chunk: cases advanced together on one device.
         settings: further fields of `Stepper`.

@@ -24,7 +24,7 @@ from dropper_jax.lanes import lanes
 from dropper_jax.model import Model, State
 from dropper_jax.residual import Stepper
 from dropper_jax.run.build import build
-from dropper_jax.run.quantities import quantity_signals
+from dropper_jax.run.quantity_extremes import quantity_signals
 from dropper_jax.run.statistics import statistic
 from dropper_jax.stepping.integrate import advance
 from dropper_jax.stepping.observe import observe
@@ -265,7 +265,7 @@ def run_case(plan: Plan, stepper: Stepper, model: Model, start: State, values: A
         for one in named:
             if one in extremes:
                 saved[one.name] = extremes[one]
-            else:
+            elif not one.at_rest:
                 saved[one.name] = one.instant(model, start.r, s.r, s.v, s.tension, s.t, s.parted)
         if plan.traces:
             saved |= {"positions": s.r, "tension": s.tension}
@@ -274,7 +274,10 @@ def run_case(plan: Plan, stepper: Stepper, model: Model, start: State, values: A
     first = begin(stepper, model, start, plan.is_adaptive)
     (progress, tally), saved = jax.lax.scan(save, (first, _empty_tally(start)), None, length=run.rows)
     for one in named:
-        saved[one.name] = statistic(one.statistic, saved[one.name], run.interval, over_steps=watch is not None)
+        if one.at_rest:  # the start is not among the saved states
+            saved[one.name] = one.of_state(model, start)
+        else:
+            saved[one.name] = statistic(one.statistic, saved[one.name], run.interval, over_steps=watch is not None)
     for name, value in _known_quantities(model, progress.state, tally, run.rows).items():
         if name in plan.quantities:
             saved[name] = value

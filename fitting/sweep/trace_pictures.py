@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
-from dropper_jax.plots import style
+from dropper_jax.plots import figures, scales, style, tension_colours
 from fitting.sweep.against_trace import PARTS, FittedScore, TraceScores
 
 #: Draws one panel: axes, scores, the fit, the part.
@@ -68,7 +68,7 @@ def _rows_by_part(scores: TraceScores, fit: FittedScore | None, rows: Sequence[R
     many = len(rows) > TALL_ROWS
     heights = [row.height for row in rows]
     whole = 1.6 + sum(heights)
-    figure = style.new_figure(13.0, whole, layout=None)  # a constrained layout takes seconds for so many panels
+    figure = figures.new_figure(13.0, whole, layout=None)  # a constrained layout takes seconds for so many panels
     gap = 0.62
     if many:  # only the last row has labels of its axes
         gap = 0.3
@@ -89,9 +89,9 @@ def _rows_by_part(scores: TraceScores, fit: FittedScore | None, rows: Sequence[R
     _title_parts(grid[0], scores, fit)
     below_map = grid[min(1, len(rows) - 1), 0]
     figure.legend(*below_map.get_legend_handles_labels(), loc="upper right", ncols=3, markerscale=4)
-    style.title(figure, f"{scores.sweep.plan.scene.name} against {scores.against.trace.name}")
+    figures.title(figure, f"{scores.sweep.plan.scene.name} against {scores.against.trace.name}")
     figure.align_ylabels()
-    return style.save(figure, path)
+    return figures.save(figure, path)
 
 
 def _title_parts(top: Sequence[Axes], scores: TraceScores, fit: FittedScore | None) -> None:
@@ -144,7 +144,7 @@ def _draw_curves(axes: Axes, scores: TraceScores, fit: FittedScore | None, part:
     axes.plot(t, against.measured[inside, link], ".", ms=1.6, color=style.DARK, label="measured")
     for name, x, colour, width in _simulated_lines(scores, fit):
         axes.plot(t, x[inside, link], color=colour, lw=width, label=name)
-    style.time_axis(axes, t)
+    scales.time_axis(axes, t)
     if part == 0:
         axes.set_ylabel(f"link {link + 1} [rad]")
 
@@ -193,7 +193,7 @@ def _draw_error_map(axes: Axes, scores: TraceScores, fit: FittedScore | None, pa
     order = np.argsort(-error)  # the best on top
     size = np.clip(2.2e4 / len(x), 12.0, 150.0)
     marker = "s" if size < 100.0 else "o"
-    colours = style.tension_map()
+    colours = tension_colours.tension_map()
     points = axes.scatter(x[order], y[order], s=size, marker=marker, c=1e3 * error[order], cmap=colours, norm=LogNorm())
     bar = axes.figure.colorbar(points, ax=axes)
     if part == len(PARTS) - 1:

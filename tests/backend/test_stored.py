@@ -18,8 +18,10 @@ from jax.experimental.compilation_cache.compilation_cache import reset_cache
 
 import dropper_jax as dj
 from dropper_jax.backend import stored
+from dropper_jax.backend.program_files import ABANDONED, UNFINISHED, Folder, open_folder
 from dropper_jax.backend.programs import compile_program, store_programs
-from dropper_jax.backend.stored import ABANDONED, UNFINISHED, Folder, NoStableText, StoredPrograms, stable_text
+from dropper_jax.backend.stable_text import NoStableText, stable_text
+from dropper_jax.backend.stored import StoredPrograms
 from dropper_jax.base.numerics import components, inverse_rows
 from dropper_jax.stepping.integrate import advance
 from dropper_jax.stepping.progress import begin
@@ -257,9 +259,9 @@ def test_a_folder_of_another_user_is_not_used(tmp_path, monkeypatch):
 @pytest.mark.parametrize("mode", [0o770, 0o707])
 def test_a_folder_that_others_may_write_is_not_used(tmp_path, mode):
     folder = tmp_path / "programs"
-    assert stored.open_folder(folder) == folder
+    assert open_folder(folder) == folder
     folder.chmod(mode)
-    assert stored.open_folder(folder) is None
+    assert open_folder(folder) is None
 
 
 def test_a_folder_that_cannot_be_made_is_not_used(tmp_path):

@@ -9,7 +9,7 @@ import pytest
 from dropper_jax import INTEGRATORS, SceneError
 from dropper_jax.cli import options
 from dropper_jax.cli.outputs import add_out, picture, plot_folder
-from dropper_jax.run import quantities
+from dropper_jax.run import motion_signals, statistics
 from fitting.cli import sweep
 from fitting.sweep import QUANTITIES
 
@@ -19,8 +19,8 @@ SHORT = ["double-pendulum-chaotic", "--duration", "0.2", "--dt", "0.01", "--quie
 def test_names_in_help_texts_are_those_that_there_are():
     assert [scheme.name for scheme in INTEGRATORS.values()] == list(INTEGRATORS) == list(options.SCHEMES)
     assert tuple(QUANTITIES) == sweep.DEFAULT_QUANTITIES
-    assert tuple(quantities.SIGNALS) == options.SIGNALS
-    assert quantities.NAMES == options.STATISTICS
+    assert tuple(motion_signals.SIGNALS) == options.SIGNALS
+    assert statistics.NAMES == options.STATISTICS
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,6 @@ import dataclasses
 import re
 import tomllib
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -254,7 +253,7 @@ def some_pose(monkeypatch):
     """Grown lines need depths of their links; which ones does not matter here."""
     nodes = sum(line["links"] for line in BASE["line"]) + len(BASE["line"])
     places = np.stack([np.zeros(nodes), np.zeros(nodes), np.linspace(-20.0, 0.0, nodes)], axis=1)
-    monkeypatch.setattr(growth, "static_pose", lambda scene, model: SimpleNamespace(positions=places))
+    monkeypatch.setattr(growth, "resting_nodes", lambda scene, model: places)
 
 
 @pytest.mark.parametrize("cls", CLASSES, ids=lambda cls: cls.__name__)

@@ -9,9 +9,9 @@ from PIL import Image
 import dropper_jax as dj
 from dropper_jax import load_scene, plots
 from dropper_jax.cli.outputs import draw
-from dropper_jax.plots import motion, style, tension, time_panels
+from dropper_jax.plots import figures, motion, tension, time_panels
 from dropper_jax.plots.run import chosen_links, readable
-from dropper_jax.plots.style import force_unit
+from dropper_jax.plots.scales import force_unit
 from dropper_jax.run.end_links import Motion, loaded_fixed_points, point_loads
 
 
@@ -59,7 +59,7 @@ def test_a_zoom_has_the_scale_of_its_envelope_and_a_constant_keeps_it(tmp_path, 
         time_panels.Panel("z [m]", [time_panels.Curve("", t, 0.5 * wave)]),
     ]
     drawn = []
-    monkeypatch.setattr(style, "finish", lambda figure, *_: drawn.append(figure))
+    monkeypatch.setattr(figures, "finish", lambda figure, *_: drawn.append(figure))
     run = SimpleNamespace(t=t)
     time_panels.history(run, tmp_path / "history.png", "histories", both)
     limits = np.array([axes.get_ylim() for axes in drawn[0].axes]).reshape(3, 2, 2)
@@ -158,7 +158,7 @@ def test_a_snapshot_shows_the_peak_and_unloaded_anchors_have_no_curve(longline):
 
 def test_spectra_of_x_and_y_that_coincide_are_both_visible(tmp_path, monkeypatch):
     drawn = []
-    monkeypatch.setattr(style, "finish", lambda figure, *_: drawn.append(figure))
+    monkeypatch.setattr(figures, "finish", lambda figure, *_: drawn.append(figure))
     plots.amplitude_spectrum(dj.simulate("conical-pendulum", dt=0.02, duration=20.0), tmp_path / "spectrum.png")
     assert [line.get_linestyle() for line in drawn[0].axes[0].get_lines()] == ["-", "--"]
 
@@ -169,7 +169,7 @@ def test_of_two_curves_that_coincide_the_later_is_dashed():
         time_panels.Curve(name, t, values) for name, values in (("a", np.sin(t)), ("b", np.cos(t)), ("c", np.sin(t)))
     ]
     assert [time_panels.line_style(curves, i) for i in range(3)] == ["-", "-", time_panels.DASHES]
-    axes = style.new_figure(4, 3).subplots()
+    axes = figures.new_figure(4, 3).subplots()
     time_panels.draw_panel(axes, time_panels.Panel("x [m]", curves))
     assert [line.get_linestyle() for line in axes.get_lines()] == ["-", "-", "--"]
 
@@ -178,11 +178,11 @@ def test_of_two_curves_that_coincide_the_later_is_dashed():
 def test_a_record_of_at_most_200_waves_is_drawn_wave_by_wave(waves, columns, tmp_path, monkeypatch):
     t = np.linspace(0.0, 60.0, 6001)
     panel = time_panels.Panel("tension [N]", [time_panels.Curve("", t, np.sin(2 * np.pi * waves * t / 60.0))])
-    figures = []
-    monkeypatch.setattr(style, "finish", lambda figure, run, what, path: figures.append(figure) or path)
+    drawn = []
+    monkeypatch.setattr(figures, "finish", lambda figure, run, what, path: drawn.append(figure) or path)
     run = SimpleNamespace(t=t, name="sine", status="ok", settings={"integrator": "energy_momentum", "dt": 0.01})
     time_panels.history(run, tmp_path / "tension.png", "tension", [panel])
-    assert len(figures[0].axes) == columns
+    assert len(drawn[0].axes) == columns
 
 
 @pytest.mark.parametrize("missing", [2e-3, 5e-4, 2e-6])

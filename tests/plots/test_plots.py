@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from dropper_jax import Scene, SceneError, plots
-from dropper_jax.plots import style, view
+from dropper_jax.plots import figures, scales, style, tension_colours, view
 from dropper_jax.plots.run import readable
 from dropper_jax.run.samples import Samples
 
@@ -278,8 +278,8 @@ def test_a_colour_bar_shows_where_it_ends_below_the_largest_tension():
         (np.ones(2), "neither", "tension [N]"),
     ):
         figure = matplotlib.figure.Figure()
-        shown = matplotlib.cm.ScalarMappable(style.tension_norm(values), style.tension_map())
-        style.tension_bar(figure, shown, values, ax=figure.subplots())
+        shown = matplotlib.cm.ScalarMappable(tension_colours.tension_norm(values), tension_colours.tension_map())
+        tension_colours.tension_bar(figure, shown, values, ax=figure.subplots())
         assert (shown.colorbar.extend, shown.colorbar.ax.get_ylabel()) == (extend, label)
 
 
@@ -296,7 +296,7 @@ def _ink(figure, shown):
 
 @pytest.mark.parametrize("sides", [(100, 30, 40), (12, 90, 25), (25, 25, 100), (0.13, 0.13, 0.32), (1, 1, 1)])
 def test_names_and_ticks_of_axes_in_space_are_visible_and_apart(sides):
-    figure = style.new_figure(4, 4, layout=None)
+    figure = figures.new_figure(4, 4, layout=None)
     with style.plot_style():
         axes = view.space_axes(figure, np.outer(sides, [-0.45, 0.55]))
         figure.colorbar(matplotlib.cm.ScalarMappable(), cax=view.bar_axes(figure), label="tension [kN]")
@@ -319,7 +319,7 @@ def test_envelopes_of_similar_loads_have_one_scale():
     panels = list(figure.subplots(5))
     for axes, top in zip(panels, (19.0, 0.4, 15.0, 1.3, 0.5), strict=True):
         axes.set_ylim(-0.05 * top, top)
-    style.share_scales(panels)
+    scales.share_scales(panels)
     similar = [19.0, 1.3, 19.0, 1.3, 1.3]
     np.testing.assert_allclose([axes.get_ylim() for axes in panels], np.outer(similar, [-0.05, 1.0]))
 
@@ -328,8 +328,8 @@ def test_panels_far_apart_share_the_scale_and_close_ones_the_limits():
     axes = Figure().subplots(3)
     for panel, limits in zip(axes, [(132.0, 134.0), (-1.0, 0.5), (0.0, 1.0)], strict=True):
         panel.set_ylim(*limits)
-    style.share_scales(axes)
+    scales.share_scales(axes)
     assert [np.mean(panel.get_ylim()) for panel in axes] == pytest.approx([133.0, -0.25, 0.5])
     assert [np.ptp(panel.get_ylim()) for panel in axes] == pytest.approx([2.0, 2.0, 2.0])
-    style.share_scales(axes[1:])
+    scales.share_scales(axes[1:])
     assert axes[1].get_ylim() == axes[2].get_ylim() == pytest.approx((-1.25, 1.5))

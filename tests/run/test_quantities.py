@@ -9,7 +9,8 @@ import dropper_jax as dj
 from dropper_jax import SceneError
 from dropper_jax.run.bends import curvature
 from dropper_jax.run.line_weights import fixed_point_loads
-from dropper_jax.run.quantities import quantity, quantity_signals, static_quantity
+from dropper_jax.run.quantity_extremes import quantity_signals
+from dropper_jax.run.quantity_names import quantity, static_quantity
 from dropper_jax.run.statistics import NAMES, statistic
 from dropper_jax.scene import line_slices
 from dropper_jax.stepping.extremes import Extremes
@@ -105,6 +106,14 @@ def test_the_anchor_of_a_single_line_is_its_fixed_end_also_if_the_free_end_is_li
     model = dj.build_model(scene_of({"low": free_at([0.0, 0.0, -1.2]), "top": [0.0, 0.0, 0.0]}, line))
     assert quantity("tension.chain.anchor.max", model).members == (0,)
     assert quantity("tension.chain.fairlead.max", model).members == (3,)
+
+
+def test_a_line_named_as_a_piece_of_another_one_is_a_line_of_its_own():
+    points = {"west": [-2.0, 0.0, 0.0], "low": free_at([0.0, 0.0, -1.0], mass=1.0), "east": [2.0, 0.0, 0.0]}
+    lines = (line_of("leg", "west", "low", 2, 1.2, mass=0.1), line_of("leg-1", "low", "east", 3, 0.8, mass=0.1))
+    model = dj.build_model(scene_of(points, *lines))
+    assert quantity("tension.leg.max", model).members == (0, 1)
+    assert quantity("tension.leg-1.max", model).members == (2, 3, 4)
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -8,8 +8,9 @@ import pytest
 from scene_parts import free_at, line_of, scene_of
 
 import dropper_jax as dj
-from dropper_jax import build_model, report_run
+from dropper_jax import SceneError, build_model, report_run
 from dropper_jax.report import sections
+from dropper_jax.run import arrays
 from dropper_jax.run.growth import overgrown, season_table
 from fitting.parameters.of_scene import scene_parameter
 
@@ -53,6 +54,15 @@ def test_a_month_between_two_is_the_layer_between_on_the_named_lines_alone():
         assert line.diameter == pytest.approx(0.02 + 2 * thick, rel=3e-4)
         assert line.mass == pytest.approx(0.5 + 1300.0 * (outer - np.pi / 4 * 0.02**2), rel=3e-4)
     assert np.all(grown.lines[2].mass == 0.5)
+
+
+def test_mussels_do_not_grow_at_the_depths_of_a_pose_that_was_not_found(monkeypatch):
+    bare = scene()
+    del bare["growth"]
+    lost = dataclasses.replace(dj.equilibrium(bare), status="not_converged", message="no equilibrium found")
+    monkeypatch.setattr(arrays, "equilibrium", lambda *_: lost)
+    with pytest.raises(SceneError, match="^start: no equilibrium found$"):
+        build_model(dj.load_scene(scene()))
 
 
 def test_the_month_is_a_number_of_the_scene():

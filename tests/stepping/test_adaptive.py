@@ -13,6 +13,7 @@ from dropper_jax.evaluation.record import record
 from dropper_jax.evaluation.settings import Settings
 from dropper_jax.evaluation.tension import line_tensions
 from dropper_jax.plots.run import readable
+from dropper_jax.run.summary import write_tensions
 from dropper_jax.stepping.integrate import advance
 from dropper_jax.stepping.progress import begin
 from dropper_jax.stepping.record import Record
@@ -39,6 +40,14 @@ def stiffened(model, stiffer):
 @pytest.fixture(scope="module")
 def followed(falling):
     return dj.simulate(falling(**CASE, accuracy=0.01))
+
+
+def test_the_interval_between_saved_times_is_not_reported_as_a_step(followed, tmp_path):
+    facts = followed.summary()["step_facts"]
+    assert facts["axial_period_s"] is not None
+    assert facts["steps_per_axial_period"] is None
+    head = write_tensions(followed, tmp_path / "tensions.csv").read_text().splitlines()[1]
+    assert head.endswith("energy_momentum with accuracy 0.01")
 
 
 def test_a_snap_within_an_interval_has_its_peak_and_its_impulse(followed):

@@ -75,7 +75,7 @@ def write_moordyn(
 @raises_first
 def _check_scene(scene: Scene) -> Iterator[Check]:
     yield (
-        not scene.branched or any(line.rigid for line in scene.lines),
+        scene.single_line is not None or any(line.rigid for line in scene.lines),
         "scene: MoorDyn's lines are elastic. Use a system of lines with EA (a line with a [[line_type]])",
     )
     yield (

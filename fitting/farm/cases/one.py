@@ -17,11 +17,13 @@ from dropper_jax.evaluation.fatigue import RANGE_ROUNDING, cycles
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model, State
 from dropper_jax.run.build import build_model, initial_state, stepper_of
-from dropper_jax.run.chunks import compile_run, first_carry
+from dropper_jax.run.chunks import OWN, compile_run, first_carry
 from dropper_jax.run.end_links import EndLinks, line_ends
 from dropper_jax.run.growth import overgrown
 from dropper_jax.run.observation import breaks
-from dropper_jax.run.quantities import Quantity, quantity, quantity_signals
+from dropper_jax.run.quantities import Quantity
+from dropper_jax.run.quantity_extremes import quantity_signals
+from dropper_jax.run.quantity_names import quantity
 from dropper_jax.run.statistics import statistic
 from dropper_jax.scene import RunSpec, whole_lines
 from dropper_jax.statics.static_pose import equilibrium
@@ -138,6 +140,8 @@ class QuantityValues:
             extremes = self.watch.over_steps(rows.extremes)
         times = jnp.asarray(t, self.model.dtype)
         for one, parts in self.values.items():
+            if one.at_rest:
+                continue
             if one in extremes:
                 values = extremes[one]
             else:
@@ -149,7 +153,10 @@ class QuantityValues:
         found = {}
         over_steps = self.watch is not None
         for one, parts in self.values.items():
-            value = statistic(one.statistic, jnp.concatenate(parts), self.run.interval, over_steps=over_steps)
+            if one.at_rest:  # the start is not among the saved states
+                value = one.of_state(self.model, self.start)
+            else:
+                value = statistic(one.statistic, jnp.concatenate(parts), self.run.interval, over_steps=over_steps)
             found[f"quantity:{one.name}"] = np.asarray(value)
         return found
 
@@ -206,7 +213,7 @@ class Runner:
         info = {"status": np.array(0)}
         retried = 0
         while done < scene.run.rows:
-            carry, rows = run.run_chunk(carry, scene.run.rows - done)
+            carry, rows = run.advance(carry, scene.run.rows - done, OWN)
             t = (done + 1 + np.arange(len(rows.r))) * scene.run.interval
             solved = np.asarray(rows.first_bad) < 0
             good = int(np.sum(solved))

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 
 from dropper_jax.base.markdown import bullets, cell, cells, markdown_table
 from dropper_jax.base.read import Table
-from dropper_jax.plots import style
+from dropper_jax.plots import figures, style
 from fitting.farm.site.report_files import write_report
 
 COLUMNS = (
@@ -275,7 +275,7 @@ def draw_utilisation(found: Table, path: Path) -> Path:
     bars = {part["part"]: part for part in found["parts"]}
     bars |= {f"anchor {anchor['point']}": anchor for anchor in found["anchors"] if anchor["anchor"]}
     bars = {name: bar for name, bar in reversed(bars.items()) if bar["worst"] is not None}
-    figure = style.new_figure(7.5, 1.5 + 0.34 * max(len(bars), 1))
+    figure = figures.new_figure(7.5, 1.5 + 0.34 * max(len(bars), 1))
     axes = figure.subplots()
     intact = [case["case"] for case in found["cases"] if case["state"] == "intact"]
     for y, bar in enumerate(bars.values()):
@@ -299,7 +299,7 @@ def draw_utilisation(found: Table, path: Path) -> Path:
     axes.grid(False, axis="y")
     axes.set(xlim=(0.0, None), xlabel="utilisation: factor times load over capacity; error by chance and by the step")
     axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.2)
-    return style.save(figure, path)
+    return figures.save(figure, path)
 
 
 def _draw_cases(axes: Axes, y: int, used: list[float], label: str, colour: str) -> None:

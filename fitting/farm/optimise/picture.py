@@ -6,8 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from dropper_jax.plots.style import DARK, FAINT, FIRST, SECOND, new_figure, plot_style
-from dropper_jax.plots.style import save as save_figure
+from dropper_jax.plots.figures import new_figure
+from dropper_jax.plots.figures import save as save_figure
+from dropper_jax.plots.style import DARK, FAINT, FIRST, SECOND, plot_style
 from fitting.farm.optimise.models import still_model
 from fitting.farm.optimise.run import Optimum
 from fitting.farm.optimise.values import near_rest

@@ -20,8 +20,9 @@ from jax import Array
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.numerics import horizontal_norm, safe_norm
 from dropper_jax.model import Model
-from dropper_jax.run import quantities as run_quantities
 from dropper_jax.run.end_links import load_on_fixed_point
+from dropper_jax.run.quantities import Quantity
+from dropper_jax.run.quantity_names import quantity
 from fitting.farm.site import Anchor, Part
 
 #: Width of soft peaks over their height: they exceed the hard ones by 2 to 6 %, which a factor compensates.
@@ -139,7 +140,7 @@ class NodeDisplacement(LimitedSignal):
 class NamedQuantity(LimitedSignal):
     """The maximum of a quantity by name, times `scale`."""
 
-    of: run_quantities.Quantity
+    of: Quantity
     scale: float
 
     def signal(self, model: Model, steps: Steps) -> Array:
@@ -158,7 +159,7 @@ def named_quantity(name: str, model: Model, option: str, limit: float) -> NamedQ
     Raises:
         SceneError: an unknown name, or one without a limit in storms.
     """
-    found = run_quantities.quantity(name, model, option)
+    found = quantity(name, model, option)
     if found.signal not in LIMITED or found.statistic != "max":
         raise SceneError(f"{option}: {name!r} cannot be limited; allowed: maxima of {', '.join(LIMITED)}")
     return NamedQuantity(name, found, 1.0 / limit)

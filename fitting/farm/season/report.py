@@ -8,7 +8,7 @@ import numpy as np
 
 from dropper_jax.base.markdown import bullets, cell, markdown_table
 from dropper_jax.base.read import Table
-from dropper_jax.plots import style
+from dropper_jax.plots import figures, style
 from fitting.farm.site.report_files import write_report
 
 COLUMNS = (
@@ -85,7 +85,7 @@ def draw(found: Table, path: Path) -> Path:
     """Draw floats of each month between their bounds, and the depths of the backbone."""
     months = found["months"]
     number = range(len(months))
-    figure = style.new_figure(7.5, 4.6)
+    figure = figures.new_figure(7.5, 4.6)
     upper, lower = figure.subplots(2, 1, sharex=True)
     floats = np.array([row["floats"] for row in months])
     minimum = np.array([row["least"] for row in months])
@@ -114,4 +114,4 @@ def draw(found: Table, path: Path) -> Path:
     if len(months) > MOST_UPRIGHT:
         rotation = 30
     lower.set_xticks(list(number), [row["month"] for row in months], rotation=rotation)
-    return style.save(figure, path)
+    return figures.save(figure, path)

@@ -47,7 +47,7 @@ class Site:
         growth: mussels by month, and by line the table of `[line.growth]`.
         crop: changes of the scene by `low`, `expected` and `high` of `[crop]`; `growth` is a factor of the thickness.
         states: the broken line; None for the intact farm.
-        quantities: names of further quantities to report for each case (see `dropper_jax.run.quantities`).
+        quantities: names of further quantities to report for each case (see `dropper_jax.run.quantity_names`).
         raw: sections that are passed on (`variable`, `objective`, `constraint`, `optimise`), unchanged.
         table: plain values of the site as specified.
         file: source file; None for plain values.

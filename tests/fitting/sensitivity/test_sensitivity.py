@@ -11,7 +11,7 @@ from rope_cases import slack_rope
 
 from dropper_jax import SceneError, load_scene, simulate
 from dropper_jax.cli import main
-from dropper_jax.run.quantities import quantity
+from dropper_jax.run.quantity_names import quantity
 from dropper_jax.run.statistics import STATISTICS, excess_kurtosis, statistic
 from fitting import sensitivity
 from fitting.parameters.parameter import with_parameter_values

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from dropper_jax.base.read import Table
+from dropper_jax.base.records import column
 from dropper_jax.base.table_cells import fill, record_cells
 from dropper_jax.cli.outputs import weights_table
 from dropper_jax.cli.printing import listing, table
@@ -100,7 +101,7 @@ LOADS = {
 
 def _about_errors(found: Table) -> list[str]:
     """Sources of the errors of the largest load, and other influences on it."""
-    worst = max((row["maximum"] for row in found["loads"]), key=lambda load: load["value"])
+    worst = max(column(found["loads"], "maximum"), key=lambda load: load["value"])
     of_links = fill("{links:.2g} N by the links|links not known", worst)
     lines = [
         f"+-: limit of the errors of step and links together; of the maximum load {worst['step']:.2g} N by the step, "

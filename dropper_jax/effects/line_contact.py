@@ -13,6 +13,7 @@ from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.base.numerics import as_array, dot
 from dropper_jax.base.read import Pairs, Values
+from dropper_jax.base.records import names_of
 from dropper_jax.effects.contact_bars import Bars, ContactPairs, Group
 from dropper_jax.effects.nearest_points import Nearest, contact_force, nearest_points, relative_motion
 from dropper_jax.effects.rigid_bodies import tetrahedron
@@ -61,7 +62,7 @@ class LineContact(Effect):
             raise SceneError("effects.line_contact: acts between lines of a system. Use it in scenes of several lines")
         path = "effects.line_contact"
         lines = _lines_by_name(scene)
-        others = [b.name for b in (*scene.bodies, *scene.buoys)]
+        others = names_of((*scene.bodies, *scene.buoys))
         named_lines = []
         for i, (first, second) in enumerate(values["pairs"]):
             named_lines += [(f"{path}.pairs.{i}.0", first), (f"{path}.pairs.{i}.1", second)]
@@ -85,7 +86,7 @@ class LineContact(Effect):
     def build(cls, values: Values, scene: SceneData) -> Effect:
         values = dict(values)
         if values["radius"] is None:
-            values["radius"] = np.concatenate([_radii(line) for line in scene.lines])
+            values["radius"] = np.concatenate(list(map(_radii, scene.lines)))
         kind = FrictionlessContact
         if values["damping"] > 0.0 or values["friction"] > 0.0:
             kind = LinksInContact
@@ -216,7 +217,7 @@ def _bars_of(scene: SceneData, name: str) -> tuple[int, list[tuple[np.ndarray, f
             cylinders = [(np.array([c.start, c.end]), c.diameter) for c in body.cylinders]
             return i, cylinders + [(np.array([s.centre, s.centre]), s.diameter) for s in body.spheres]
     buoy = next(buoy for buoy in scene.buoys if buoy.name == name)
-    points = [point.name for point in scene.points]
+    points = names_of(scene.points)
     axis = np.zeros((2, 3))
     axis[:, 2] = [-buoy.attachment, buoy.height - buoy.attachment]
     return -1 - points.index(buoy.point), [(axis, buoy.diameter)]

@@ -33,6 +33,7 @@ from jax.scipy.sparse.linalg import gmres
 
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.records import names_of
 from dropper_jax.effects.seabed import Seabed
 from dropper_jax.model import Kinematics, Model, State
 from dropper_jax.model.slots import Prepared
@@ -162,8 +163,8 @@ def wave_loads(model: Model, pose: State, waves: Waves) -> WaveLoads:
 
 def dragging_effects(still: Model) -> tuple[Model, Model]:
     """The model with the effects of the water, without contact, and with those that do not know the waves."""
-    bed = {e.name for e in still.having(Seabed)}
-    prepared = {e.name for e in still.having(Prepared)}
+    bed = set(names_of(still.having(Seabed)))
+    prepared = set(names_of(still.having(Prepared)))
     wet = []
     other = []
     for effect in still.effects:

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.markdown import first_names
+from dropper_jax.base.records import names_of
 from dropper_jax.frequency.linear_waves import check_no_bodies, still_model
 from dropper_jax.frequency.states import TOLERANCE, solve_states
 from dropper_jax.load.scene import Scene, load_scene
@@ -153,7 +154,7 @@ def frequency_response(
         first, *_, last = line.stops.values()
         ends += [(line.name, first), (line.name, last)]
     points = [i for i, point in enumerate(scene.points) if point.is_free]
-    nodes = np.array([model.geometry.node_of_point(i) for i in points], int)
+    nodes = np.array(list(map(model.geometry.node_of_point, points)), int)
     solved, error = solve_states(still, pose.state, waves, links, nodes)
     static = np.asarray(pose.tension)
     mean = static + solved.shift
@@ -172,7 +173,7 @@ def frequency_response(
         omega=omega,
         ends=tuple(ends),
         points=tuple(scene.points[i].name for i in points),
-        lines=tuple(line.name for line in lines),
+        lines=tuple(names_of(lines)),
         static_tension=static[links],
         mean_tension=mean[:, links],
         tension_deviation=deviation,

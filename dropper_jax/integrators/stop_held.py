@@ -35,7 +35,7 @@ def stop_held_joints(model: Model, z: PerLaw, middle: Kinematics, after: Kinemat
         h: the step [s].
     """
     held = tuple(law.holding(middle, torque, h) for law, torque in zip(model.laws, z, strict=True))
-    some = jnp.any(jnp.stack([jnp.any(one) for one in held]))
+    some = jnp.any(jnp.stack(list(map(jnp.any, held))))
     # a copy of the end: what the branch computes must not be kept for uses outside of it
     stopped = partial(_stop_nodes, model, held, z, after.with_velocity(after.v), h)
     # most steps have no stuck joint, and then none of this is executed

@@ -24,6 +24,7 @@ from dropper_jax.base.read import (
     read_fields,
     read_text,
 )
+from dropper_jax.base.records import select_keys, without_keys
 from dropper_jax.base.references import references_of
 from dropper_jax.effects import EFFECTS
 from dropper_jax.integrators import INTEGRATORS, OPTIONS
@@ -249,7 +250,7 @@ class Scene(SceneData):
             if path in values and other not in values and self.sea is not None:
                 values[other] = values[path]
         if "sea.packaged" in values:  # another sea replaces this one's waves and water
-            table["sea"] = {key: value for key, value in table.get("sea", {}).items() if key in ("current", "ramp")}
+            table["sea"] = select_keys(table.get("sea", {}), ("current", "ramp"))
         if self.written is not None:
             table = self.written.with_changes(table, values)
         else:
@@ -282,7 +283,7 @@ class Scene(SceneData):
     def _from_template(self, original: Template, values: Values) -> Scene:
         """The scene with values changed: parameters before all others, including those of earlier changes."""
         given = {path: value for path, value in values.items() if ScenePath(path).section == "parameters"}
-        changes = {path: value for path, value in values.items() if path not in given}
+        changes = without_keys(values, given)
         scene = self
         template = original.with_changes(given, changes)
         if given:

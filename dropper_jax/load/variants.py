@@ -6,6 +6,7 @@ import re
 from functools import partial
 
 from dropper_jax.base.read import Table
+from dropper_jax.base.records import column, without_keys
 
 #: Effects that an undamped scene lacks.
 DAMPING = ("linear_damping", "quadratic_damping")
@@ -25,7 +26,7 @@ def _variant(table: Table, note: str, **sections: Table) -> Table:
 
 
 def _without_damping(table: Table, file: str) -> Table:
-    effects = {name: values for name, values in table["effects"].items() if name not in DAMPING}
+    effects = without_keys(table["effects"], DAMPING)
     return _variant(table, "Without damping.", effects=effects)
 
 
@@ -84,7 +85,7 @@ def pitching(table: Table) -> Table:
     """
     positions = {point["name"]: point["position"] for point in table["point"]}
     bodies = [_body(buoy, positions[buoy["point"]]) for buoy in table["buoy"]]
-    replaced = {buoy["point"] for buoy in table["buoy"]}  # by attachments of the bodies
+    replaced = set(column(table["buoy"], "point"))  # by attachments of the bodies
     note = (
         f" The spar pitches: a rigid body with its centre of gravity {CENTRE:g} m above the base, which the paper does "
         "not give (assumed)."

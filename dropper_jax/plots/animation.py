@@ -251,7 +251,7 @@ class _Stage:
 def _palette() -> Image.Image:
     """The same colours for all frames: those of the style, and their mixtures with white for smooth edges."""
     tension = style.tension_map()(np.linspace(0.0, 1.0, 40))[:, :3]
-    strong = np.concatenate([tension, [to_rgb(colour) for colour in SOLID]])
+    strong = np.concatenate([tension, list(map(to_rgb, SOLID))])
     mixed = 1 - np.multiply.outer((1.0, 0.75, 0.5, 0.25), 1 - strong)
     greys = np.linspace(to_rgb(DARK), (1.0, 1.0, 1.0), 32)
     colours = np.rint(255 * np.concatenate([*mixed, greys])).astype(int)

@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator, MaxNLocator
 
 from dropper_jax.analysis import spectrum
+from dropper_jax.base.records import names_of
 from dropper_jax.plots import panels, style, system, view
 from dropper_jax.plots.run import ANGLE, TRAVEL, Run, directions, elevations, travel
 from dropper_jax.plots.style import CYCLE, DARK, FAINT, FIRST, SECOND
@@ -157,7 +158,7 @@ def amplitude_spectrum(run: Run, path: str | Path) -> Path:
 def _system_spectra(run: Run, path: str | Path) -> Path:
     """Spectra of the tensions at the ends of lines, of the motion and of the surface, a panel each; in waves also the
     vertical motion over the surface."""
-    spectra = [_spectra(panel) for panel in (ends_panel(run, scale_tensions(run)), *motion_panels(run))]
+    spectra = list(map(_spectra, (ends_panel(run, scale_tensions(run)), *motion_panels(run))))
     shown = [*spectra, *_heave_ratio(spectra)]
     figure = style.new_figure(8.5, 1.2 + 1.75 * len(shown))
     all_axes = style.panels(figure, len(shown), sharex=True)
@@ -165,7 +166,7 @@ def _system_spectra(run: Run, path: str | Path) -> Path:
         draw_panel(axes, panel)
         axes.set_ylabel(panel.label)
         axes.set_title(panel.title, loc="left", fontsize=9)
-        if any(curve.name for curve in panel.curves):
+        if any(names_of(panel.curves)):
             legend(axes)
     firsts = [panel.curves[0] for panel in spectra]
     last = np.median([_last_frequency(curve.t, curve.values[None, :, None]) for curve in firsts])

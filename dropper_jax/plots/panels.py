@@ -12,6 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from dropper_jax.base.records import names_of
 from dropper_jax.plots import style
 from dropper_jax.plots.run import ANGLE, Run, changing, chosen_links
 from dropper_jax.plots.style import CYCLE, FAINT, FIRST
@@ -112,7 +113,7 @@ def _link_axis(axes: Axes, run: Run, letter: Literal["x", "y"]) -> None:
     shown = lines[:: math.ceil(len(lines) / MOST_NAMES)]
     label_size = 9 if len(shown) <= MOST else 6
     axes.tick_params(axis=letter, labelsize=label_size)
-    axis.set_ticks([0.5 * (line.links.start + line.links.stop + 1) for line in shown], [line.name for line in shown])
+    axis.set_ticks([0.5 * (line.links.start + line.links.stop + 1) for line in shown], names_of(shown))
     edges = [line.links.start + 0.5 for line in lines[1:]]
     if letter == "y":
         axes.hlines(edges, 0.0, 1.0, transform=axes.get_yaxis_transform(), color="white", lw=1.0)

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
+from dropper_jax.base.records import names_of
 from dropper_jax.load.checks_water import surface_over
 from dropper_jax.load.scene import Scene
 from dropper_jax.plots import view
@@ -60,7 +61,7 @@ class Bodies(NamedTuple):
 
     def rings(self, index: int) -> list[np.ndarray]:
         """Rings of each shape in the scene [m] at a sample."""
-        axes = [rotation(attitude) for attitude in self.attitude[index]]
+        axes = list(map(rotation, self.attitude[index]))
         return [self.position[index, shape.body] + shape.rings() @ axes[shape.body].T for shape in self.shapes]
 
     def outlines(self, index: int, project: Callable[[np.ndarray], np.ndarray]) -> list[np.ndarray]:
@@ -185,7 +186,7 @@ class Run(Samples):
         for i, body in enumerate(specs):
             cylinders += [Shape(i, c.start, c.end, c.diameter) for c in body.cylinders]
             spheres += [Shape(i, s.centre, s.centre, s.diameter) for s in body.spheres]
-        names = tuple(body.name for body in specs)
+        names = tuple(names_of(specs))
         return Bodies(names, (*cylinders, *spheres), self.body_position, self.body_attitude)
 
     @cached_property

@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
+from dropper_jax.base.records import names_of
 from dropper_jax.plots import style
 from dropper_jax.plots.run import Run
 from dropper_jax.plots.style import CYCLE, FAINT
@@ -82,11 +83,11 @@ def history(run: Run, path: str | Path, what: str, panels: list[Panel]) -> Path:
             draw_panel(row[0], panel, envelope=_shortest(panel, panels))
             row[0].axvspan(*zoom, color=FAINT, alpha=0.25, lw=0)
             draw_panel(row[1], panel, part=zoom)
-        names = [curve.name for curve in panel.curves]
+        names = names_of(panel.curves)
         if any(names) and names != above:
             legend(row[-1])
         above = names
-    for unit in {_unit(panel) for panel in panels}:
+    for unit in set(map(_unit, panels)):
         style.share_scales([row[0] for row, panel in zip(grid, panels, strict=True) if _unit(panel) == unit])
     for axes in grid[-1]:
         style.time_axis(axes, run.t)

@@ -8,6 +8,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import Table
+from dropper_jax.base.records import column
 from dropper_jax.base.store import flat_items
 from dropper_jax.evaluation.extremes import storm_extreme
 from dropper_jax.evaluation.fatigue import line_fatigue
@@ -134,14 +135,14 @@ def _spread(runs: list[Table]) -> Table:
             own = [r["fatigue"][i] for r in runs]
             rows[f"equivalent range of {line['line']}"] = [max(f["equivalent_range_n"]) for f in own]
             if all(f["damage"] is not None for f in own):
-                rows[f"damage per year of {line['line']}"] = [f["damage_per_year"] for f in own]
+                rows[f"damage per year of {line['line']}"] = column(own, "damage_per_year")
     values = {}
     for name, v in rows.items():
         values[name] = {"min": min(v), "mean": float(np.mean(v)), "max": max(v), "by_run": v}
     return {
-        "dt_s": [r["dt_s"] for r in runs],
-        "accuracy": [r["accuracy"] for r in runs],
-        "internal_damping_n_s": [r["internal_damping_n_s"] for r in runs],
+        "dt_s": column(runs, "dt_s"),
+        "accuracy": column(runs, "accuracy"),
+        "internal_damping_n_s": column(runs, "internal_damping_n_s"),
         "values": values,
     }
 

@@ -290,7 +290,7 @@ def _body_data(bodies: Bodies | None, frames: np.ndarray) -> Table | None:
     if bodies is None or not bodies.shapes:
         return None
     attitude = bodies.attitude[frames]
-    axes = np.reshape([rotation(angles) for angles in attitude.reshape(-1, 3)], (*attitude.shape[:2], 9))
+    axes = np.reshape(list(map(rotation, attitude.reshape(-1, 3))), (*attitude.shape[:2], 9))
     return {
         "names": list(bodies.names),
         "poses": _pack(np.concatenate([bodies.position[frames], axes], axis=-1)),

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
 from dropper_jax.base.read import Table
+from dropper_jax.base.records import column
 from dropper_jax.evaluation.record import Record
 from dropper_jax.evaluation.tension import load_extremes
 from dropper_jax.plots import style
@@ -92,7 +93,7 @@ def _fatigue(record: Record, lines: list[Table], found: Table) -> Figure:
     height = 5.6 if damaged else 3.4
     figure = style.new_figure(7.5, height)
     panels = style.panels(figure, 1 + damaged, sharex=True)
-    unit, scale = force_unit(np.concatenate([line["equivalent_range_n"] for line in lines]))
+    unit, scale = force_unit(np.concatenate(column(lines, "equivalent_range_n")))
     for colour, line in zip(CYCLE, lines, strict=False):
         look = {"marker": "o", "ms": 3, "color": colour}
         s = line["arc_length_m"]
@@ -115,7 +116,7 @@ def _watch(record: Record, points: list[Table], found: Table) -> Figure:
     left, right = figure.subfigures(1, 2, width_ratios=(2.4 * columns, 4.0))
     plans = style.panels(left, len(points), columns)
     height = right.subplots()
-    widest = max(p["radius_max_m"] for p in points) or 1.0
+    widest = max(column(points, "radius_max_m")) or 1.0
     for colour, point, plan in zip(CYCLE, points, plans, strict=False):
         path = record.point(point["point"])
         about = path - point["mean_m"]

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 from dropper_jax.base.markdown import bullets, cells, literal, table
 from dropper_jax.base.read import Table
+from dropper_jax.base.records import column
 from dropper_jax.base.table_cells import Columns, fill, newton
 from dropper_jax.report import sections
 from dropper_jax.report.tables import table_of
@@ -20,7 +21,7 @@ def report_markdown(found: Table, pictures: list[dict[str, str]]) -> str:
         pictures: paths from the report's folder, by name, of each run.
     """
     runs = found["runs"]
-    scenes = dict.fromkeys(run["scene"] for run in runs)
+    scenes = dict.fromkeys(column(runs, "scene"))
     parts = [f"# Report: {literal(', '.join(scenes))}", table_of(OVERVIEW, runs)]
     for number, (run, files) in enumerate(zip(runs, pictures, strict=True), start=1):
         if len(runs) > 1:

@@ -30,6 +30,7 @@ from dropper_jax.base.read import (
     short_text,
 )
 from dropper_jax.base.read import count as whole_number
+from dropper_jax.base.records import names_of
 from dropper_jax.base.references import find_referenced
 from dropper_jax.sea.current import Current, Level
 from dropper_jax.sea.spectrum import SHAPES
@@ -373,7 +374,7 @@ SEAS = resources.files("dropper_jax") / "data" / "seas"
 
 def sea_names() -> tuple[str, ...]:
     """Names of the packaged seas."""
-    names = [item.name for item in SEAS.iterdir()]
+    names = names_of(SEAS.iterdir())
     return tuple(sorted(name.removesuffix(".toml") for name in names if name.endswith(".toml")))
 
 

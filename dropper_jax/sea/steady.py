@@ -197,7 +197,7 @@ def _length(height: float, depth: float, gravity: float, period: float, current:
 
     still = float(wave_number(jnp.asarray(omega), jnp.asarray(depth), gravity))
     k = still * np.geomspace(0.2, 5.0, 400)
-    values = np.array([excess(x) for x in k])
+    values = np.array(list(map(excess, k)))
     rising = np.flatnonzero((values[:-1] <= 0.0) & (values[1:] > 0.0))
     if not rising.size:
         raise ValueError("no wave of Stokes' theory has this period")

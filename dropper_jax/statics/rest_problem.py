@@ -14,6 +14,7 @@ from jax import Array
 
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.numerics import trace_once
+from dropper_jax.base.records import names_of
 from dropper_jax.effects.seabed import Seabed
 from dropper_jax.model import Kinematics, Law, Model, State, state
 from dropper_jax.residual import GRAVITY_SCALE, Newton, Solver, StepProblem, Unknowns, largest_row, newton, subtract
@@ -218,4 +219,4 @@ def solve_statics(model: Model, s: State, loads: Array) -> tuple[State, float]:
 
 def name_of(model: Model, node: int) -> str:
     """The name of a free node: its point, or its line and number."""
-    return model.geometry.name_of_node(node, [point.name for point in model.points])
+    return model.geometry.name_of_node(node, names_of(model.points))

@@ -22,6 +22,7 @@ from jax import Array
 
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.records import names_of
 from dropper_jax.model import Ends, Model, State
 from dropper_jax.residual import Unknowns
 from dropper_jax.statics.bodies import BodyMoves
@@ -103,7 +104,7 @@ def _resolve_names(model: Model, names: Sequence[str]) -> dict[str, np.ndarray]:
     """Rows of K of each name: of a free or fixed point (3,), or of a body (6,)."""
     moves = BodyMoves(model) if model.constraints else None
     bodies = moves.constraint.names if moves else ()
-    points = [p.name for p in model.points[: len(model.points) - 4 * len(bodies)]]  # corners of bodies come last
+    points = names_of(model.points[: len(model.points) - 4 * len(bodies)])  # corners of bodies come last
     known = [*points, *bodies]
     rows: dict[str, np.ndarray] = {}
     for name in names:

@@ -16,6 +16,7 @@ from jax import Array
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, parameter
 from dropper_jax.base.read import Table
+from dropper_jax.base.records import names_of
 from dropper_jax.effects import EFFECTS
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Effect, Kinematics, Model, State, state
@@ -169,7 +170,7 @@ class Variant:
             correction_ratio = one / of
         return {
             "name": self.name,
-            "effects": [e.name for e in self.model.effects],
+            "effects": names_of(self.model.effects),
             "flops": self.counts.get("flops"),
             "bytes": self.counts.get("bytes accessed"),
             "us_per_step": self.us_per_step,

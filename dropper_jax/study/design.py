@@ -121,7 +121,7 @@ def solve_design(
 
 def _check_design(paths: list[str], names: list[str], lows: np.ndarray, highs: np.ndarray, goals: np.ndarray) -> None:
     """Reject numbers of values and targets that differ, repeated ones, and empty ranges."""
-    if len({len(given) for given in (paths, lows, highs, names, goals)}) > 1:
+    if len(set(map(len, (paths, lows, highs, names, goals)))) > 1:
         raise SceneError(
             f"design: {len(paths)} values for {len(names)} targets with {len(goals)} goals; allowed: as many"
         )

@@ -65,7 +65,7 @@ def default_schemes(model: Model, quick: bool = False) -> list[Scheme]:
     In waves one of each kind: a step costs 50 times as much there, and the others are known from calm scenes.
     """
     if model.sea is not None and model.sea.waves is not None:
-        return [Scheme.named(name) for name in IN_WAVES]
+        return list(map(Scheme.named, IN_WAVES))
     found = []
     for name in INTEGRATORS:
         plain = [Scheme(name, gamma) for gamma in SCHEME_WEIGHTS.get(name, (None,))]

@@ -108,7 +108,7 @@ def _confirmed(found: np.ndarray, positions: np.ndarray) -> np.ndarray:
 
 def map_centres(centres: list[np.ndarray], to: Callable[[np.ndarray], np.ndarray]) -> list[np.ndarray]:
     """The centres of the circles (m, 2) of each frame, mapped by `to`: points (m, 2) to points (m, 2)."""
-    return np.split(to(np.concatenate(centres)), np.cumsum([len(each) for each in centres])[:-1])
+    return np.split(to(np.concatenate(centres)), np.cumsum(list(map(len, centres)))[:-1])
 
 
 def _of_nodes(values: list[np.ndarray], found: np.ndarray) -> np.ndarray:
@@ -196,7 +196,7 @@ def chain_in_line(centres: list[np.ndarray], nodes: int) -> Chain:
     Raises:
         SceneError: otherwise.
     """
-    counts = [len(each) for each in centres]
+    counts = list(map(len, centres))
     if nodes in counts:
         at = counts.index(nodes)
         tracks = follow_unnamed(centres, at)

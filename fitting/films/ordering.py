@@ -164,7 +164,7 @@ def clearest_chain(frames: list[np.ndarray], nodes: int, radius: float, fps: flo
     """The chain of the stretch of the film that determines it most clearly, with its frame in `at`."""
     best = None
     clear = -np.inf
-    counts = np.array([len(centres) for centres in frames])
+    counts = np.array(list(map(len, frames)))
     for duration in DURATIONS:
         size = min(len(frames), max(20, round(duration * fps)))
         for start in spread_out(len(frames) - size + 1, 16):

@@ -13,6 +13,7 @@ import numpy as np
 from jax import Array
 
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.records import column
 from dropper_jax.evaluation.fatigue import RANGE_ROUNDING, cycles
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model, State
@@ -222,7 +223,7 @@ class Runner:
                 code = "not_converged" if np.isfinite(rows.residual[good]) else "non_finite"
                 info = {"status": np.array(STATUS.index(code)), "failed_at": np.array(t[good])}
                 break
-        broken = [row["time_s"] for row in breaks(scene, carry.state.parted)]
+        broken = column(breaks(scene, carry.state.parted), "time_s")
         below = case.storm.level - np.asarray(model.nodes(start.r, model.ends(start.t)))[:, 2]
         depth = np.array([(below[line.nodes].min(), below[line.nodes].max()) for line in tally.lines])
         found = tally.collect() | info

@@ -81,7 +81,7 @@ def page_text(found: Table) -> str:
         "## Factors",
         table(
             ["part", "factor x load / capacity, worst case", *found["factors"]],
-            [_factor_cells(part) for part in found["parts"]],
+            list(map(_factor_cells, found["parts"])),
         ),
         "![Utilisation](utilisation.png)",
         "## Anchors",
@@ -95,7 +95,7 @@ def page_text(found: Table) -> str:
         "## Fatigue",
         table(
             ["part", "curve", "damage per hour, worst case", "damage per year", "life [years]"],
-            [_fatigue_cells(part) for part in found["parts"]],
+            list(map(_fatigue_cells, found["parts"])),
         ),
         "## Load cases",
         _worst_cases(found, labels),

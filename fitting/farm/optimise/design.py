@@ -15,6 +15,7 @@ import numpy as np
 
 from dropper_jax.base.errors import Progress, SceneError
 from dropper_jax.base.parallel_runs import run_parallel
+from dropper_jax.base.records import names_of
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import State
 from dropper_jax.scene import whole_lines
@@ -311,7 +312,7 @@ class Design:
         """The objective if it depends on storms: the maximum of all cases."""
         of = self.goals.objective
         # a motion is the last quantity
-        q = -1 if of.of == "motion" else [part.name for part in self.site.parts].index(of.part)
+        q = -1 if of.of == "motion" else names_of(self.site.parts).index(of.part)
         intact = [i for i, case in enumerate(self.cases) if case.storm.broken is None]
         worst = max(intact, key=lambda i: hard[i][q])
         return float(hard[worst][q]), slope[worst][q]

@@ -26,6 +26,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import Plain, Values, check_keys, read_list, read_number, read_table, read_text, refuse
+from dropper_jax.base.records import names_of
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model
 from dropper_jax.run.arrays import bare_model
@@ -92,7 +93,7 @@ class DepthRange:
 
     def nodes(self, model: Model) -> np.ndarray:
         """Numbers of the free nodes that it applies to."""
-        names = [point.name for point in model.points]
+        names = names_of(model.points)
         point_nodes = [model.geometry.point_node[names.index(name)] for name in self.points]
         return np.concatenate([point_nodes, *line_nodes(model, self.lines).values()]).astype(int)
 
@@ -253,7 +254,7 @@ def _objective(table: Values, site: Site) -> Objective:
     prices = tuple((k, read_number(v, f"objective.price.{k}", {"low": 0.0})) for k, v in price.items())
     part = ""
     if of == "load":
-        part = read_text(table.get("part"), "objective.part", [p.name for p in site.parts])
+        part = read_text(table.get("part"), "objective.part", names_of(site.parts))
     lines = _match_lines(table.get("lines", "*"), "objective.lines", site)
     per_float = read_number(table.get("float_price", 1.0), "objective.float_price", {"low": 0.0})
     return Objective(of, prices, per_float, part, lines)

@@ -19,6 +19,7 @@ from jax import Array
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.numerics import horizontal_norm, safe_norm
+from dropper_jax.base.records import names_of
 from dropper_jax.model import Model
 from dropper_jax.run import quantities as run_quantities
 from dropper_jax.run.end_links import load_on_fixed_point
@@ -197,7 +198,7 @@ def anchor_loads(model: Model, anchor: Anchor, kind: str) -> list[AnchorLoad]:
     graph = model.geometry
     factor = anchor.factor[kind]
     horizontal, upward, any_direction = anchor.table.capacities
-    names = [point.name for point in model.points]
+    names = names_of(model.points)
     for name in anchor.points:
         node = graph.point_node[names.index(name)]
         first = np.flatnonzero(graph.first == node).tolist()

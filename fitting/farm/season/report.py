@@ -8,6 +8,7 @@ import numpy as np
 
 from dropper_jax.base.markdown import bullets, cell, table
 from dropper_jax.base.read import Table
+from dropper_jax.base.records import column
 from dropper_jax.plots import style
 from fitting.farm.site.report_files import write_report
 
@@ -49,7 +50,7 @@ def page(found: Table) -> str:
         f"{found['least_share']:.0%} of their lift. Depths are those at rest below the water's level, over all levels "
         "and currents.",
         bullets(found["flags"]),
-        table([*head, "to sinking [m]", "to lifting [m]"], [_month_cells(row) for row in found["months"]]),
+        table([*head, "to sinking [m]", "to lifting [m]"], list(map(_month_cells, found["months"]))),
         "![Floats and their bounds](season.png)",
     ]
     return "\n\n".join(part for part in parts if part) + "\n"
@@ -87,9 +88,9 @@ def draw(found: Table, path: Path) -> Path:
     number = range(len(months))
     figure = style.new_figure(7.5, 4.6)
     upper, lower = figure.subplots(2, 1, sharex=True)
-    floats = np.array([row["floats"] for row in months])
-    minimum = np.array([row["least"] for row in months])
-    maximum = np.array([row["most"] for row in months])
+    floats = np.array(column(months, "floats"))
+    minimum = np.array(column(months, "least"))
+    maximum = np.array(column(months, "most"))
     # no limit on floats is UNLIMITED: cut at 1.5 times the others
     highest = int(UNLIMITED_HEIGHT * max(floats.max(), minimum.max())) + 1
     top = np.clip(maximum, minimum, np.maximum(minimum, highest))
@@ -113,5 +114,5 @@ def draw(found: Table, path: Path) -> Path:
     rotation = 0
     if len(months) > MOST_UPRIGHT:
         rotation = 30
-    lower.set_xticks(list(number), [row["month"] for row in months], rotation=rotation)
+    lower.set_xticks(list(number), column(months, "month"), rotation=rotation)
     return style.save(figure, path)

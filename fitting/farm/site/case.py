@@ -10,6 +10,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.read import Plain, Table, read_list, read_text, refuse
+from dropper_jax.base.records import names_of
 from dropper_jax.load.scene import Scene
 from dropper_jax.scene import LineSpec, whole_lines
 from fitting.farm.site.sections import AnchorTable, Curve, Factors, SeaState
@@ -185,7 +186,7 @@ def breaks(scene: Scene, states: tuple[str, ...], path: str) -> tuple[Break | No
     Raises:
         SceneError: an unknown line or link, or a duplicate state.
     """
-    lines = [line.name for line in whole_lines(scene)]
+    lines = names_of(whole_lines(scene))
     found: list[Break | None] = []
     names = []
     for i, state in enumerate(states):

@@ -23,6 +23,7 @@ from dropper_jax.base.read import (
     read_text,
     refuse,
 )
+from dropper_jax.base.records import names_of, without_keys
 from dropper_jax.load.packaged import find_scene, is_packaged, parse_toml
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.arrays import bare_model
@@ -89,11 +90,11 @@ def read_site(source: str | Path | Values) -> Site:
     check_keys(table, (*SITE_KEYS, *PASSED), "")
     scene = _scene(table, (file or Path()).parent)
     water_of(scene)
-    lines = tuple(line.name for line in whole_lines(scene))
+    lines = tuple(names_of(whole_lines(scene)))
     run = RunValues.read(table.get("run", {}), "run")
     lists = CaseLists.read(table.get("cases", {}), "cases")
     states = read_items(SeaState.read, table.get("sea_state", []), "sea_state", needed=True)
-    _unique("sea_state", [state.name for state in states])
+    _unique("sea_state", names_of(states))
     broken = breaks(scene, lists.states, "cases.states")
     kinds = kinds_of(broken)
     check_times(run, lists, BROKEN in kinds)
@@ -264,7 +265,7 @@ def _parts(
         own = _complete_factors(part.factor, factors, kinds, f"{path}.factor")
         capacity = np.array([_capacity(part, specs[name].breaking_load, name, path) for name in names])
         found.append(Part(part.name, names, capacity, own, part.curve, part.capacity is None))
-    _unique("part.name", [part.name for part in found])
+    _unique("part.name", names_of(found))
     owners = find_owners(groups, "line")
     left = [name for name in lines if name not in owners]
     if left:
@@ -287,7 +288,7 @@ def _capacity(part: PartTable, capacity: np.ndarray | None, line: str, path: str
 def _complete_factors(given: Factors | None, table: Factors, kinds: Sequence[str], path: str) -> Factors:
     """The factors of a part, with those of `[factors]` for kinds of states that it does not give."""
     given = given or table
-    common = {kind: x for kind, x in table.by_kind.items() if kind not in given.by_kind}
+    common = without_keys(table.by_kind, given.by_kind)
     sources = [given.source, *(f"{kind}: {table.source}, {table.edition}, {table.clause}" for kind in common)]
     found = replace(given, **common, source="; ".join(sources))
     for kind in sorted(kinds):
@@ -307,5 +308,5 @@ def _anchors(table: Values, scene: Scene, factors: Factors, kinds: Sequence[str]
         own = _complete_factors(anchor.factor, factors, kinds, f"{path}.factor")
         found.append(Anchor(anchor.name or ", ".join(anchor.points), points, anchor, own.by_kind))
     find_owners(groups, "point")
-    _unique("anchor.name", [anchor.name for anchor in found])
+    _unique("anchor.name", names_of(found))
     return tuple(found)

@@ -27,6 +27,7 @@ from dropper_jax.base.read import (
     section_keys,
 )
 from dropper_jax.base.read import count as whole_number
+from dropper_jax.base.records import select_keys, without_keys, without_none
 from dropper_jax.scene import AnchorSpec, GrowthSpec
 from dropper_jax.sea.spec import WaveSpec
 
@@ -129,8 +130,8 @@ class GrowthTable(Section):
 
     @classmethod
     def values_of(cls, table: Values, path: str) -> Table:
-        where = {key: value for key, value in table.items() if key in ("month", "lines")}
-        mussels = {key: value for key, value in table.items() if key not in where}
+        where = select_keys(table, ("month", "lines"))
+        mussels = without_keys(table, where)
         return super().values_of(where, path) | {"growth": GrowthSpec.read(mussels, path)}
 
 
@@ -163,7 +164,7 @@ class Factors(Section):
     def by_kind(self) -> dict[str, float]:
         """The factors that are given, by kind of state."""
         found = {"intact": self.intact, "broken": self.broken}
-        return {kind: factor for kind, factor in found.items() if factor is not None}
+        return without_none(found)
 
     @classmethod
     def of(cls, value: Plain, path: str) -> Factors:

@@ -98,7 +98,7 @@ def _equivalent_range(counted: np.ndarray, m: float) -> float:
 
 
 def _damages(record: Record, values: list[float] | None, why_not: str) -> Table:
-    """Damages of the record by link, the damage of a year and the life, or why there are none."""
+    """Damages of the record by link, the damage of a year and the life, or the reason for their absence."""
     if values is None:
         return {"damage": None, "why_no_damage": why_not}
     worst = max(values)

@@ -115,7 +115,7 @@ class Explained:
     Attributes:
         lines, wear: by line.
         held: upper fixed points, which move together as a floater does.
-        stiffness: of these about the origin (6, 6); None where there are none.
+        stiffness: of these about the origin (6, 6); None without any.
         closed_stiffness: horizontal stiffness along x and y by the closed forms of the lines; None if one has none.
         ignored: what the source file has and the scene does not.
     """

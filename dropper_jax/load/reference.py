@@ -124,12 +124,12 @@ def _section(path: str, head: str, cls: type | None) -> Section:
     return Section(path, head, _first(about), source, (*keys, *by_hand))
 
 
-def _law_keys(path: str, known: set[str]) -> Iterable[Key]:
-    """Keys of axial laws in addition to those known."""
+def _law_keys(path: str, listed: set[str]) -> Iterable[Key]:
+    """Keys of axial laws in addition to those already listed."""
     found: dict[str, Key] = {}
     for law in LAWS.values():
         for key in _declared_keys(path, law):
-            if key.name not in known:
+            if key.name not in listed:
                 found[key.name] = key
     return found.values()
 

@@ -183,11 +183,11 @@ def widen(values: np.ndarray, limits: Callable[[float, float], object]) -> None:
 
 
 #: Panels share a scale if none has a range smaller than the largest by this factor.
-SIMILAR = 4.0
+SIMILAR_RANGES = 4.0
 
 
 #: Height of the limits that contain all panels over that of the widest, above which each panel keeps its own middle.
-APART = 2.0
+SEPARATE_RANGES = 2.0
 
 
 def share_scales(panels: Iterable[Axes]) -> None:
@@ -200,12 +200,12 @@ def share_scales(panels: Iterable[Axes]) -> None:
     left = sorted(limits, key=lambda item: -item[0])
     while left:
         widest = left[0][0]
-        group = [axes for height, axes in left if height * SIMILAR >= widest]
+        group = [axes for height, axes in left if height * SIMILAR_RANGES >= widest]
         ends = [axes.get_ylim() for axes in group]
         low = np.min(ends)
         high = np.max(ends)
         for axes in group:
-            if high - low > APART * widest:
+            if high - low > SEPARATE_RANGES * widest:
                 middle = np.mean(axes.get_ylim())
                 axes.set_ylim(middle - 0.5 * widest, middle + 0.5 * widest)
             else:

@@ -159,7 +159,7 @@ def _not_seeds(solutions: dict[str, Solution]) -> list[str]:
 
 
 def _extremes(runs: list[Table], differ: list[str], settings: Settings) -> Table:
-    """Extremes of a storm by quantity, or why there are none; `differ` are paths in which the runs differ."""
+    """Extremes of a storm by quantity, or the reason for their absence; `differ` are paths in which the runs differ."""
     if differ:
         return {"skipped": f"the runs differ in more than the seed of their sea: {', '.join(differ[:5])}"}
     durations = [run["to_s"] - run["from_s"] for run in runs]

@@ -130,7 +130,7 @@ def _spread(section: Table) -> str:
 
 
 def _extremes(section: Table) -> str:
-    """Maxima of each quantity in a storm with their confidence intervals, or the reason why there are none."""
+    """Maxima of each quantity in a storm with their confidence intervals, or the reason for their absence."""
     if isinstance(section.get("skipped"), str):
         return f"Left out: {section['skipped']}."
     rows = []

@@ -125,11 +125,11 @@ class RunSpec(SectionValues):
         if self.accuracy is None and self.save_interval is None:
             return self
         if self.accuracy is None:
-            return self._with_whole_steps(path)
+            return self._with_save_every(path)
         interval = self.save_interval or self.dt * self.save_every
         return replace(self, dt=None, source_dt=self.source_dt or self.dt, save_every=1, save_interval=interval)
 
-    def _with_whole_steps(self, path: str) -> RunSpec:
+    def _with_save_every(self, path: str) -> RunSpec:
         """The same with the steps between saved states counted.
 
         Raises:

@@ -14,7 +14,7 @@ from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 from dropper_jax.base.read import Table
 from dropper_jax.plots import style
 from dropper_jax.study.damping import THESIS_DT
-from dropper_jax.study.pictures import series, grouped, marks, save_titled
+from dropper_jax.study.pictures import grouped, marks, save_titled, series
 
 
 @style.plot_style()

@@ -161,10 +161,10 @@ class Variant:
         """Wall time per Newton correction [us]; None before they are counted, and without any."""
         return self.us_per_step / self.corrections if self.corrections else None
 
-    def row(self, whole: Variant) -> Table:
-        """Its numbers, with ratios to the whole scene."""
+    def row(self, full: Variant) -> Table:
+        """Its numbers, with ratios to the full scene."""
         one = self.us_per_correction
-        of = whole.us_per_correction
+        of = full.us_per_correction
         correction_ratio = None
         if one is not None and of is not None:
             correction_ratio = one / of
@@ -174,7 +174,7 @@ class Variant:
             "flops": self.counts.get("flops"),
             "bytes": self.counts.get("bytes accessed"),
             "us_per_step": self.us_per_step,
-            "ratio": self.us_per_step / whole.us_per_step,
+            "ratio": self.us_per_step / full.us_per_step,
             "corrections_per_step": self.corrections,
             "us_per_correction": one,
             "correction_ratio": correction_ratio,

@@ -160,7 +160,7 @@ def _mark(design: Design) -> str:
 
 
 def _resume_search(file: Path | None, mark: str, design: Design) -> tuple[Search, GradientCheck]:
-    """The search of a state's file, with its check of derivatives; a new one if there is none.
+    """The search of a state's file, with its check of derivatives; a new one without a file.
 
     Raises:
         SceneError: a file that is not a state, or belongs to other inputs.

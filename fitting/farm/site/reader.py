@@ -67,8 +67,8 @@ PASSED = ("variable", "objective", "constraint", "optimise")
 OPTIONAL = {"exclusion": Exclusion, "backbone": Backbone, "season": SeasonValues}
 #: Values of a number of `[crop]`, in order.
 CROP_LEVELS = ("low", "expected", "high")
-#: Tables of a scene that are set as a whole.
-WHOLE = ("sea.waves", "sea.current", "sea.level")
+#: Tables of a scene that are set as one value.
+REPLACED_TABLES = ("sea.waves", "sea.current", "sea.level")
 
 
 def read_site(source: str | Path | Values) -> Site:
@@ -209,7 +209,7 @@ def _flat(table: Values, path: str = "") -> Table:
     found: Table = {}
     for key, value in table.items():
         inner = f"{path}.{key}" if path else key
-        if isinstance(value, Mapping) and inner not in WHOLE:
+        if isinstance(value, Mapping) and inner not in REPLACED_TABLES:
             found |= _flat(value, inner)
         else:
             found[inner] = value

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+import itertools
+from collections.abc import Collection, Hashable, Sequence, Set
 from dataclasses import field
 
 import jax.numpy as jnp
@@ -73,14 +74,16 @@ class LineContact(Effect):
             if values["radius"] is None and any(scene.lines[n].diameter is None for n in lines[name]):
                 raise SceneError(f"line.{name}.diameter: missing; {path} needs it, or its own `radius` [m]")
         for i, (first, second) in enumerate(values["pairs"]):
-            if first == second:
-                raise SceneError(f"{path}.pairs.{i}: {first!r} is paired with itself; allowed: two lines")
+            if not set(lines[first]).isdisjoint(lines[second]):
+                raise SceneError(f"{path}.pairs.{i}: {first!r} and {second!r} are the same line; allowed: two lines")
+        _check_once(f"{path}.pairs", [_every_pair(lines[first], lines[second]) for first, second in values["pairs"]])
         for i, (_, name) in enumerate(values["bodies"]):
             _check_name(f"{path}.bodies.{i}.1", name, others, "body or buoy")
         touched = [name for _, name in values["bodies"]]
         for body in scene.bodies:
             if body.name in touched and not body.shapes:
                 raise SceneError(f"{path}.bodies: {body.name!r} has no cylinders or spheres to touch")
+        _check_once(f"{path}.bodies", [set(itertools.product(lines[line], [name])) for line, name in values["bodies"]])
 
     @classmethod
     def build(cls, values: Values, scene: SceneData) -> Effect:
@@ -176,6 +179,20 @@ def _check_name(where: str, name: str, names: Collection[str], what: str) -> Non
     if name not in names:
         hint = nearest(name, names) if names else "none exist"
         raise SceneError(f"{where}: {name!r} is not a {what}; {hint}")
+
+
+def _every_pair(first: Group, second: Group) -> set[frozenset[int]]:
+    """The pairs of lines of two groups, in either order."""
+    return set(map(frozenset, itertools.product(first, second)))
+
+
+def _check_once(path: str, contacts: Sequence[Set[Hashable]]) -> None:
+    """Reject a contact that two entries list: its force would act twice."""
+    listed: set[Hashable] = set()
+    for i, pairs in enumerate(contacts):
+        if not listed.isdisjoint(pairs):
+            raise SceneError(f"{path}.{i}: is listed before; allowed: each pair once")
+        listed |= pairs
 
 
 def _radii(line: LineSpec) -> np.ndarray:

@@ -19,9 +19,9 @@ from dropper_jax.plots.run import ANGLE, Run, elevations, swing
 from dropper_jax.plots.style import ALERT, CYCLE, DARK, FAINT, SECOND, force_unit
 from dropper_jax.plots.system import BED, SURFACE, WATER, draw_solids
 from dropper_jax.run.wakes import SceneWakes
+from dropper_jax.sea.dispersion import wave_number
 from dropper_jax.sea.spec import SeaSpec
-from dropper_jax.sea.spectrum import wave_number
-from dropper_jax.sea.steady import LINEAR, STOKES_HEIGHT, STOKES_LENGTH, highest, second_harmonic
+from dropper_jax.sea.steady import LINEAR_MAX_HARMONIC, STOKES_MAX_HEIGHT, STOKES_MAX_LENGTH, highest, second_harmonic
 
 
 @style.plot_style()
@@ -38,8 +38,8 @@ def regimes(waves: Sequence[tuple[str, float, float, float]], gravity: float, pa
     # of linear waves over g T^2
     length = 2.0 * np.pi / np.asarray(wave_number(jnp.full(depths.shape, 2.0 * np.pi), jnp.asarray(depths), 1.0))
     limit = np.vectorize(highest)(length, depths)
-    linear = LINEAR / np.vectorize(second_harmonic)(1.0, length, depths)
-    stokes = np.where(length < STOKES_LENGTH * depths, STOKES_HEIGHT * limit, linear)
+    linear = LINEAR_MAX_HARMONIC / np.vectorize(second_harmonic)(1.0, length, depths)
+    stokes = np.where(length < STOKES_MAX_LENGTH * depths, STOKES_MAX_HEIGHT * limit, linear)
     figure = style.new_figure(7.6, 6.2)
     axes = figure.subplots()
     low = min([1e-5, *(0.5 * h / (gravity * t**2) for _, h, t, _ in waves)])

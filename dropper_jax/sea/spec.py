@@ -193,7 +193,7 @@ def _with_components(values: Table, path: str, table: Plain) -> Table:
 
 
 #: Exponent of a power law that gives none: the one-seventh law.
-ONE_SEVENTH = 1.0 / 7.0
+ONE_SEVENTH_LAW = 1.0 / 7.0
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -212,7 +212,7 @@ class CurrentSpec(Current, DeclaredSection):
         values = read_fields(cls, table, path, {})
         if values["kind"] == "power":
             if values["exponent"] is None:
-                values["exponent"] = ONE_SEVENTH
+                values["exponent"] = ONE_SEVENTH_LAW
             if values["reference"] is None:
                 values["reference"] = 0.0
         _check_pair(values, path, "heights", "velocities", values["kind"] == "table")

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from dropper_jax.run.simulate import Solution
 
 #: Maximum number of lines of a system whose tensions are printed.
-MOST_LINES = 12
+MAX_LINES = 12
 #: Cells of a row of a table.
 Row = Sequence[str]
 
@@ -174,8 +174,8 @@ EXTENT = {
 
 
 def most_loaded(parts: Mapping[str, Table], size: Callable[[Table], float]) -> set[str]:
-    """Names of the `MOST_LINES` largest parts."""
-    return set(sorted(parts, key=lambda name: -size(parts[name]))[:MOST_LINES])
+    """Names of the `MAX_LINES` largest parts."""
+    return set(sorted(parts, key=lambda name: -size(parts[name]))[:MAX_LINES])
 
 
 def with_gaps(rows: Mapping[str, list[Row]], shown: set[str] | None) -> list[Row]:

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from dropper_jax.statics.search import Equilibrium
 
 #: Share of the diameter that is left after the wear that is asked about, and of area, mass and stiffness.
-WORN = 0.9
+WORN_DIAMETER = 0.9
 #: Distance from the bed [m], per metre of a link, within which a node rests on it.
 ON_BED = 0.05
 
@@ -347,7 +347,7 @@ def _wear(scene: Scene, state: State) -> list[Wear]:
         if load is not None:
             use = float(np.max(now / load))
             if exact is not None:
-                worn_use = float(np.max(again.tension[line.links] / (load * WORN**2)))
+                worn_use = float(np.max(again.tension[line.links] / (load * WORN_DIAMETER**2)))
         found.append(
             Wear(
                 name=line.name,
@@ -365,15 +365,15 @@ def _worn_values(scene: Scene) -> Table:
     """Values of the worn scene by path."""
     values: Table = {}
     for i, line in enumerate(scene.lines):
-        values[f"line.{i}.mass"] = WORN**2 * line.mass
+        values[f"line.{i}.mass"] = WORN_DIAMETER**2 * line.mass
         if line.tables is None:
-            values[f"line.{i}.axial.EA"] = WORN**2 * _stiffness_of(line)
+            values[f"line.{i}.axial.EA"] = WORN_DIAMETER**2 * _stiffness_of(line)
         else:
-            worn = [replace(table, tension=WORN**2 * table.tension) for table in line.tables]
+            worn = [replace(table, tension=WORN_DIAMETER**2 * table.tension) for table in line.tables]
             values[f"line.{i}.axial.tension"] = tables_of(worn)["tension"]
         for key in ("diameter", "outer_diameter"):
             if getattr(line, key) is not None:
-                values[f"line.{i}.{key}"] = WORN * getattr(line, key)
+                values[f"line.{i}.{key}"] = WORN_DIAMETER * getattr(line, key)
     return values
 
 

@@ -238,7 +238,7 @@ def static_shift(model: Model, linear: LinearMotion, omega: Array, force: Array)
 
 
 #: Iterations after which D counts as not converged.
-MOST_ITERATIONS = 60
+MAX_ITERATIONS = 60
 #: Static shifts with a stiffness of 1e-4 of the inertia: a slack line on the bed has none across itself.
 BED_STIFFNESS = 1e-4
 
@@ -267,7 +267,7 @@ def iterate_drag(
     of D."""
 
     def keep_iterating(at: _DragIteration) -> Array:
-        return (at.change > tolerance) & (at.count < MOST_ITERATIONS)
+        return (at.change > tolerance) & (at.count < MAX_ITERATIONS)
 
     def correct(at: _DragIteration) -> _DragIteration:
         after, shift = drag_of(at.drag, at.count)

@@ -14,7 +14,7 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.markdown import first_names
 from dropper_jax.base.records import names_of
 from dropper_jax.frequency.linear_waves import check_no_bodies, still_model
-from dropper_jax.frequency.states import TOLERANCE, solve_states
+from dropper_jax.frequency.states import DRAG_TOLERANCE, solve_states
 from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.model import Model
 from dropper_jax.model.slots import Displacement
@@ -168,7 +168,7 @@ def frequency_response(
     slack = np.stack([np.any(low[:, line.links], axis=1) for line in lines], axis=1)
     words = np.where(np.any(slack, axis=1), "not_linear", "ok")
     return FrequencyResponse(
-        status=tuple(np.where(solved.change <= TOLERANCE, words, "not_converged").tolist()),
+        status=tuple(np.where(solved.change <= DRAG_TOLERANCE, words, "not_converged").tolist()),
         sea_states=states,
         omega=omega,
         ends=tuple(ends),

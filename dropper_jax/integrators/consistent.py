@@ -20,7 +20,7 @@ from dropper_jax.solvers import SOLVERS
 
 #: Step [s] over which the inertia of added mass is evaluated at an instant, because it is a difference over a step. The
 #: truncation error is of second order, the rounding error is 1e-12 of its inverse.
-INSTANT = 1e-4
+INERTIA_STEP = 1e-4
 
 
 class ProjectionProblem(StepProblem):
@@ -37,7 +37,7 @@ class ProjectionProblem(StepProblem):
         self.moved: Array | None = None
         self.force: Array | float = 0.0
         if added:
-            self.k = k.over(INSTANT)
+            self.k = k.over(INERTIA_STEP)
             self.force = self.model.inertia(self.k, jnp.zeros_like(k.r))
         self.link_direction = k.links / k.line.length[:, None]
         self.rigid = k.line.axial.rigid(k.line.links)

@@ -62,7 +62,7 @@ UNIT_SECTIONS = ("point", "line", "buoy")
 LAYOUT_KEYS = ("name", "origin", "heading", "shared")
 ARRAY_KEYS = ("of", "repeat", *LAYOUT_KEYS)
 #: Maximum number of items created by one `repeat`: 200 longlines of 60 loops have 12 000.
-MOST_COPIES = 20_000
+MAX_COPIES = 20_000
 NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*\Z")
 BRACES = re.compile(r"\{([^{}]*)\}")
 
@@ -270,8 +270,8 @@ def _repetitions(item: Values, path: str, names: Names) -> Iterator[Names]:
         values = _read_range(value, f"{path}.repeat.{key}", names)
         ranges.append(values)
         count *= values.stop - values.start
-        if count > MOST_COPIES:
-            raise SceneError(f"{path}.repeat: creates more than {MOST_COPIES} parts; allowed: at most {MOST_COPIES}")
+        if count > MAX_COPIES:
+            raise SceneError(f"{path}.repeat: creates more than {MAX_COPIES} parts; allowed: at most {MAX_COPIES}")
     return (names.new_child(dict(zip(repeat, each, strict=True))) for each in itertools.product(*ranges))
 
 

@@ -11,7 +11,7 @@ from matplotlib.ticker import LogLocator, MaxNLocator
 from dropper_jax.analysis import spectrum
 from dropper_jax.base.records import names_of
 from dropper_jax.plots import panels, style, system, view
-from dropper_jax.plots.run import ANGLE, TRAVEL, Run, directions, elevations, travel
+from dropper_jax.plots.run import ANGLE_ROUNDING, TRAVEL_ROUNDING, Run, directions, elevations, travel
 from dropper_jax.plots.style import CYCLE, DARK, FAINT, FIRST, SECOND
 from dropper_jax.plots.tension import ends_panel, scale_tensions
 from dropper_jax.plots.time_panels import Curve, Panel, draw_panel, history, legend, line_style
@@ -43,7 +43,7 @@ def motion_panels(run: Run) -> list[Panel]:
         moved = positions - positions[0]
         labels = names
         what = "from its start [m]"
-    least = TRAVEL * max(view.size(run.positions[:1]), 1e-300)
+    least = TRAVEL_ROUNDING * max(view.size(run.positions[:1]), 1e-300)
     found = []
     for axis, letter in enumerate("xyz"):
         curves = [Curve(name, run.t, values) for name, values in zip(labels, moved[..., axis].T, strict=True)]
@@ -134,7 +134,7 @@ def amplitude_spectrum(run: Run, path: str | Path) -> Path:
     spectra = [(name, *uniform_spectrum(run.t, values)) for name, values in series.items()]
     frequency = spectra[0][1]
     amplitudes = np.array([amplitude for _, _, amplitude in spectra])
-    top = max(amplitudes.max(), ANGLE)
+    top = max(amplitudes.max(), ANGLE_ROUNDING)
     floor = top * 10.0**-decades
     last = _last_frequency(frequency, amplitudes)
 

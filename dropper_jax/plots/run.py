@@ -83,9 +83,9 @@ def _outline(points: np.ndarray) -> np.ndarray:
 
 
 #: Limits of rounding: angles [rad]; tensions relative to the maximum; displacements relative to the size of the scene.
-ANGLE = 1e-7
-TENSION = 1e-6
-TRAVEL = 1e-7
+ANGLE_ROUNDING = 1e-7
+TENSION_ROUNDING = 1e-6
+TRAVEL_ROUNDING = 1e-7
 
 
 def swing(run: Run) -> np.ndarray:
@@ -108,19 +108,19 @@ def travel(run: Run) -> np.ndarray:
 
 def anything_moves(run: Run) -> bool:
     """Whether any node moves by more than rounding."""
-    return bool(travel(run).max() > TRAVEL * max(view.size(run.positions[:1]), 1e-300))
+    return bool(travel(run).max() > TRAVEL_ROUNDING * max(view.size(run.positions[:1]), 1e-300))
 
 
 def chosen_links(run: Run, most: int) -> np.ndarray:
     """Links that have a panel, at most `most`, in order: evenly spaced in a single line; of many lines the links that
     move most."""
     size = swing(run)
-    moving = np.flatnonzero(size > ANGLE)
+    moving = np.flatnonzero(size > ANGLE_ROUNDING)
     if len(run.written_lines) == 1 or len(moving) <= most:
         return moving[np.unique(np.linspace(0, len(moving) - 1, min(len(moving), most)).round().astype(int))]
     best = np.array([line.links.start + int(np.argmax(size[line.links])) for line in run.written_lines])
     order = np.argsort(-size[best], kind="stable")[:most]
-    return np.sort(best[order][size[best[order]] > ANGLE])
+    return np.sort(best[order][size[best[order]] > ANGLE_ROUNDING])
 
 
 def changing(columns: Iterable[np.ndarray], least: float) -> np.ndarray:
@@ -199,7 +199,7 @@ class Run(Samples):
         """The sample of the maximum tension, the last one if it is constant; that at the start belongs to no step."""
         # a failed run may end with any value
         largest = np.nan_to_num(self.max_tension[1:].max(axis=1), posinf=0.0, neginf=0.0)
-        if len(largest) == 0 or np.ptp(largest) <= TENSION * np.abs(largest).max():
+        if len(largest) == 0 or np.ptp(largest) <= TENSION_ROUNDING * np.abs(largest).max():
             return len(largest)
         return 1 + int(np.argmax(largest))
 

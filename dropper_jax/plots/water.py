@@ -15,7 +15,7 @@ from matplotlib.ticker import MaxNLocator
 from dropper_jax.load.checks_water import bed_height
 from dropper_jax.plots import panels, style, view
 from dropper_jax.plots.motion import uniform_spectrum
-from dropper_jax.plots.run import ANGLE, Run, elevations, swing
+from dropper_jax.plots.run import ANGLE_ROUNDING, Run, elevations, swing
 from dropper_jax.plots.style import ALERT, CYCLE, DARK, FAINT, SECOND, force_unit
 from dropper_jax.plots.system import BED, SURFACE, WATER, draw_solids
 from dropper_jax.run.wakes import SceneWakes
@@ -94,7 +94,7 @@ def flow_map(name: str, found: SceneWakes, path: str | Path) -> Path:
 
 
 #: Number of points along the surface of a picture.
-POINTS = 240
+SURFACE_POINTS = 240
 
 
 def _sea_of(run: Run) -> SeaSpec:
@@ -143,8 +143,8 @@ def _side_view(axes: Axes, run: Run, index: int, axis: int, half: float) -> None
     low = nodes.min(axis=0)
     high = nodes.max(axis=0)
     middle = 0.5 * (low + high)
-    along = np.linspace(middle[axis] - half, middle[axis] + half, POINTS)
-    positions = np.tile(middle, (POINTS, 1))
+    along = np.linspace(middle[axis] - half, middle[axis] + half, SURFACE_POINTS)
+    positions = np.tile(middle, (SURFACE_POINTS, 1))
     positions[:, axis] = along
     eta = elevations(run.scene, positions, run.t[index : index + 1])[0]
     bed = bed_height(run.scene, positions)
@@ -180,7 +180,7 @@ def response(run: Run, path: str | Path) -> Path:
     turning = []
     for name, angles, rates, colour in zip(("polar", "azimuth"), run.angles, run.angle_rates(), CYCLE, strict=False):
         turning.append((name, angles[:, index], rates[:, index], colour))
-    turning = [row for row in turning if np.ptp(row[1]) > ANGLE] or turning[:1]
+    turning = [row for row in turning if np.ptp(row[1]) > ANGLE_ROUNDING] or turning[:1]
     figure = style.new_figure(9.5, 7.6)
     grid = figure.add_gridspec(3, len(turning), height_ratios=(1.0, 1.3, 1.6))
     top = figure.add_subplot(grid[0, :])
@@ -205,7 +205,7 @@ def _response_link(run: Run) -> int:
     """The link whose response is drawn."""
     swings = swing(run)
     tenth = min(10, run.tension.shape[1]) - 1
-    if len(run.written_lines) == 1 and swings[tenth] > ANGLE:
+    if len(run.written_lines) == 1 and swings[tenth] > ANGLE_ROUNDING:
         return tenth
     return int(np.argmax(swings))
 
@@ -218,7 +218,7 @@ def tension_envelope(run: Run, path: str | Path) -> Path:
     """
     _sea_of(run)
     sizes = [np.max(run.max_tension[:, line.links]) for line in run.written_lines]
-    shown = [run.written_lines[i] for i in sorted(np.argsort(sizes)[::-1][: panels.MOST])]
+    shown = [run.written_lines[i] for i in sorted(np.argsort(sizes)[::-1][: panels.MAX_TRACES])]
     total = len(run.written_lines)
     what = "tension envelope"
     if len(shown) < total:

@@ -25,7 +25,7 @@ from dropper_jax.run.end_links import point_loads
 
 #: Maximum number of lines, anchors or points in one picture, each with its own colour; of more, those with the largest
 #: load or motion.
-MOST = len(CYCLE)
+MAX_SERIES = len(CYCLE)
 ARC = "unstretched arc length [m]"
 
 
@@ -208,7 +208,7 @@ def draw_run(record: Record, found: Table, folder: Path) -> dict[str, Path]:
         rows = found[picture.section]
         if not isinstance(rows, list) or not rows:
             continue
-        shown = largest(rows, picture.size, MOST)
+        shown = largest(rows, picture.size, MAX_SERIES)
         title = picture.title
         if len(shown) < len(rows):
             title = f"{title}, {len(shown)} of {len(rows)} (the largest)"
@@ -221,7 +221,7 @@ def draw_run(record: Record, found: Table, folder: Path) -> dict[str, Path]:
 def draw_extremes(extremes: Table, folder: Path) -> Path:
     """Maxima of the runs on Gumbel paper, the fit, and the storm's 90th percentile with its interval."""
     names = [name for name, one in extremes.items() if "skipped" not in one]
-    names = largest(names, lambda name: extremes[name]["gumbel_mode"], MOST)
+    names = largest(names, lambda name: extremes[name]["gumbel_mode"], MAX_SERIES)
     figure, panels = _panels(len(names), 3.0)
     unit, scale = force_unit([extremes[name]["percentile_90"] for name in names])
     for axes, name in zip(panels, names, strict=True):

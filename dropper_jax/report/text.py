@@ -108,13 +108,13 @@ def _run_parts(run: Table, files: dict[str, str]) -> list[str]:
 
 
 #: Maximum number of runs with values side by side.
-FEW_RUNS = 6
+MAX_RUN_COLUMNS = 6
 
 
 def _spread(section: Table) -> str:
-    """Minimum, mean and maximum over the runs; of up to `FEW_RUNS` also the value of each, to compare steps."""
+    """Minimum, mean and maximum over the runs; of up to `MAX_RUN_COLUMNS` also the value of each, to compare steps."""
     count = len(section["dt_s"])
-    if count > FEW_RUNS:
+    if count > MAX_RUN_COLUMNS:
         count = 0
     rows = [
         ["step [s]", "", "", "", *cells(section["dt_s"][:count], "g")],

@@ -9,7 +9,7 @@ from dataclasses import field, replace
 from dropper_jax.base.errors import Check, SceneError, raise_first
 from dropper_jax.base.fields import option, parameter, section
 from dropper_jax.base.read import (
-    MOST,
+    MAX_COUNT,
     Plain,
     SectionValues,
     Table,
@@ -154,9 +154,9 @@ class RunSpec(SectionValues):
             f"duration: {self.duration} is shorter than the step; allowed: at least one step, {shortest:g} s",
         )
         yield (
-            self.duration > MOST * shortest > 0.0,
+            self.duration > MAX_COUNT * shortest > 0.0,
             f"duration: {self.duration} takes {self.duration / (shortest or 1.0):.3g} steps of {shortest:g} s; "
-            f"allowed: at most {MOST} steps",
+            f"allowed: at most {MAX_COUNT} steps",
         )
         yield (
             self.dt is None and self.save_every != 1,

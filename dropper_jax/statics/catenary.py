@@ -16,7 +16,7 @@ import numpy as np
 #: Maximum number of Newton iterations, here and in each round of smoothing.
 ITERATIONS = 60
 #: Fractions of the mean load by which the norm of a link's force is smoothed, round by round.
-SMOOTHING = (1e-1, 1e-2, 1e-3, 1e-4, 1e-6, 1e-9)
+SMOOTHING_SHARES = (1e-1, 1e-2, 1e-3, 1e-4, 1e-6, 1e-9)
 
 
 def catenary_guess(
@@ -116,7 +116,7 @@ def hang(
         # decreasing smoothing of the norms, over the mean load
         scale = float(np.mean(np.linalg.norm(loads, axis=1))) or 1.0
         first = _first_guess(start, end, length, loads)
-        for share in SMOOTHING:
+        for share in SMOOTHING_SHARES:
             first = _minimise(first, before, length, flexibility, end - start, share * scale)
         force = first - before
     size = np.linalg.norm(force, axis=1)

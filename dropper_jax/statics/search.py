@@ -226,7 +226,7 @@ def _forces(model: Model, r: Array | None, t: Array) -> tuple[Ends, Array]:
 FIRST_INCREMENT = 1.0 / 8
 MIN_INCREMENT = 1.0 / 1024
 #: Displacement of a node, over the length of the line, at which an increment may have jumped to another branch.
-JUMP = 0.5
+JUMP_DISPLACEMENT = 0.5
 
 
 def _continue(model: Model, loads: Array, t: float) -> tuple[State, float, float]:
@@ -240,7 +240,7 @@ def _continue(model: Model, loads: Array, t: float) -> tuple[State, float, float
     while residual <= tolerance and share < 1.0 and increment >= MIN_INCREMENT:
         step = min(increment, 1.0 - share)
         trial, trial_residual = solve_statics(model, s, (share + step) * loads)
-        jumps = jnp.max(jnp.abs(trial.r - s.r)) >= JUMP * jnp.sum(model.line.length)
+        jumps = jnp.max(jnp.abs(trial.r - s.r)) >= JUMP_DISPLACEMENT * jnp.sum(model.line.length)
         if trial_residual <= tolerance and not jumps:
             s = trial
             residual = trial_residual

@@ -82,7 +82,7 @@ def mooring_stiffness(model: Model, pose: State, names: Sequence[str], loads: Ar
 
 
 #: A link with a strain, and a tension over the maximum tension, below this is on the verge of going slack.
-VERGE = 1e-9
+VERGE_STRAIN = 1e-9
 
 
 def verges(model: Model, pose: State) -> tuple[str, ...]:
@@ -90,7 +90,7 @@ def verges(model: Model, pose: State) -> tuple[str, ...]:
     size = np.linalg.norm(np.asarray(model.links(pose.r, model.ends(pose.t))), axis=1)
     strain = size / np.asarray(model.line.length) - 1.0
     tension = np.abs(np.asarray(pose.tension))
-    on_verge = (np.abs(strain) <= VERGE) & (tension <= VERGE * max(np.max(tension), 1e-300))
+    on_verge = (np.abs(strain) <= VERGE_STRAIN) & (tension <= VERGE_STRAIN * max(np.max(tension), 1e-300))
     numbers = [str(i + 1) for i in np.flatnonzero(on_verge)]
     if not numbers:
         return ()

@@ -187,7 +187,7 @@ def _walls(run: Callable[[], object], repeats: int, before: float) -> list[float
 
 
 #: Minimum ratio of a measured error to that of the reference.
-RESOLVED = 100.0
+RESOLVED_RATIO = 100.0
 
 
 def row_errors(run: GridRun, target: Reference) -> Table:
@@ -204,7 +204,7 @@ def row_errors(run: GridRun, target: Reference) -> Table:
         "rms_tension_error_n": rms(_tension_errors(run, target.tension)),
         "energy_drift_j": np.max(np.abs(loss)),
         "equivalent_linear_damping": damping,
-        "resolved": bool(RESOLVED * target.error <= angle < math.inf),
+        "resolved": bool(RESOLVED_RATIO * target.error <= angle < math.inf),
     }
 
 

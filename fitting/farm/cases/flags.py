@@ -8,7 +8,7 @@ import numpy as np
 
 from dropper_jax.base.read import Table
 from dropper_jax.evaluation.extremes import storm_extreme
-from dropper_jax.study.load_errors import UNRESOLVED
+from dropper_jax.study.load_errors import UNRESOLVED_ERROR
 from fitting.farm.site import Site
 from fitting.farm.site.sections import RunValues
 
@@ -121,7 +121,7 @@ def _part_notes(part: Table) -> list[str]:
         notes.append(f"{name}: step error unknown")
     elif "skipped" in step:
         notes.append(f"{name}: step error unknown: {step['skipped']}")
-    elif step["relative"] > UNRESOLVED:
+    elif step["relative"] > UNRESOLVED_ERROR:
         notes.append(f"{name}: step error {step['relative']:.0%} of its maximum load: not resolved")
     return notes
 

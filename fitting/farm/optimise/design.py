@@ -33,7 +33,7 @@ from fitting.farm.site.site import LONGEST_INTERVAL
 
 #: Change of a variable up and down in derivatives of windows, relative to its range, and of the assumptions.
 #: Differences to one side are not enough: near a leg that is almost taut they are off by more than half.
-CHANGE = 2e-3
+DIFFERENCE_STEP = 2e-3
 
 
 @dataclass(frozen=True)
@@ -189,7 +189,7 @@ class Design:
         """Derivatives of the soft peaks of windows (q, p + a) by the variables, and by the assumptions if wanted, else
         0."""
         spans = [v.span for v in self.variables]
-        sizes = CHANGE * np.array([*spans, *[float(assumptions)] * len(ASSUMPTIONS)])
+        sizes = DIFFERENCE_STEP * np.array([*spans, *[float(assumptions)] * len(ASSUMPTIONS)])
         return slopes(found, sizes, lambda done, of: say(done / of, f"derivatives: {done} of {of}"))
 
     def measure(self, x: np.ndarray, say: Progress) -> tuple[tuple[Window, ...], Values]:

@@ -105,7 +105,7 @@ class AnchorLoad(LimitedSignal):
 
 
 #: Distance of two nodes over the required one below which the signal no longer grows: it stays finite if nodes meet.
-CLOSEST = 1e-3
+CLOSEST_SHARE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -118,7 +118,7 @@ class Clearance(LimitedSignal):
     def signal(self, model: Model, steps: Steps) -> Array:
         one, other = np.array(self.pairs).T
         distance = safe_norm(steps.r[:, one] - steps.r[:, other])
-        return self.required_distance / jnp.maximum(distance, CLOSEST * self.required_distance)
+        return self.required_distance / jnp.maximum(distance, CLOSEST_SHARE * self.required_distance)
 
 
 @dataclass(frozen=True)

@@ -19,21 +19,21 @@ from fitting.farm.optimise.design import Design
 from fitting.farm.optimise.goals import read_goals
 from fitting.farm.optimise.models import ASSUMPTIONS
 from fitting.farm.optimise.prices import prices
-from fitting.farm.optimise.search import RESIDUAL, Search, Start, constraints_by_name, programme, run_search
+from fitting.farm.optimise.search import MAX_RESIDUAL, Search, Start, constraints_by_name, programme, run_search
 from fitting.farm.optimise.storm import Settings
 from fitting.farm.optimise.values import Dominated, Values, Window, dominated_slopes
 from fitting.farm.optimise.variables import Variable, bounds, read_variables
 from fitting.farm.site import Site
 
 #: Value above which a constraint is called active.
-ACTIVE = 0.97
+ACTIVE_FROM = 0.97
 #: Meaning of `run.characteristic`, in words.
 CHARACTERISTIC = {
     "mean": "mean of the seeds' maxima",
     "most_probable": "most probable largest value of a storm by the seeds' maxima",
 }
 #: Minimum fraction of the objective's slope that the constraints of an optimum balance.
-HELD = 0.9
+MIN_BALANCED = 0.9
 
 
 @dataclass(frozen=True)
@@ -243,15 +243,15 @@ def design_warnings(
     """Reasons to doubt a design's numbers, one line each; `reach` is that of the last steps."""
     reasons = [
         (
-            residual > RESIDUAL,
+            residual > MAX_RESIDUAL,
             f"windows and whole runs differed by {residual:.1%} of a limit where the design was found (limit "
-            f"{RESIDUAL:.0%}); its constraints are those of whole runs, but the search used others. Use a longer "
+            f"{MAX_RESIDUAL:.0%}); its constraints are those of whole runs, but the search used others. Use a longer "
             "optimise.window, a smaller optimise.renew or more seeds to reduce the difference",
         ),
         (
-            held < HELD,
+            held < MIN_BALANCED,
             f"active constraints and bounds balance {max(held, 0.0):.0%} of the objective's slope (an optimum: at "
-            f"least {HELD:.0%}): effects of 1 % changes are unreliable. Use more optimise.rounds",
+            f"least {MIN_BALANCED:.0%}): effects of 1 % changes are unreliable. Use more optimise.rounds",
         ),
         (
             reach < 0.01,  # such as after the snap of a slack rope

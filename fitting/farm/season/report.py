@@ -78,7 +78,7 @@ def _month_cells(row: Table) -> list[str]:
 #: Height up to which an unlimited number of floats is drawn, over the maximum of all others.
 UNLIMITED_HEIGHT = 1.5
 #: Maximum number of months whose names fit next to one another.
-MOST_UPRIGHT = 6
+MAX_UPRIGHT = 6
 
 
 @style.plot_style()
@@ -112,7 +112,7 @@ def draw(found: Table, path: Path) -> Path:
     lower.set(ylabel="backbone, depth [m]", xlim=(-0.4, len(months) - 0.6))
     lower.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4, borderaxespad=0.2)
     rotation = 0
-    if len(months) > MOST_UPRIGHT:
+    if len(months) > MAX_UPRIGHT:
         rotation = 30
     lower.set_xticks(list(number), column(months, "month"), rotation=rotation)
     return style.save(figure, path)

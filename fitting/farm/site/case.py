@@ -23,7 +23,7 @@ NEVER = 1e9
 #: Fields of a current that cases keep: its profile over depth, but not its change in time.
 PROFILE = ("kind", "exponent", "reference", "veer")
 #: Maximum number of names in an error message.
-MOST_NAMES = 6
+MAX_NAMES = 6
 
 
 @dataclass(frozen=True)
@@ -84,8 +84,8 @@ def read_patterns(given: Plain, path: str) -> list[str]:
 
 def short(names: Sequence[str]) -> str:
     """The first names of a long list."""
-    text = ", ".join(names[:MOST_NAMES]) or "none"
-    if len(names) > MOST_NAMES:
+    text = ", ".join(names[:MAX_NAMES]) or "none"
+    if len(names) > MAX_NAMES:
         text += f", ... ({len(names)} in total)"
     return text
 

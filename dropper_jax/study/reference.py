@@ -12,7 +12,7 @@ from jax import Array
 
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import SceneError
-from dropper_jax.integrators.consistent import instant
+from dropper_jax.integrators.consistent_velocities import solve_instant
 from dropper_jax.model import Model, State
 from dropper_jax.residual import Stepper
 from dropper_jax.stepping.stepper import make_stepper
@@ -169,7 +169,7 @@ def _tensions(model: Model, r: Array, v: Array, t: Array) -> Array:
         k = model.instant(r, v, t)
         if model.line.axial.elastic:  # accelerations are not needed
             return model.tension_by_law(k)
-        return instant(k, model.end_acceleration(t))[1]
+        return solve_instant(k, model.end_acceleration(t))[1]
 
     return jax.vmap(one)(r, v, t)
 

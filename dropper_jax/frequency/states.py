@@ -14,14 +14,11 @@ import numpy as np
 from jax import Array
 
 from dropper_jax.backend.programs import cached_jit
+from dropper_jax.frequency.linear_drag import dragging_effects, iterate_drag, linear_drag, no_drag
 from dropper_jax.frequency.linear_waves import (
     LinearMotion,
     WaveLoads,
-    dragging_effects,
-    iterate_drag,
-    linear_drag,
     linearise,
-    no_drag,
     respond,
     static_matrix,
     static_shift,

@@ -2,11 +2,11 @@
 
     M x = G' y,    d/L . (rate of the links at v + x) = stretch_rate  (y = 0 of links that stretch)
 
-y are the impulses [N s] that cause the change, positive in tension. A midpoint scheme enforces lengths, not their rates. A velocity along a
-link, caused by a jump of a prescribed point (its velocity or acceleration), therefore changes sign at every step and
-never decays, and tensions alternate by `2 m w/h`. Steps that contain a jump end with this projection. A
-smooth motion of the scheme has `d . d' = h^2 d' . d''/4` at the ends of its steps, which `w1 = -w0 + h^2 d' . d''/2`
-leaves unchanged. The rate `stretch_rate` of the links is this value rather than zero.
+y are the impulses [N s] that cause the change, positive in tension. A midpoint scheme enforces lengths, not their
+rates. A velocity along a link, caused by a jump of a prescribed point (its velocity or acceleration), therefore changes
+sign at every step and never decays, and tensions alternate by `2 m w/h`. Steps that contain a jump end with this
+projection. A smooth motion of the scheme has `d . d' = h^2 d' . d''/4` at the ends of its steps, which `w1 = -w0 + h^2
+d' . d''/2` leaves unchanged. The rate `stretch_rate` of the links is this value rather than zero.
 """
 
 from __future__ import annotations

@@ -10,7 +10,7 @@ from jax import Array
 
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.model import Model, State
-from dropper_jax.statics.bodies import stiffness_matrix
+from dropper_jax.statics.body_moves import stiffness_matrix
 from dropper_jax.statics.rest_problem import MIN_KAPPA, name_of, rest, soft_scale
 from dropper_jax.statics.tangent import UNSOLVABLE, NodeMoves, Tangent
 

@@ -24,11 +24,11 @@ from dropper_jax.base.indexed_sums import scatter_add
 from dropper_jax.model import Model, State, state
 from dropper_jax.residual import Unknowns, largest_row
 from dropper_jax.scene import StartSpec
-from dropper_jax.statics.bodies import moves_of
+from dropper_jax.statics.body_moves import moves_of
+from dropper_jax.statics.descent import descend, unbalance
 from dropper_jax.statics.rest_problem import MIN_KAPPA, RestProblem, rest, rest_tolerance, soft_scale, system_tolerance
 from dropper_jax.statics.search import Equilibrium, given_loads, outward, search
 from dropper_jax.statics.static_friction import with_static_seabed_friction
-from dropper_jax.statics.system import descend, unbalance
 from dropper_jax.statics.tangent import Linear, solve_linear
 
 

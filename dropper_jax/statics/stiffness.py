@@ -25,7 +25,7 @@ from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.records import names_of
 from dropper_jax.model import Ends, Model, State
 from dropper_jax.residual import Unknowns
-from dropper_jax.statics.bodies import BodyMoves
+from dropper_jax.statics.body_moves import BodyMoves
 from dropper_jax.statics.host_stiffness import factor_softened, free_motion, stiffness
 from dropper_jax.statics.rest_problem import RestProblem, name_of, rest
 from dropper_jax.statics.tangent import REFINEMENTS, UNSOLVABLE
@@ -208,7 +208,7 @@ def _condense(model: Model, pose: State, loads: Array, matrix: csc_array, picked
 
 
 def _of_bodies(model: Model, pose: State, loads: Array) -> csc_array:
-    """K in the coordinates of `statics.bodies`, with displacement and rotation of bodies about their reference
+    """K in the coordinates of `statics.body_moves`, with displacement and rotation of bodies about their reference
     points."""
     from scipy.sparse import csc_array  # noqa: PLC0415
 

@@ -15,10 +15,10 @@ from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import SceneError
 from dropper_jax.model import Model, State, state
 from dropper_jax.run.model_slopes import shift_model
+from dropper_jax.statics.descent import find_rest
 from dropper_jax.statics.host_stiffness import stiffness
 from dropper_jax.statics.rest_problem import system_tolerance, unbalanced
 from dropper_jax.statics.static_pose import equilibrium
-from dropper_jax.statics.system import find_rest
 from fitting.farm.optimise.models import Still, numbered_slopes
 from fitting.farm.site import Case
 

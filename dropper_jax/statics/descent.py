@@ -23,7 +23,7 @@ from dropper_jax.base.numerics import safe_norm
 from dropper_jax.effects.bending import CRUSHED_LENGTH
 from dropper_jax.model import Model, State, state
 from dropper_jax.residual import Unknowns
-from dropper_jax.statics.bodies import BodyMoves, moves_of
+from dropper_jax.statics.body_moves import BodyMoves, moves_of
 from dropper_jax.statics.rest_problem import MIN_KAPPA, RestProblem, balanced, force_scale, name_of, soft_scale
 from dropper_jax.statics.tangent import NodeMoves
 

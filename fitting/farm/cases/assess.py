@@ -291,7 +291,7 @@ def _backbone(site: Site, cases: list[Table]) -> Table | None:
 
 
 def _passes(found: Table) -> bool:
-    """Whether every limit holds in every case, no run failed, and seeds and step size suffice for the conclusion."""
+    """Whether every limit holds in every case and no run failed; `flags` report seeds and steps that do not suffice."""
     parts = [part["worst"] for part in found["parts"] if part["worst"] is not None]
     anchors = column(found["anchors"], "worst")
     limits = all((row["utilisation"] or 0.0) <= 1.0 for row in (*parts, *anchors, found["exclusion"]) if row)

@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
-from itertools import groupby, pairwise, product
+from itertools import chain, groupby, pairwise, product
 from typing import NamedTuple
 
 import numpy as np
@@ -43,7 +43,13 @@ from fitting.farm.optimise.quantities import (
 from fitting.farm.site import Site
 from fitting.farm.site.case import match_names, read_patterns
 
-OBJECTIVES = ("material", "load", "motion")
+#: Keys of `[objective]` by the quantity to minimise.
+OBJECTIVES = {
+    "material": ("of", "price", "float_price"),
+    "load": ("of", "part"),
+    "motion": ("of", "lines"),
+}
+#: Keys of a `[[constraint]]` by its kind.
 KINDS = {
     "depth": ("kind", "points", "lines", "shallowest", "deepest"),
     "clearance": ("kind", "lines", "minimum"),
@@ -246,8 +252,12 @@ def _match_lines(given: Plain, path: str, site: Site) -> tuple[str, ...]:
 
 def _objective(table: Values, site: Site) -> Objective:
     """`[objective]` of a site."""
-    check_keys(table, ("of", "price", "float_price", "part", "lines"), "objective")
+    check_keys(table, chain.from_iterable(OBJECTIVES.values()), "objective")
     of = read_text(table.get("of", "material"), "objective.of", OBJECTIVES)
+    for key in table:
+        if key not in OBJECTIVES[of]:
+            used = ", ".join(OBJECTIVES[of])
+            raise SceneError(f"objective.{key}: is not used to minimise {of!r}; allowed: {used}")
     price = read_table(table.get("price", {}), "objective.price")
     for pattern in price:
         match_names([pattern], site.lines, "objective.price")

@@ -84,6 +84,8 @@ HEMP = {**LOOPS, "line": [{**row, "type": "library:rope-hemp-0.03"} for row in L
         ({"variable": []}, "variable: none is given"),
         ({"objective": {"of": "load", "part": "line"}}, "objective.part.*'line' is unknown"),
         ({"objective": {"of": "beauty"}}, "objective.of.*'beauty' is unknown"),
+        ({"objective": {"part": "legs"}}, "objective.part: is not used to minimise 'material'"),
+        ({"objective": {"of": "load", "lines": "leg*"}}, "objective.lines: is not used to minimise 'load'"),
         (
             constraint("depth", points="p*", shallowest=5.0, deepest=4.0),
             "constraint.0.deepest: 4 m contradicts shallow",

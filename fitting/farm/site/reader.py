@@ -43,7 +43,7 @@ from fitting.farm.site.case import (
     short,
 )
 from fitting.farm.site.case_lists import CaseLists
-from fitting.farm.site.checks import check_breaking, check_currents, check_times
+from fitting.farm.site.checks import check_breaking, check_currents, check_hours, check_times
 from fitting.farm.site.sections import (
     AnchorTable,
     Backbone,
@@ -95,6 +95,7 @@ def read_site(source: str | Path | Values) -> Site:
     lists = CaseLists.read(table.get("cases", {}), "cases")
     states = read_items(SeaState.read, table.get("sea_state", []), "sea_state", needed=True)
     _unique("sea_state", names_of(states))
+    check_hours(states)
     broken = breaks(scene, lists.states, "cases.states")
     kinds = kinds_of(broken)
     check_times(run, lists, BROKEN in kinds)

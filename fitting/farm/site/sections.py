@@ -31,6 +31,9 @@ from dropper_jax.base.records import select_keys, without_keys, without_none
 from dropper_jax.scene import AnchorSpec, GrowthSpec
 from dropper_jax.sea.spec import WaveSpec
 
+#: Hours of a year of 365.25 days.
+HOURS_PER_YEAR = 8766.0
+
 
 def standards(what: str) -> dict[str, Table]:
     """`factors` or load `cases` by name of the standard, each with edition and clause."""
@@ -101,7 +104,7 @@ class SeaState(Section):
     """`[[sea_state]]`: an irregular sea; Hs = 0 is calm water."""
 
     name: str = option("name", type=str)
-    hours: float | None = parameter("hours of it in a year", unit="h", low=0.0, high=8766.0, default=None)
+    hours: float | None = parameter("hours of it in a year", unit="h", low=0.0, high=HOURS_PER_YEAR, default=None)
     return_period: str | None = option("years, or `associated`", type=str, default=None)
     sea: WaveSpec = field(kw_only=True)
 

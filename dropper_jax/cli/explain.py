@@ -28,7 +28,8 @@ def add_arguments(parser: ArgumentParser) -> None:
 def run(args: Namespace) -> int:
     scene = read_scene(args, notes=False)
 
-    from dropper_jax.explain.answers import explain, refuse_rigid
+    from dropper_jax.explain.answers import explain
+    from dropper_jax.explain.line_facts import refuse_rigid
     from dropper_jax.run.build import equilibrium
     from dropper_jax.run.plausibility import scene_warnings
     from dropper_jax.run.pose_remarks import pose_remarks

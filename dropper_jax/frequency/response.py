@@ -23,7 +23,8 @@ from dropper_jax.run.build import SceneLike, build_model
 from dropper_jax.run.simulate import simulate
 from dropper_jax.scene import whole_lines
 from dropper_jax.sea.make import make_current, waves_of
-from dropper_jax.sea.spec import SeaSpec, WaveSpec
+from dropper_jax.sea.spec import SeaSpec
+from dropper_jax.sea.wave_spec import WaveSpec
 from dropper_jax.sea.waves import Waves
 from dropper_jax.statics.search import Equilibrium
 from dropper_jax.statics.static_pose import equilibrium, release_loads

@@ -88,7 +88,7 @@ def _line_checks(scene: SceneData) -> Iterator[Check]:
 
 def _system_checks(scene: SceneData) -> Iterator[Check]:
     """Checks for elastic lines of one law, every point connected to a fixed one, buoys on free points."""
-    free = {point.name for point in scene.points if point.is_free}
+    free = set(scene.free_points)
     for i, line in enumerate(scene.lines):
         if line.rigid and not free & {line.start, line.end}:
             check_span(scene, i)

@@ -169,7 +169,7 @@ class Run(Samples):
     @cached_property
     def joints(self) -> tuple[int, ...]:
         """Nodes of the free points."""
-        return tuple(self.point_names[p.name] for p in self.scene.points if p.is_free)
+        return tuple(self.point_names[name] for name in self.scene.free_points)
 
     @cached_property
     def buoys(self) -> tuple[Float, ...]:

@@ -91,6 +91,11 @@ class SceneData(DeclaredSection):
         """Names of the fixed points."""
         return [point.name for point in self.points if not point.is_free]
 
+    @property
+    def free_points(self) -> list[str]:
+        """Names of the free points."""
+        return [point.name for point in self.points if point.is_free]
+
     def check_fixed(self, name: str, path: str) -> None:
         """Reject a name that is not that of a fixed point.
 
@@ -132,7 +137,7 @@ class SceneData(DeclaredSection):
         for line in self.lines:
             ends.update({line.start, line.end})
         alone = {name for name, lines in ends.items() if lines == 1} - loaded
-        starts = alone - {p.name for p in self.points if p.is_free}
+        starts = alone.difference(self.free_points)
 
         found = {}
         for line in self.lines:

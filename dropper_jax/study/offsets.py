@@ -82,7 +82,7 @@ def _check_points(scene: Scene, names: Sequence[str]) -> None:
         if name in names[:i]:
             raise SceneError(f"points: {name!r} is given twice; allowed: every point once")
         if known[name].is_free:
-            fixed = ", ".join(p.name for p in scene.points if not p.is_free)
+            fixed = ", ".join(scene.fixed_points)
             raise SceneError(f"points: {name!r} is free and finds its own position; allowed: fixed points: {fixed}")
         if name not in at_ends:
             raise SceneError(f"points: no line ends at {name!r}; allowed: ends of lines")

@@ -21,8 +21,8 @@ from dropper_jax.decks.writing.pieces import Stretch, detachment, line_types, sh
 from dropper_jax.effects.buoyancy import displaced_diameter
 from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.run.growth import overgrown
+from dropper_jax.sea.current_spec import CurrentSpec
 from dropper_jax.sea.make import make_current, wave_components
-from dropper_jax.sea.spec import CurrentSpec
 
 
 def write_moordyn(

@@ -200,7 +200,7 @@ def read_goals(site: Site) -> Goals:
         SceneError: an unknown objective, line, point or part, or contradicting bounds.
     """
     line_names = site.lines
-    free_points = [p.name for p in site.scene.points if p.is_free]
+    free_points = site.scene.free_points
     objective = _objective(read_table(site.raw.get("objective", {}), "objective"), site)
     depths = []
     limits = []

@@ -115,7 +115,7 @@ def season(site: Site, progress: Progress | None = None) -> Table:
         raise SceneError("season: missing; needed: [season] with `points` and `volume`")
     if not site.growth:
         raise SceneError("growth: missing; needed: [[growth]] tables, one or more for each month")
-    points = list(match_names(season.points, [p.name for p in site.scene.points if p.is_free], "season.points"))
+    points = list(match_names(season.points, site.scene.free_points, "season.points"))
     farm = _Farm(site, season, points, _lift(site, season), list_waters(site, season))
     say = progress or silent
     step = 0.5 / len(site.growth)

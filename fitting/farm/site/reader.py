@@ -137,8 +137,7 @@ def _optional_sections(table: Values, scene: Scene, lines: tuple[str, ...]) -> T
     sections: Table = {name: cls.read(table[name], name) for name, cls in OPTIONAL.items() if name in table}
     for name, section in sections.items():
         if name == "season":
-            free = [point.name for point in scene.points if point.is_free]
-            match_names(section.points, free, "season.points", "free point")
+            match_names(section.points, scene.free_points, "season.points", "free point")
         else:
             match_names(section.lines, lines, f"{name}.lines")
     return sections

@@ -29,7 +29,7 @@ from dropper_jax.base.read import (
 from dropper_jax.base.read import count as whole_number
 from dropper_jax.base.records import select_keys, without_keys, without_none
 from dropper_jax.scene import AnchorSpec, GrowthSpec
-from dropper_jax.sea.spec import WaveSpec
+from dropper_jax.sea.wave_spec import WaveSpec
 
 #: Hours of a year of 365.25 days.
 HOURS_PER_YEAR = 8766.0

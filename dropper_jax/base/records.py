@@ -15,6 +15,7 @@ class Named(Protocol):
     def name(self) -> str: ...
 
 
+Row = TypeVar("Row", bound=Mapping[str, Any])
 NamedItem = TypeVar("NamedItem", bound=Named)
 
 
@@ -31,6 +32,11 @@ def by_name(items: Iterable[NamedItem]) -> dict[str, NamedItem]:
 def column(rows: Iterable[Any], key: Any) -> list[Any]:
     """The value of a key, or of an index, in each row."""
     return [row[key] for row in rows]
+
+
+def rows_where(rows: Iterable[Row], key: str, value: object) -> list[Row]:
+    """The rows with a value at a key."""
+    return [row for row in rows if row[key] == value]
 
 
 def select_keys(table: Mapping[str, Value], keys: Container[str]) -> dict[str, Value]:

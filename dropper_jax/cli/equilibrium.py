@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from dropper_jax.base.errors import first_failure
 from dropper_jax.base.markdown import cells
 from dropper_jax.base.read import Table
 from dropper_jax.base.records import column
@@ -80,8 +81,7 @@ def _tide(scene: Scene, args: Namespace) -> int:
     from dropper_jax.study.tide import tidal_cycle
 
     found = tidal_cycle(scene, args.times)
-    outcomes = [found["slack_status"], *column(found["rows"], "status")]
-    failed = next((status for status in outcomes if status != "ok"), None)
+    failed = first_failure([found["slack_status"], *column(found["rows"], "status")])
     if args.plot and not failed:
         from dropper_jax.study.pictures import tide
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dropper_jax.base.errors import SceneError
+from dropper_jax.base.errors import SceneError, first_failure
 from dropper_jax.base.read import Table
 from dropper_jax.base.records import column
 from dropper_jax.base.store import flat_items
@@ -94,7 +94,7 @@ def report_runs(solutions: dict[str, Solution], settings: Settings | None = None
     runs = {name: report_run(solution, settings) for name, solution in solutions.items()}
     return {
         "schema": 1,
-        "status": next((run["status"] for run in runs.values() if run["status"] != "ok"), "ok"),
+        "status": first_failure(column(runs.values(), "status")) or "ok",
         "settings": settings.table(),
         "runs": [{"file": Path(name).name, **run} for name, run in runs.items()],
         "spread": _spread(list(runs.values())),

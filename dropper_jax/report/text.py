@@ -36,7 +36,7 @@ def report_markdown(found: Table, pictures: list[dict[str, str]]) -> str:
     if any("extremes" in files for files in pictures):
         parts.append("![extremes](extremes.png)")
     parts += ["# Settings", _settings(found["settings"])]
-    return "\n\n".join(part for part in parts if part) + "\n"
+    return "\n\n".join(filter(None, parts)) + "\n"
 
 
 def _steps_of(run: Table) -> str:

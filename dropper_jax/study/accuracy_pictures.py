@@ -12,6 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from dropper_jax.base.read import Table
+from dropper_jax.base.records import rows_where
 from dropper_jax.plots import style
 from dropper_jax.study.damping import THESIS_DT
 from dropper_jax.study.pictures import grouped, marks, save_titled, series
@@ -22,7 +23,7 @@ def work_precision(report: Table, path: str | Path) -> Path:
     """RMS angle error against wall time and against the step, and energy drift against the step, log-log."""
     figure = style.new_figure(12.0, 5.4)
     axes = figure.subplots(1, 3)
-    rows = [row for row in report["rows"] if row["status"] == "ok"]
+    rows = rows_where(report["rows"], "status", "ok")
     error = ("rms_angle_error_rad", "RMS angle error [rad]")
     step = ("dt", "step [s]")
     time = ("wall_s_per_simulated_s", "wall time per simulated second [s]")
@@ -111,7 +112,7 @@ def damping(report: Table, path: str | Path) -> Path:
     axes = figure.subplots()
     schemes = grouped(found["rows"], itemgetter("label"))
     for i, (label, rows) in enumerate(schemes.items()):
-        good = [r for r in rows if r["status"] == "ok"]
+        good = rows_where(rows, "status", "ok")
         bad = series([r for r in rows if r["status"] != "ok"], "dt")
         look = marks(i)
         axes.plot(series(good, "dt"), series(good, "equivalent_linear_damping"), label=label, lw=1.0, **look)

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from dropper_jax import plots
 from dropper_jax.base.markdown import first_names
 from dropper_jax.base.read import Table
-from dropper_jax.base.records import column
+from dropper_jax.base.records import column, rows_where
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model
 from dropper_jax.plots import style, view
@@ -214,7 +214,7 @@ def offsets(name: str, rows: Sequence[Table], path: str | Path) -> Path:
     figure = style.new_figure(9.5, 4.4)
     restoring, tension = figure.subplots(1, 2, sharex=True)
     for i, (direction, own) in enumerate(grouped(rows, itemgetter("direction_deg")).items()):
-        shown = [row for row in own if row["status"] == "ok"]
+        shown = rows_where(own, "status", "ok")
         for axes, key in ((restoring, "restoring_n"), (tension, "max_tension_n")):
             axes.plot(series(shown, "distance_m"), series(shown, key) / 1e3, label=f"{direction:g}", **marks(i))
     restoring.set(xlabel="offset [m]", ylabel="restoring force [kN]")

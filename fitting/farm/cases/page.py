@@ -100,7 +100,7 @@ def page_text(found: Table) -> str:
         "## Load cases",
         _worst_cases(found, labels),
     ]
-    return "\n\n".join(part for part in parts if part) + "\n"
+    return "\n\n".join(filter(None, parts)) + "\n"
 
 
 def _standard(found: Table) -> str:

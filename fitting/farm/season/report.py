@@ -53,7 +53,7 @@ def page(found: Table) -> str:
         table([*head, "to sinking [m]", "to lifting [m]"], list(map(_month_cells, found["months"]))),
         "![Floats and their bounds](season.png)",
     ]
-    return "\n\n".join(part for part in parts if part) + "\n"
+    return "\n\n".join(filter(None, parts)) + "\n"
 
 
 def _month_cells(row: Table) -> list[str]:

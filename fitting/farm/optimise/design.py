@@ -21,13 +21,16 @@ from dropper_jax.model import State
 from dropper_jax.scene import whole_lines
 from dropper_jax.scene.run import DEFAULT_ACCURACY
 from fitting.farm.optimise.broken_link import link_of, masked_still
+from fitting.farm.optimise.equilibria import Rest, solve_rest
 from fitting.farm.optimise.full_storm import Storms, full_storm
 from fitting.farm.optimise.goals import DepthUtilisation, Goals, check_depths
 from fitting.farm.optimise.maxima_weights import check_seeds, weights
 from fitting.farm.optimise.models import ASSUMPTIONS, Still, idle, sea_of, shifted_designs, still
-from fitting.farm.optimise.storm import WINDOW_RAMP, Peaks, Settings, WindowRun, check_windows, peaks, slopes
-from fitting.farm.optimise.values import Rest, RunStart, Values, Window, rest
+from fitting.farm.optimise.settings import WINDOW_RAMP, Settings
+from fitting.farm.optimise.storm import Peaks, WindowRun, check_windows, peaks, slopes
+from fitting.farm.optimise.values import Values
 from fitting.farm.optimise.variables import Variable, with_design
+from fitting.farm.optimise.windows import RunStart, Window
 from fitting.farm.site import Case, Part, Site, Storm
 from fitting.farm.site.site import LONGEST_INTERVAL
 
@@ -138,7 +141,7 @@ class Design:
 
     def _rest(self, found: Still, key: object) -> Rest:
         """The equilibrium, solved from the last one under this key."""
-        own = rest(found, self._near.get(key))
+        own = solve_rest(found, self._near.get(key))
         self._near[key] = own.state
         return own
 

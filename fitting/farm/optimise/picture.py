@@ -8,9 +8,9 @@ import numpy as np
 
 from dropper_jax.plots.style import DARK, FAINT, FIRST, SECOND, new_figure, plot_style
 from dropper_jax.plots.style import save as save_figure
+from fitting.farm.optimise.equilibria import near_rest
 from fitting.farm.optimise.models import still_model
 from fitting.farm.optimise.run import Optimum
-from fitting.farm.optimise.values import near_rest
 from fitting.farm.site import Site
 
 #: Maximum number of constraints that are drawn.

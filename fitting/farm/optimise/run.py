@@ -18,11 +18,12 @@ from dropper_jax.study.gradient_check import NOT_TRUSTED, TRUSTED, GradientCheck
 from fitting.farm.optimise.design import Design
 from fitting.farm.optimise.goals import read_goals
 from fitting.farm.optimise.models import ASSUMPTIONS
-from fitting.farm.optimise.prices import prices
 from fitting.farm.optimise.search import MAX_RESIDUAL, Search, Start, constraints_by_name, programme, run_search
-from fitting.farm.optimise.storm import Settings
-from fitting.farm.optimise.values import Dominated, Values, Window, dominated_slopes
+from fitting.farm.optimise.settings import Settings
+from fitting.farm.optimise.shadow_prices import shadow_prices
+from fitting.farm.optimise.values import Dominated, Values, dominated_slopes
 from fitting.farm.optimise.variables import Variable, bounds, read_variables
+from fitting.farm.optimise.windows import Window
 from fitting.farm.site import Site
 
 #: Value above which a constraint is called active.
@@ -203,8 +204,8 @@ def _optimum(design: Design, search: Search, before: Start, along: GradientCheck
     limit = 1.0 - design.settings.margin
     low, high = bounds(design.variables)
     fixed = np.zeros(p, bool) if search.fixed is None else np.asarray(search.fixed, bool)
-    price = prices(here, search.x, low, high, fixed, limit)
-    costs = here.slope[p:] + price.of @ here.slopes[:, p:]
+    price = shadow_prices(here, search.x, low, high, fixed, limit)
+    costs = here.slope[p:] + price.by_constraint @ here.slopes[:, p:]
     dominated = dominated_slopes(here, high - low, limit)
     rows = []
     for one in dominated:
@@ -218,17 +219,17 @@ def _optimum(design: Design, search: Search, before: Start, along: GradientCheck
         of=design.goals.objective.of,
         objective=(before.objective, found.objective),
         constraints={n: (before.constraints[n], after) for n, after in constraints_by_name(found).items()},
-        prices={n: -0.01 * float(by) for n, by in zip(here.names, price.of, strict=True) if by > 0},
+        prices={n: -0.01 * float(by) for n, by in zip(here.names, price.by_constraint, strict=True) if by > 0},
         assumptions={n: 0.01 * float(c) for n, c in zip(ASSUMPTIONS, costs, strict=True)},
         feasible=feasible,
         residual=residual,
-        held=1.0 - price.left,
+        held=1.0 - price.unbalanced,
         rounds=search.round,
         runs=len(search.history),
         history=search.history,
         characteristic=CHARACTERISTIC[design.site.run.characteristic],
         along=along,
-        warnings=tuple(design_warnings(residual, 1.0 - price.left, search.reach, dominated, along)),
+        warnings=tuple(design_warnings(residual, 1.0 - price.unbalanced, search.reach, dominated, along)),
         dominated=tuple(rows),
     )
 

@@ -16,14 +16,16 @@ from dropper_jax.statics.rest_problem import unbalanced
 from dropper_jax.study.gradient_check import GradientCheck
 from fitting.farm.optimise.broken_link import link_of, with_link_mask
 from fitting.farm.optimise.design import DIFFERENCE_STEP, WindowRuns
+from fitting.farm.optimise.equilibria import near_rest, solve_rest
 from fitting.farm.optimise.goals import read_goals
 from fitting.farm.optimise.models import still, still_model
 from fitting.farm.optimise.quantities import Steps
 from fitting.farm.optimise.run import optimise, read_problem
 from fitting.farm.optimise.search import Search, programme
 from fitting.farm.optimise.storm import Peaks, check_windows
-from fitting.farm.optimise.values import Values, Window, near_rest, rest
+from fitting.farm.optimise.values import Values
 from fitting.farm.optimise.variables import read_variables
+from fitting.farm.optimise.windows import Window
 from fitting.farm.site import read_site
 
 LOOPS = packaged_scene("looped-longline")
@@ -182,7 +184,7 @@ def test_models_and_poses_follow_the_variables_as_differences_say(site):
     design = read_problem(site)
     case, x = design.cases[0], design.start
     found = still(design.site, design.variables, x, case.storm)
-    own = rest(found)
+    own = solve_rest(found)
     for k, variable in enumerate(design.variables):
         step = np.zeros(len(x))
         step[k] = 1e-5 * variable.span

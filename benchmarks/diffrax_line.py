@@ -27,7 +27,7 @@ import numpy as np
 from jax.lax.linalg import tridiagonal_solve
 from peer_row import peer_row, time_runs
 
-from dropper_jax.integrators.projected import moving
+from dropper_jax.integrators.projected_runge_kutta import solve_motion
 from dropper_jax.model import Model, State
 from dropper_jax.study.march import link_vectors
 from dropper_jax.study.reference import Reference
@@ -71,7 +71,7 @@ def derivative(t: jax.Array, y: tuple[jax.Array, jax.Array], model: Model) -> tu
 
 def with_ours(t: jax.Array, y: tuple[jax.Array, jax.Array], model: Model) -> tuple[jax.Array, jax.Array]:
     """The same with the tensions by cyclic reduction."""
-    return y[1], moving(model, *y, t, False).acceleration
+    return y[1], solve_motion(model, *y, t, False).acceleration
 
 
 def rows(model: Model, s: State, target: Reference) -> list[dict[str, Any]]:

@@ -36,4 +36,5 @@ class DampedRope(Rope):
             return spring
         return spring + self.damping / length * stretching
 
-    _damper_over = Elastic._damper_over  # also of slack links
+    def _damper_over(self, step: StretchStep, size: Array, spring: Array) -> Array:
+        return Elastic._damper_over(self, step, size, spring)  # of slack links too

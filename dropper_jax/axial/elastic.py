@@ -17,7 +17,7 @@ AXIAL_RINGING = "axial_ringing"
 #: Highest angular frequency of a line times the step above which its vibrations are damped. From 2 on the midpoint rule
 #: turns them by more than a quarter per step. With 2 the hard case of a snapping rope, at 2.5, is off by 2.3 % in place
 #: of 1.8 %.
-UNRESOLVED = 3.0
+UNRESOLVED_FREQUENCY = 3.0
 #: Inertia of a link against stretching, over `w EA/L h^2`: it bounds the frequency of what a step cannot resolve.
 RINGING_INERTIA = 1 / 16
 #: Weight of the acceleration of the last step where no vibration of the link is resolved. Over a step infinitely stiff
@@ -192,6 +192,6 @@ class StretchStep(NamedTuple):
         turning = dot(start.rate, start.rate) - stretching**2
         acceleration = law.zero_broken((dot(d, start.acceleration) + turning) / size)
         highest = 2.0 * law.EA / length * start.lightness  # square of the highest frequency of a line of such links
-        resolved = UNRESOLVED**2 / (highest * h**2)
+        resolved = UNRESOLVED_FREQUENCY**2 / (highest * h**2)
         weight = jnp.maximum(1.0 - resolved, 0.0) ** 2
         return cls(size, expected, length, h, weight, acceleration * h**2)

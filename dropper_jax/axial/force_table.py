@@ -10,7 +10,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import Plain, Table, Values, plain, read_list, read_number, refuse
 
-ROWS = "two or more rows of rising strain; tension starting at 0, never falling, rising at the end"
+ALLOWED_ROWS = "two or more rows of rising strain; tension starting at 0, never falling, rising at the end"
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -31,13 +31,13 @@ class ForceTable:
         e = _read_column(strain, f"{path}.strain", "-")
         force = _read_column(tension, f"{path}.tension", "N")
         if len(e) < 2:
-            raise refuse(f"{path}.strain", plain(e), "has too few rows", ROWS)
+            raise refuse(f"{path}.strain", plain(e), "has too few rows", ALLOWED_ROWS)
         if len(force) != len(e):
             raise refuse(f"{path}.tension", plain(force), f"has {len(force)} rows", f"{len(e)}, as many as `strain`")
         if e[0] < 0.0 or np.any(np.diff(e) <= 0.0):
-            raise refuse(f"{path}.strain", plain(e), "does not rise from 0 or above", ROWS)
+            raise refuse(f"{path}.strain", plain(e), "does not rise from 0 or above", ALLOWED_ROWS)
         if force[0] != 0.0 or np.any(np.diff(force) < 0.0) or force[-1] == force[-2]:
-            raise refuse(f"{path}.tension", plain(force), "does not rise from 0", ROWS)
+            raise refuse(f"{path}.tension", plain(force), "does not rise from 0", ALLOWED_ROWS)
         return cls(e, force)
 
     @classmethod
@@ -79,7 +79,7 @@ class ForceTable:
 
 
 def _read_column(values: Plain, path: str, unit: str) -> np.ndarray:
-    items = read_list(values, path, None, ROWS)
+    items = read_list(values, path, None, ALLOWED_ROWS)
     return np.array([read_number(x, f"{path}.{i}", {"unit": unit}) for i, x in enumerate(items)], float)
 
 
@@ -87,7 +87,7 @@ def read_tables(table: Values, path: str, links: int) -> tuple[ForceTable, ...]:
     """One table per link from `strain` and `tension`: lists of numbers for all links, or one such list per link."""
     for key in ("strain", "tension"):
         if key not in table:
-            raise SceneError(f"{path}.{key}: missing; needed: {ROWS}")
+            raise SceneError(f"{path}.{key}: missing; needed: {ALLOWED_ROWS}")
     strain = plain(table["strain"])
     tension = plain(table["tension"])
     if not _is_nested(strain) and not _is_nested(tension):

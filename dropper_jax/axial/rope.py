@@ -15,7 +15,7 @@ from dropper_jax.base.springs import mean_positive_part, never_more
 
 #: Bound of the tension over a step that goes slack, over the tension of the spring at its end. Larger ones take effect
 #: closer to the slack length, but have a steeper slope there.
-STEEPEST = 10.0
+MAX_TENSION_RATIO = 10.0
 #: Weight of a guessed stretch relative to a guessed tension in deciding whether a link is taut, any number in (0, 1].
 STRETCH_WEIGHT = 1e-3
 
@@ -120,7 +120,7 @@ class Rope(Elastic):
         was_taut = step.size > self._slack(step.length)
         ringing = jnp.where(was_taut, self._ringing(step, size), 0.0)
         spring = mean + jnp.minimum(ringing, mean)
-        return jnp.minimum(spring, STEEPEST * self.spring(size, step.length))
+        return jnp.minimum(spring, MAX_TENSION_RATIO * self.spring(size, step.length))
 
     def _spring_over(self, step: StretchStep, size: Array) -> Array:
         return jnp.maximum(self._unclipped_spring(step, size), 0.0)

@@ -24,9 +24,9 @@ WRITABLE_BY_OTHERS = stat.S_IWGRP | stat.S_IWOTH
 #: Length [bytes] of the digest of a file.
 DIGEST = hashlib.sha256().digest_size
 #: Age [s] after which an unfinished file counts as left over from a stopped process.
-ABANDONED = 3600.0
+ABANDONED_AGE = 3600.0
 #: Total size [bytes] of the stored programs; the least recently used ones are removed first.
-LARGEST = 1_000_000_000
+MAX_STORED_BYTES = 1_000_000_000
 #: How often the sizes of all files are added up while the limit is written: it costs more than storing a file, and the
 #: limit may be exceeded by 1/`LOOKS`.
 LOOKS = 64
@@ -40,7 +40,7 @@ class Folder:
         largest: total size [bytes] of its files.
     """
 
-    def __init__(self, path: Path, largest: int = LARGEST) -> None:
+    def __init__(self, path: Path, largest: int = MAX_STORED_BYTES) -> None:
         self.path = path
         self.largest = largest
         self._unseen = largest  # bytes written since the sizes of all files were added up
@@ -85,7 +85,7 @@ class Folder:
                 about = file.stat()
                 if file.suffix != UNFINISHED:
                     files.append((about.st_mtime, about.st_size, file))
-                elif about.st_mtime < time.time() - ABANDONED:
+                elif about.st_mtime < time.time() - ABANDONED_AGE:
                     file.unlink()
         size = sum(bytes_ for _, bytes_, _ in files)
         for _, bytes_, file in sorted(files):

@@ -72,7 +72,7 @@ def return_memory() -> None:
 
 
 #: With more memory maps than this, fewer programs are kept (some are large), but never fewer than eight.
-MOST_MAPS = 16_000
+MAX_MAPS = 16_000
 
 
 class ProgramCache:
@@ -115,7 +115,7 @@ class ProgramCache:
 
     def _full(self) -> bool:
         count = len(self._programs)
-        return count > self.most or (count > 8 and memory_maps() > MOST_MAPS)
+        return count > self.most or (count > 8 and memory_maps() > MAX_MAPS)
 
     def clear(self) -> None:
         """Remove all programs."""

@@ -34,21 +34,21 @@ def stable_text(value: object) -> str:
             array = np.asarray(value)
             return f"array:{array.dtype}{array.shape}{hashlib.sha256(array.tobytes()).hexdigest()}"
         case dict():
-            return _joined("dict", sorted(f"{stable_text(key)}={stable_text(one)}" for key, one in value.items()))
+            return _join_parts("dict", sorted(f"{stable_text(key)}={stable_text(one)}" for key, one in value.items()))
         case frozenset():
-            return _joined("frozenset", sorted(map(stable_text, value)))
+            return _join_parts("frozenset", sorted(map(stable_text, value)))
         case tuple() | list():
-            return _joined(_type_text(type(value)), map(stable_text, value))
+            return _join_parts(_type_text(type(value)), map(stable_text, value))
         case _ if dataclasses.is_dataclass(value) and not isinstance(value, type):
             fields = dataclasses.fields(value)
             texts = (f"{field.name}={stable_text(getattr(value, field.name))}" for field in fields)
-            return _joined(_type_text(type(value)), texts)
+            return _join_parts(_type_text(type(value)), texts)
         case _ if callable(value):
             return _name(value)
     raise NoStableText(type(value).__name__)
 
 
-def _joined(kind: str, parts: Iterable[str]) -> str:
+def _join_parts(kind: str, parts: Iterable[str]) -> str:
     """The texts of the parts of a value of this kind as one text."""
     return f"{kind}({','.join(parts)})"
 
@@ -82,4 +82,4 @@ def tree_text(tree: jax.tree_util.PyTreeDef) -> str:
             return "leaf"
         return "none"
     kind, static = node
-    return _joined(_type_text(kind) + stable_text(static), map(tree_text, tree.children()))
+    return _join_parts(_type_text(kind) + stable_text(static), map(tree_text, tree.children()))

@@ -27,7 +27,7 @@ def solve_tridiagonal(lower: Array, diagonal: Array, upper: Array, rhs: Array) -
 
 
 #: Maximum number of rows of a system that is reduced to a single row.
-MOST_ROWS = 128
+MAX_ROWS = 128
 
 
 @jax.custom_jvp
@@ -35,7 +35,7 @@ def cyclic_reduction(lower: Array, diagonal: Array, upper: Array, rhs: Array) ->
     """The solution (n,) of one right side (n,)."""
     rows = diagonal.shape[0]
     target = 1
-    if rows > MOST_ROWS:
+    if rows > MAX_ROWS:
         target = rows // 4 + 1
     return _halve_rows(lower, diagonal, upper, rhs, target)
 

@@ -72,6 +72,14 @@ def raises_first(checks: Callable[Arguments, Iterator[Check]]) -> Callable[Argum
     return check
 
 
+def first_failure(statuses: Iterable[str]) -> str | None:
+    """The first status that is not `ok`; None if all are."""
+    for status in statuses:
+        if status != "ok":
+            return status
+    return None
+
+
 def nearest(word: str, candidates: Iterable[str]) -> str:
     """A hint with the nearest valid name, or with all valid names if none is similar."""
     candidates = sorted(candidates)

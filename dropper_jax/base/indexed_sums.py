@@ -49,12 +49,12 @@ def scatter_add(where: np.ndarray, values: Array | np.ndarray, size: int) -> Arr
 
 
 #: Maximum number of values per row for which gathers are used: each is a separate operation.
-MOST_GATHERS = 8
+MAX_GATHERS = 8
 
 
 def scatter_add_many(where: np.ndarray, values: Array, size: int) -> Array:
     """`scatter_add`, using a scatter if many values meet at one row, as in contact between all pairs of links."""
     where = np.asarray(where)
-    if not len(where) or np.bincount(where, minlength=size).max() <= MOST_GATHERS:
+    if not len(where) or np.bincount(where, minlength=size).max() <= MAX_GATHERS:
         return scatter_add(where, values, size)
     return jnp.zeros((size, *values.shape[1:]), values.dtype).at[where].add(values)

@@ -38,7 +38,7 @@ Table = dict[str, Any]
 Values = Mapping[str, Any]
 
 #: Maximum of any count: counts in compiled programs have 32 bits.
-MOST = 2**31 - 1
+MAX_COUNT = 2**31 - 1
 
 
 class Declared(Protocol):
@@ -149,7 +149,7 @@ def limits(declared: Values) -> str:
     low = declared.get("low")
     above = declared.get("above")
     high = declared.get("high")
-    if declared.get("type") is int and high == MOST:  # not a physical limit
+    if declared.get("type") is int and high == MAX_COUNT:  # not a physical limit
         high = None
     if low is not None and high is not None:
         words = f"{low:g} to {high:g}"
@@ -379,7 +379,7 @@ def read_items(
     return tuple(read(item, f"{path}.{i}", *more) for i, item in enumerate(items))
 
 
-def count(meaning: str, low: int = 1, high: int = MOST, **kwargs: Any) -> Any:
+def count(meaning: str, low: int = 1, high: int = MAX_COUNT, **kwargs: Any) -> Any:
     """Declare a whole number from `low` to `high`."""
     return dataclasses.field(
         metadata={"kind": "option", "meaning": meaning, "type": int, "low": low, "high": high}, **kwargs

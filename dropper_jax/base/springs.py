@@ -26,7 +26,7 @@ def mean_positive_part(e0: Array, e1: Array) -> Array:
 
 
 #: Stretch and depth [m per m] below which a spring counts as at rest.
-REST = 1e-10
+REST_DEPTH = 1e-10
 
 
 @trace_once

@@ -18,6 +18,7 @@ from typing import NoReturn, Protocol
 
 from dropper_jax import backend
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.records import by_name
 from dropper_jax.cli.faults import close_stdout, report_error, terminated_as_interrupted, with_streams
 from dropper_jax.cli.printing import OK
 
@@ -123,7 +124,7 @@ def parse(argv: Sequence[str]) -> Namespace:
 
 def command_groups() -> dict[str, list[EntryPoint]]:
     """All commands by group."""
-    left = {entry.name: entry for entry in find_commands()}
+    left = by_name(find_commands())
     found = {}
     for group, names in GROUPS.items():
         found[group] = [left.pop(name) for name in names if name in left]

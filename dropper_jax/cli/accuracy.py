@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from dropper_jax.base.read import Table
+from dropper_jax.base.records import column
 from dropper_jax.base.table_cells import record_cells
 from dropper_jax.cli.given import check_positive, number
 from dropper_jax.cli.options import add_quiet, add_scene, read_scene
@@ -84,7 +85,7 @@ def run(args: Namespace) -> int:
     schemes = None
     if args.integrators:
         names = ",".join(args.integrators).split(",")
-        schemes = [parse(name) for name in names]
+        schemes = list(map(parse, names))
     dts = None if args.dts is None else tuple(args.dts)
     say = progress(args.quiet)
     found = accuracy(scene, schemes, dts, args.span, extras=not args.quick, progress=say, each=_row_printer(args.quiet))
@@ -129,7 +130,7 @@ def text(found: Table) -> str:
         parts.append(_loads(found["loads"]))
     if "numerical_damping" in found:
         parts.append(found["numerical_damping"]["thesis"]["text"])
-        held_claims = sum(row["holds"] for row in found["euler"])
+        held_claims = sum(column(found["euler"], "holds"))
         parts.append(f"Euler's schemes on the pendulums: {held_claims} of {len(found['euler'])} measured claims hold")
     return "\n\n".join(parts)
 
@@ -146,7 +147,7 @@ def _schemes(found: Table) -> str:
         head.format(scene=found["scene"], **found["reference"]),
         record_table(found["rows"], SCHEMES),
         f"measured orders: {', '.join(orders)}",
-        "\n".join(item["text"] for item in found["advice"]),
+        "\n".join(column(found["advice"], "text")),
     )
     return "\n\n".join(parts)
 
@@ -159,7 +160,7 @@ def _loads(found: Table) -> str:
     against = "half of each step" if finest is None else f"steps of {finest:.4g} s"
     head = f"errors of the loads of the worst line, against {against}:"
     rows = record_table(map(_with_errors, found["rows"]), LOADS)
-    return "\n".join([head, rows, *(item["text"] for item in found["advice"])])
+    return "\n".join([head, rows, *column(found["advice"], "text")])
 
 
 def _with_errors(row: Table) -> Table:

@@ -6,6 +6,7 @@ from argparse import ArgumentParser, Namespace
 from typing import TYPE_CHECKING
 
 from dropper_jax.base.read import Table
+from dropper_jax.base.records import column
 from dropper_jax.cli.options import RUN_VALUES, add_run_values, add_scene, read_scene
 from dropper_jax.cli.outputs import add_out, deliver, weights_table
 from dropper_jax.cli.printing import done_object, listing, print_warnings, record_table
@@ -121,7 +122,7 @@ def text(scene: Scene, source: str, found: Table) -> str:
     pairs = []
     if points["mass_kg"] or points["lift_n"]:
         masses = "{mass_kg:.4g} kg".format(**points)
-        of_lines = sum(row["wet_weight_n"] for row in found["lines"])
+        of_lines = sum(column(found["lines"], "wet_weight_n"))
         if scene.sea is not None:
             masses += "; their net lift submerged is {lift_n:.4g} N".format(**points)
             masses += f"; lines weigh {of_lines:.4g} N in water"

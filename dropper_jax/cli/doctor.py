@@ -59,17 +59,17 @@ def text(found: Installation) -> str:
     if found.devices[0].startswith("cpu"):
         kernel = "each run is one CPU kernel" if found.one_kernel else "off"
         pairs.append(("one kernel", kernel))
-        options = [f"{name} {KNOWN[known]}" for name, known in found.compiler_options.items()]
+        options = [f"{name} {OPTION_WORDS[known]}" for name, known in found.compiler_options.items()]
         pairs.append(("compiler", ", ".join(options)))
     pairs.append(("cache", _cache_in_words(found.cache)))
     for check in found.checks:
-        pairs.append((check.name, f"{HOLDS[check.ok]}: {check.found}"))
+        pairs.append((check.name, f"{CHECK_WORDS[check.ok]}: {check.found}"))
     return listing(pairs)
 
 
-#: Words for options of the compiler, and for checks.
-KNOWN = {True: "known", False: "UNKNOWN"}
-HOLDS = {True: "ok", False: "WRONG"}
+#: Words for an option that the compiler has or lacks, and for a check that holds or fails.
+OPTION_WORDS = {True: "known", False: "UNKNOWN"}
+CHECK_WORDS = {True: "ok", False: "WRONG"}
 
 
 def _cache_in_words(cache: Cache) -> str:

@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from dropper_jax.base.errors import first_failure
 from dropper_jax.base.markdown import cells
 from dropper_jax.base.read import Table
+from dropper_jax.base.records import column
 from dropper_jax.cli.given import positive_integer
 from dropper_jax.cli.options import add_scene, read_scene
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, is_one_picture, picture, weights_table
@@ -79,8 +81,7 @@ def _tide(scene: Scene, args: Namespace) -> int:
     from dropper_jax.study.tide import tidal_cycle
 
     found = tidal_cycle(scene, args.times)
-    outcomes = [found["slack_status"], *(row["status"] for row in found["rows"])]
-    failed = next((status for status in outcomes if status != "ok"), None)
+    failed = first_failure([found["slack_status"], *column(found["rows"], "status")])
     if args.plot and not failed:
         from dropper_jax.study.pictures import tide
 
@@ -90,7 +91,7 @@ def _tide(scene: Scene, args: Namespace) -> int:
 
 
 def _tide_text(found: Table) -> str:
-    rows = [_tide_row(row) for row in found["rows"]]
+    rows = list(map(_tide_row, found["rows"]))
     lines = [list(rows[0]), *(cells(row.values(), ".4g") for row in rows)]
     note = "moved: maximum horizontal displacement of a node from the equilibrium without current at the mean level"
     return f"{table(lines)}\n{note}"

@@ -17,7 +17,7 @@ from dropper_jax.cli.printing import done_object, failure_of, print_result, prin
 if TYPE_CHECKING:
     from dropper_jax.explain.answers import Explained
 
-help = "answers on a mooring at rest: lengths, tensions, stiffnesses, damping, wear, each beside a closed form"
+help = "answers on a mooring at rest: lengths, tensions, stiffnesses, damping, wear, each next to a closed form"
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -28,7 +28,8 @@ def add_arguments(parser: ArgumentParser) -> None:
 def run(args: Namespace) -> int:
     scene = read_scene(args, notes=False)
 
-    from dropper_jax.explain.answers import explain, refuse_rigid
+    from dropper_jax.explain.answers import explain
+    from dropper_jax.explain.line_facts import refuse_rigid
     from dropper_jax.run.build import equilibrium
     from dropper_jax.run.plausibility import scene_warnings
     from dropper_jax.run.pose_remarks import pose_remarks

@@ -80,7 +80,7 @@ def read_numbers(
     if given is None:
         given = text
     try:
-        found = [float(part) for part in text.split(mark)]
+        found = list(map(float, text.split(mark)))
     except ValueError:
         found = []
     if not found or count not in (None, len(found)):

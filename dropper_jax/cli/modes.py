@@ -10,6 +10,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.markdown import cells
 from dropper_jax.base.read import Table
+from dropper_jax.base.records import names_of
 from dropper_jax.cli.given import check_positive, number, positive_integer
 from dropper_jax.cli.options import add_scene, read_scene
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, picture
@@ -76,7 +77,7 @@ def run(args: Namespace) -> int:
 
 def _number_of(name: str, scene: Scene) -> int:
     """Index of a body of the scene."""
-    names = [body.name for body in scene.bodies]
+    names = names_of(scene.bodies)
     if name not in names:
         allowed = nearest(name, names) if names else "the scene has no [[body]]; leave --of out"
         raise SceneError(f"--of: {name!r} is not a body; {allowed}")

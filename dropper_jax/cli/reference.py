@@ -26,7 +26,7 @@ def as_text(sections: Sequence[Section]) -> str:
     parts = []
     for section in sections:
         parts.append("\n  ".join(filter(None, (section.head or "(top of the file)", section.about))))
-        parts += [_lines(key) for key in section.keys]
+        parts += list(map(_lines, section.keys))
         if section.source:
             parts.append(f"  source: {section.source}")
     return "\n".join(parts)
@@ -43,7 +43,7 @@ def _lines(key: Key) -> str:
 
 def as_values(sections: Sequence[Section]) -> list[Table]:
     """Sections as plain values."""
-    found = [asdict(section) for section in sections]
+    found = list(map(asdict, sections))
     for section in found:
         for key in section["keys"]:
             del key["schema"]
@@ -57,7 +57,7 @@ def as_markdown(sections: Sequence[Section]) -> str:
         parts.append(f"## {section.head or 'Top of the file'}\n\n{_cell(section.about, False)}")
         if section.keys:
             rows = ["| key | meaning | value | unit | allowed | default |", "| --- | --- | --- | --- | --- | --- |"]
-            rows += [_row(key) for key in section.keys]
+            rows += list(map(_row, section.keys))
             parts.append("\n".join(rows))
         if section.source:
             parts.append(f"Source: {_cell(section.source, False)}")

@@ -7,6 +7,7 @@ from dataclasses import fields
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import Table
+from dropper_jax.base.records import without_none
 from dropper_jax.cli.given import number, output_folder
 from dropper_jax.cli.options import add_effects, add_examples, add_json, read_run
 from dropper_jax.cli.outputs import Output
@@ -41,7 +42,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def run(args: Namespace) -> int:
     given = {f.name: getattr(args, f"setting_{f.name}") for f in fields(Settings)}
-    settings = Settings(**{key: value for key, value in given.items() if value is not None})
+    settings = Settings(**without_none(given))
     if args.every < 1:
         raise SceneError(f"--every: {args.every} is out of range; allowed: a whole number >= 1")
     for i, file in enumerate(args.runs):

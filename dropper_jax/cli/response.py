@@ -6,8 +6,9 @@ from argparse import ArgumentParser, Namespace
 
 import numpy as np
 
-from dropper_jax.base.errors import SceneError
+from dropper_jax.base.errors import SceneError, first_failure
 from dropper_jax.base.read import Table
+from dropper_jax.base.records import column
 from dropper_jax.cli.given import read_spaced
 from dropper_jax.cli.options import add_quiet, add_scene, read_scene
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, picture
@@ -40,7 +41,7 @@ def run(args: Namespace) -> int:
     from dropper_jax.study.response import responses
 
     rows = responses(scene, periods, not args.no_higher_waves, progress(args.quiet))
-    failed = next((row["status"] for row in rows if row["status"] != "ok"), None)
+    failed = first_failure(column(rows, "status"))
     if args.plot and not failed:
         from dropper_jax.study import pictures
 

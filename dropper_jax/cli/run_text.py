@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from dropper_jax.base.read import Table
+from dropper_jax.base.records import column
 from dropper_jax.base.table_cells import fill, record_cells
 from dropper_jax.cli.outputs import weights_table
 from dropper_jax.cli.printing import listing, table
@@ -14,7 +15,7 @@ if TYPE_CHECKING:
     from dropper_jax.run.simulate import Solution
 
 #: Maximum number of lines of a system whose tensions are printed.
-MOST_LINES = 12
+MAX_LINES = 12
 #: Cells of a row of a table.
 Row = Sequence[str]
 
@@ -100,7 +101,7 @@ LOADS = {
 
 def _about_errors(found: Table) -> list[str]:
     """Sources of the errors of the largest load, and other influences on it."""
-    worst = max((row["maximum"] for row in found["loads"]), key=lambda load: load["value"])
+    worst = max(column(found["loads"], "maximum"), key=lambda load: load["value"])
     of_links = fill("{links:.2g} N by the links|links not known", worst)
     lines = [
         f"+-: limit of the errors of step and links together; of the maximum load {worst['step']:.2g} N by the step, "
@@ -173,8 +174,8 @@ EXTENT = {
 
 
 def most_loaded(parts: Mapping[str, Table], size: Callable[[Table], float]) -> set[str]:
-    """Names of the `MOST_LINES` largest parts."""
-    return set(sorted(parts, key=lambda name: -size(parts[name]))[:MOST_LINES])
+    """Names of the `MAX_LINES` largest parts."""
+    return set(sorted(parts, key=lambda name: -size(parts[name]))[:MAX_LINES])
 
 
 def with_gaps(rows: Mapping[str, list[Row]], shown: set[str] | None) -> list[Row]:

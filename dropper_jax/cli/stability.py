@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.read import Table
+from dropper_jax.base.records import by_name
 from dropper_jax.cli.options import add_examples, add_json, add_quiet
 from dropper_jax.cli.outputs import add_out, deliver
 from dropper_jax.cli.printing import done_object, progress, record_table
@@ -35,7 +36,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 def run(args: Namespace) -> int:
     from dropper_jax.stability import all_cases, evaluate
 
-    known = {case.name: case for case in all_cases()}
+    known = by_name(all_cases())
     for wanted in args.cases or ():
         if wanted not in known:
             raise SceneError(f"--cases: {wanted!r} is unknown; {nearest(wanted, known)}")
@@ -48,7 +49,7 @@ def run(args: Namespace) -> int:
     say(1.0, "done")
     missed = [row.name for row in rows if not row.ok]
     failure = ("not_converged", f"limits exceeded: {', '.join(missed)}") if missed else None
-    return deliver(args, done_object(cases=[asdict(row) for row in rows]), text(rows), failure)
+    return deliver(args, done_object(cases=list(map(asdict, rows))), text(rows), failure)
 
 
 COLUMNS = {
@@ -71,7 +72,7 @@ def text(rows: Sequence[CaseResult]) -> str:
     for row in rows:
         thesis = None
         if row.baseline_thesis is not None:
-            thesis = [_short(found) for found in row.baseline_thesis.values()]
+            thesis = list(map(_short, row.baseline_thesis.values()))
         cells.append({**vars(row), "thesis": thesis})
     claims = [f"{row.name}: {row.claim}" for row in rows]
     return "\n".join([record_table(cells, COLUMNS), "", *claims])

@@ -14,6 +14,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import atomic_write
 from dropper_jax.base.markdown import cells
+from dropper_jax.base.records import names_of
 from dropper_jax.cli.given import output_file, read_numbers, split_names
 from dropper_jax.cli.options import add_scene, read_scene
 from dropper_jax.cli.outputs import Output, deliver
@@ -90,7 +91,7 @@ def _requested_points(scene: Scene, args: Namespace) -> tuple[list[str], np.ndar
     if args.points is not None:
         raise SceneError("--of: excludes --points; give one of the two")
     names = split_names(args.of)
-    is_body = len(names) == 1 and names[0] in [body.name for body in scene.bodies]
+    is_body = len(names) == 1 and names[0] in names_of(scene.bodies)
     if args.lines_only and not is_body:
         raise SceneError(f"--lines-only: {args.of!r} is not a body, and points have no weight of their own")
     if args.at is None:
@@ -112,7 +113,7 @@ def _of_one(
     from dropper_jax.statics.rigid_group import moved_to, stiffness_of_group
     from dropper_jax.statics.stiffness import mooring_stiffness
 
-    bodies = [body.name for body in scene.bodies]
+    bodies = names_of(scene.bodies)
     if names[0] not in bodies or len(names) > 1:
         if about is None:
             about = np.zeros(3)
@@ -139,7 +140,7 @@ def _names(scene: Scene, given: str | None) -> list[str]:
     names = [body.name for body in scene.bodies if not body.pinned]
     names = names or [p.name for p in scene.points if p.is_free and p.carrier is None]
     if not names:
-        fixed = ", ".join(p.name for p in scene.points)
+        fixed = ", ".join(names_of(scene.points))
         raise SceneError(f"--points: the scene has no free point; allowed: fixed points by name, such as {fixed}")
     return names
 

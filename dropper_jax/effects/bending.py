@@ -20,7 +20,7 @@ from dropper_jax.scene import SceneData
 
 #: Length of a link over its unstretched length below which nothing resists its compression: the bending moment between
 #: links without a direction has no value.
-CRUSHED = 0.9
+CRUSHED_LENGTH = 0.9
 
 
 @component

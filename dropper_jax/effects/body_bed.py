@@ -14,10 +14,10 @@ from dropper_jax.effects.body_buoyancy import Pieces
 from dropper_jax.effects.seabed import Seabed
 from dropper_jax.model import Effect, Kinematics, ModelView
 
-#: Sine of the tilt below which a circle counts as nearly level; its deepest point could then be any point on it.
-LEVEL = 1e-2
-#: Fraction of 1 that remains where a body lies flat.
-LYING = math.sqrt(1.0 + LEVEL**2) - LEVEL
+#: Sine of the tilt [-] below which a circle counts as nearly level; its deepest point could then be any point on it.
+LEVEL_TILT = 1e-2
+#: Reach of a circle below its centre over its radius [-], as smoothed, where its axis is level.
+REACH_WHEN_FLAT = math.sqrt(1.0 + LEVEL_TILT**2) - LEVEL_TILT
 
 
 @component
@@ -42,7 +42,7 @@ class BodyBed(Effect):
         ends = self.pieces.axes(model, r)
         along = ends[:, 1] - ends[:, 0]
         tilt = along[:, :2] / safe_norm(along)[:, None]
-        reach = self.pieces.radius * (jnp.sqrt(jnp.sum(tilt**2, axis=1) + LEVEL**2) - LEVEL) / LYING
+        reach = self.pieces.radius * (jnp.sqrt(jnp.sum(tilt**2, axis=1) + LEVEL_TILT**2) - LEVEL_TILT) / REACH_WHEN_FLAT
         positions = self.pieces.points(model, r)
         below = jnp.concatenate([reach, reach, self.pieces.ball])
         return (self.bed.bed_height(positions) - positions[:, 2] + below) * self.bed.upward(positions)[..., 2]
@@ -92,7 +92,7 @@ class BodyBedFriction(BodyBed):
         along = along / safe_norm(along)[:, None]
         # from the centre of the circle down along its plane, to its edge
         down = along * along[:, 2:] - jnp.array([0.0, 0.0, 1.0], r.dtype)
-        arm = pieces.radius[:, None] * down / jnp.sqrt(dot(down, down) + LEVEL**2)[:, None]
+        arm = pieces.radius[:, None] * down / jnp.sqrt(dot(down, down) + LEVEL_TILT**2)[:, None]
         turned = self._rotation_velocity(model, r, v, jnp.concatenate([arm, upright(-pieces.ball)]))
         velocity = pieces.points(model, v) + turned[pieces.piece_of_point]
         up = self.bed.upward(pieces.points(model, r))

@@ -13,9 +13,9 @@ from dropper_jax.base.numerics import upright
 from dropper_jax.effects.hydrostatics import Cylinders, sphere_energy, sphere_volume
 from dropper_jax.model import Effect, Kinematics, ModelView
 
-#: Gauss-Legendre points and weights over the displacement of a step.
-POINTS = 0.5 * np.sqrt(0.6) * np.array([-1.0, 0.0, 1.0])
-WEIGHTS = np.array([5.0, 8.0, 5.0]) / 18.0
+#: Gauss-Legendre points over the displacement of a step, from -1/2 to 1/2, and their weights.
+GAUSS_POINTS = 0.5 * np.sqrt(0.6) * np.array([-1.0, 0.0, 1.0])
+GAUSS_WEIGHTS = np.array([5.0, 8.0, 5.0]) / 18.0
 
 
 @component
@@ -140,8 +140,8 @@ class BodyBuoyancy(Effect):
 
         if k.h is None:
             return force_at(k.r)
-        along = jnp.asarray(POINTS, k.r.dtype)[:, None, None] * (k.h * k.v)
-        return jnp.sum(jnp.asarray(WEIGHTS, k.r.dtype)[:, None, None] * jax.vmap(force_at)(k.r + along), axis=0)
+        along = jnp.asarray(GAUSS_POINTS, k.r.dtype)[:, None, None] * (k.h * k.v)
+        return jnp.sum(jnp.asarray(GAUSS_WEIGHTS, k.r.dtype)[:, None, None] * jax.vmap(force_at)(k.r + along), axis=0)
 
     def potential(self, k: Kinematics) -> Array:
         return k.sea.density * k.sea.gravity * self.pieces.energy(k.model, k.r, self._level(k))

@@ -20,7 +20,7 @@ from dropper_jax.scene import SceneData
 #: Maximum difference of a unit vector's or quaternion's length from 1.
 UNIT_TOLERANCE = 1e-3
 #: Maximum turn from one row of the table to the next [rad]: the path between rows farther apart is ambiguous.
-MOST_TURN = np.pi / 3
+MAX_TURN = np.pi / 3
 
 
 @component
@@ -147,8 +147,8 @@ def _check_directions(values: Values) -> None:
     cosines = np.sum(directions[1:] * directions[:-1], axis=1)
     turns = np.arccos(np.clip(cosines, -1.0, 1.0))
     worst = int(np.argmax(turns))
-    if turns[worst] > MOST_TURN:
+    if turns[worst] > MAX_TURN:
         raise SceneError(
             f"{path}.{worst + 1}: jumps by {np.degrees(turns[worst]):.3g} degrees from the row before; allowed: "
-            f"{np.degrees(MOST_TURN):.3g}. Use more rows"
+            f"{np.degrees(MAX_TURN):.3g}. Use more rows"
         )

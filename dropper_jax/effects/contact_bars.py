@@ -59,7 +59,7 @@ class ContactPairs:
 
 #: Rounding of the nearest point for parallel axes, relative to the square of their lengths: they meet at their middles,
 #: and the contact point moves smoothly (over 0.3 degrees) as they turn away from parallel.
-PARALLEL = 0.5e-5
+PARALLEL_ROUNDING = 0.5e-5
 
 
 class Bars:
@@ -80,7 +80,7 @@ class Bars:
         across = axis[:, 1] - axis[:, 0]
         self.reach = jnp.concatenate([radius[first] + radius[second], radius[link] + pairs.radius[bar]])
         square = jnp.concatenate([length[first] ** 2 + length[second] ** 2, length[link] ** 2 + dot(across, across)])
-        self.spread = PARALLEL * jax.lax.stop_gradient(square)
+        self.spread = PARALLEL_ROUNDING * jax.lax.stop_gradient(square)
         self.pairs = len(first)  # pairs of links come first
         self.weights = pairs.weights[bar] if pairs.rigid else None
         self.offset = jnp.where((pairs.owners[bar] < 0)[:, None, None], axis, 0.0)

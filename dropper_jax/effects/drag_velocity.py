@@ -10,16 +10,16 @@ from dropper_jax.base.numerics import dot
 from dropper_jax.model import Kinematics
 
 #: Below this z the excess is computed from its series, whose error there is below 1e-13.
-SMALL = 0.05
+SERIES_BELOW = 0.05
 #: Rounding of a node's displacement over a step, in units of that of the largest coordinate. 300 random pendulums with
 #: drag that stops them at once: 40 have a step without a solution if this is 0, 8 if it is 8, one if it is 64; 300
 #: others: 32 if it is 0, 4 if it is 64.
-ROUNDINGS = 64.0
+ROUNDING_UNITS = 64.0
 
 
 def excess(z: Array) -> Array:
     """`2 theta - 1 = coth(z/2) - 2/z`, z >= 0: from z/6 for slow decay to 1 for decay within the step."""
-    small = z < SMALL
+    small = z < SERIES_BELOW
     large = jnp.where(small, 1.0, z)
     series = z / 6.0 * (1.0 - z**2 / 60.0 * (1.0 - z**2 / 42.0))
     return jnp.where(small, series, 1.0 / jnp.tanh(0.5 * large) - 2.0 / large)
@@ -50,7 +50,7 @@ def still_drag_velocity(k: Kinematics, decay: Array) -> Array:
     size = dot(k.v, k.v)
     # the direction of a speed below the rounding of positions is random, and the law would not be solvable: u is then
     # nearly the velocity before the step
-    rounding = ROUNDINGS * jnp.finfo(size.dtype).eps / k.h * jnp.max(jnp.abs(jax.lax.stop_gradient(k.r)))
+    rounding = ROUNDING_UNITS * jnp.finfo(size.dtype).eps / k.h * jnp.max(jnp.abs(jax.lax.stop_gradient(k.r)))
     along = dot(u, k.v) + rounding * jnp.max(jnp.abs(jax.lax.stop_gradient(k.before)), axis=-1)
     against = (along < 0.0) & (size > 1e3 * jnp.finfo(size.dtype).tiny)
     return u - (jnp.where(against, along, 0.0) / jnp.where(against, size, 1.0))[:, None] * k.v

@@ -13,7 +13,7 @@ from dropper_jax.model import HeldMotion
 from dropper_jax.scene import SceneData
 
 #: Error of a motion that is neither harmonic nor tabulated.
-EITHER = "effects.end_motion: give either `amplitude` and `period`, or `time` and `displacement`"
+NEEDS_ONE_MOTION = "effects.end_motion: give either `amplitude` and `period`, or `time` and `displacement`"
 
 
 @component
@@ -46,7 +46,7 @@ class EndMotion(HeldMotion):
         is_table = given >= {"time", "displacement"} and not given & {"amplitude", "period", "phase"}
         is_harmonic = given >= {"amplitude", "period"} and not given & {"time", "displacement"}
         if not (is_table or is_harmonic):
-            raise SceneError(EITHER)
+            raise SceneError(NEEDS_ONE_MOTION)
         if is_table and (len(values["time"]) != len(values["displacement"]) or not rises(values["time"], 2)):
             raise SceneError("effects.end_motion.time: needs at least 2 increasing times, one per displacement")
 
@@ -58,7 +58,7 @@ class EndMotion(HeldMotion):
                 return row
             return apply_ramp((t - self.time[0]) / self.ramp, row, self.displacement[0])
         if self.amplitude is None or self.period is None:
-            raise SceneError(EITHER)
+            raise SceneError(NEEDS_ONE_MOTION)
         phase = 0.0 if self.phase is None else self.phase
         motion = self.amplitude * jnp.sin(2 * jnp.pi * t / self.period + phase)
         if self.ramp is None:

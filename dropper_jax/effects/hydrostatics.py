@@ -24,8 +24,8 @@ import numpy as np
 from jax import Array
 
 #: Gauss-Legendre points and weights on 0 to 1.
-POINTS = (np.polynomial.legendre.leggauss(6)[0] + 1.0) / 2.0
-WEIGHTS = np.polynomial.legendre.leggauss(6)[1] / 2.0
+GAUSS_POINTS = (np.polynomial.legendre.leggauss(6)[0] + 1.0) / 2.0
+GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(6)[1] / 2.0
 #: A function of the depth and the half height of sections.
 SectionValue = Callable[[Array, Array], Array]
 
@@ -124,7 +124,7 @@ _along_tilt.defjvps(lambda dt, _, t, b: _tilt(t, b) * dt, lambda db, _, t, b: _a
 #: Minimum half height of a section divided by its radius: an upright cylinder has level sections.
 MIN_HALF_HEIGHT = 1e-6
 #: A cylinder whose ends differ in depth by less than this part of the sections' half height is integrated numerically.
-FLAT = 0.25
+NEARLY_LEVEL = 0.25
 
 
 class Cylinders(NamedTuple):
@@ -155,14 +155,14 @@ class Cylinders(NamedTuple):
         half = radius * jnp.sqrt(across[:, 0] ** 2 + across[:, 1] ** 2 + MIN_HALF_HEIGHT**2)
         first = level - ends[:, 0, 2]
         last = level - ends[:, 1, 2]
-        flat = jnp.abs(last - first) < FLAT * half
+        flat = jnp.abs(last - first) < NEARLY_LEVEL * half
         change = jnp.where(flat, 1.0, last - first)
         return cls(first, last, half, across, radius, radius**2 * length, change, flat)
 
     @property
     def shares(self) -> Array:
         """Gauss points from 0 to 1 along the axes, in the precision of the cylinders."""
-        return jnp.asarray(POINTS, self.first.dtype)
+        return jnp.asarray(GAUSS_POINTS, self.first.dtype)
 
     def _at_points(self, of: SectionValue) -> Array:
         """A function of depth and half height at the Gauss points (n, points)."""
@@ -180,7 +180,7 @@ class Cylinders(NamedTuple):
 
     def _mean(self, of: SectionValue, antiderivative: SectionValue) -> Array:
         """Mean of a function along the axes (n,)."""
-        weights = jnp.asarray(WEIGHTS, self.first.dtype)
+        weights = jnp.asarray(GAUSS_WEIGHTS, self.first.dtype)
         return jnp.where(self.flat, self._at_points(of) @ weights, self._mean_slope(antiderivative))
 
     def energy(self) -> Array:
@@ -193,7 +193,7 @@ class Cylinders(NamedTuple):
 
     def push(self) -> Array:
         """Buoyancy divided by rho g on the ends of the axes (n, 2, 3) [m^3]: minus the derivative of U."""
-        weights = jnp.asarray(WEIGHTS, self.first.dtype)
+        weights = jnp.asarray(GAUSS_WEIGHTS, self.first.dtype)
         mean = self._mean_slope(_along)
         first, last = self._at_ends(section)
         width = self._at_points(_width)

@@ -14,6 +14,7 @@ from jax import Array
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.base.numerics import as_array
+from dropper_jax.base.records import names_of
 from dropper_jax.effects.end_motion import interpolate_quintic
 from dropper_jax.model import Effect, Kinematics, Line, Model, ModelView
 from dropper_jax.scene import SceneData
@@ -260,7 +261,7 @@ def with_length_in_time(
         SceneError: an unknown line, links that it does not have, or rigid links.
     """
     members = model.geometry.members
-    names = [member.name for member in members]
+    names = names_of(members)
     line = names[0] if line is None else line
     if line not in names:
         raise SceneError(f"line: {line!r} is not a line; {nearest(line, names)}")

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+import itertools
+from collections.abc import Collection, Hashable, Sequence, Set
 from dataclasses import field
 
 import jax.numpy as jnp
@@ -13,6 +14,7 @@ from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.base.numerics import as_array, dot
 from dropper_jax.base.read import Pairs, Values
+from dropper_jax.base.records import names_of
 from dropper_jax.effects.contact_bars import Bars, ContactPairs, Group
 from dropper_jax.effects.nearest_points import Nearest, contact_force, nearest_points, relative_motion
 from dropper_jax.effects.rigid_bodies import tetrahedron
@@ -61,7 +63,7 @@ class LineContact(Effect):
             raise SceneError("effects.line_contact: acts between lines of a system. Use it in scenes of several lines")
         path = "effects.line_contact"
         lines = _lines_by_name(scene)
-        others = [b.name for b in (*scene.bodies, *scene.buoys)]
+        others = names_of((*scene.bodies, *scene.buoys))
         named_lines = []
         for i, (first, second) in enumerate(values["pairs"]):
             named_lines += [(f"{path}.pairs.{i}.0", first), (f"{path}.pairs.{i}.1", second)]
@@ -72,20 +74,22 @@ class LineContact(Effect):
             if values["radius"] is None and any(scene.lines[n].diameter is None for n in lines[name]):
                 raise SceneError(f"line.{name}.diameter: missing; {path} needs it, or its own `radius` [m]")
         for i, (first, second) in enumerate(values["pairs"]):
-            if first == second:
-                raise SceneError(f"{path}.pairs.{i}: {first!r} is paired with itself; allowed: two lines")
+            if not set(lines[first]).isdisjoint(lines[second]):
+                raise SceneError(f"{path}.pairs.{i}: {first!r} and {second!r} are the same line; allowed: two lines")
+        _check_once(f"{path}.pairs", [_every_pair(lines[first], lines[second]) for first, second in values["pairs"]])
         for i, (_, name) in enumerate(values["bodies"]):
             _check_name(f"{path}.bodies.{i}.1", name, others, "body or buoy")
         touched = [name for _, name in values["bodies"]]
         for body in scene.bodies:
             if body.name in touched and not body.shapes:
                 raise SceneError(f"{path}.bodies: {body.name!r} has no cylinders or spheres to touch")
+        _check_once(f"{path}.bodies", [set(itertools.product(lines[line], [name])) for line, name in values["bodies"]])
 
     @classmethod
     def build(cls, values: Values, scene: SceneData) -> Effect:
         values = dict(values)
         if values["radius"] is None:
-            values["radius"] = np.concatenate([_radii(line) for line in scene.lines])
+            values["radius"] = np.concatenate(list(map(_radii, scene.lines)))
         kind = FrictionlessContact
         if values["damping"] > 0.0 or values["friction"] > 0.0:
             kind = LinksInContact
@@ -177,6 +181,20 @@ def _check_name(where: str, name: str, names: Collection[str], what: str) -> Non
         raise SceneError(f"{where}: {name!r} is not a {what}; {hint}")
 
 
+def _every_pair(first: Group, second: Group) -> set[frozenset[int]]:
+    """The pairs of lines of two groups, in either order."""
+    return set(map(frozenset, itertools.product(first, second)))
+
+
+def _check_once(path: str, contacts: Sequence[Set[Hashable]]) -> None:
+    """Reject a contact that two entries list: its force would act twice."""
+    listed: set[Hashable] = set()
+    for i, pairs in enumerate(contacts):
+        if not listed.isdisjoint(pairs):
+            raise SceneError(f"{path}.{i}: is listed before; allowed: each pair once")
+        listed |= pairs
+
+
 def _radii(line: LineSpec) -> np.ndarray:
     """Radii (links,) [m]; zero without a diameter, of lines that touch nothing."""
     if line.diameter is None:
@@ -216,7 +234,7 @@ def _bars_of(scene: SceneData, name: str) -> tuple[int, list[tuple[np.ndarray, f
             cylinders = [(np.array([c.start, c.end]), c.diameter) for c in body.cylinders]
             return i, cylinders + [(np.array([s.centre, s.centre]), s.diameter) for s in body.spheres]
     buoy = next(buoy for buoy in scene.buoys if buoy.name == name)
-    points = [point.name for point in scene.points]
+    points = names_of(scene.points)
     axis = np.zeros((2, 3))
     axis[:, 2] = [-buoy.attachment, buoy.height - buoy.attachment]
     return -1 - points.index(buoy.point), [(axis, buoy.diameter)]

@@ -11,8 +11,9 @@ from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.base.numerics import safe_norm
 from dropper_jax.base.read import Values, plain, refuse
 from dropper_jax.effects.buoyancy import drag_diameter
-from dropper_jax.effects.cylinder import SOURCES, check_source, steady_drag
+from dropper_jax.effects.coefficient_source import SOURCES, check_source
 from dropper_jax.effects.drag_velocity import drag_velocity
+from dropper_jax.effects.rough_cylinder import steady_drag
 from dropper_jax.effects.submerged import split, wet_share
 from dropper_jax.model import Effect, Kinematics
 from dropper_jax.scene import SceneData

@@ -8,7 +8,7 @@ from jax import Array
 
 from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.base.read import Values
-from dropper_jax.effects.cylinder import SOURCES, check_source
+from dropper_jax.effects.coefficient_source import SOURCES, check_source
 from dropper_jax.effects.submerged import split, wet_share
 from dropper_jax.model import Effect, Kinematics, LinkEnd
 from dropper_jax.scene import SceneData

@@ -17,9 +17,9 @@ from dropper_jax.model import HolonomicConstraint, Kinematics, ModelView
 #: Pairs of corners of a body, whose distances are constant.
 FIRST, SECOND = np.triu_indices(4, 1)
 #: Pairs of axes of the six moments and products of inertia.
-MOMENTS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+MOMENT_AXES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 #: Index of each entry of the matrix of inertia among them.
-MATRIX = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])
+MOMENT_INDEX = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])
 
 #: Fraction of a body's mass carried by each node on it: a node without a line must not be without inertia.
 NODE_SHARE = 1e-3
@@ -146,7 +146,7 @@ class RigidBodies(HolonomicConstraint):
         if self.matrix is not None:
             return self.matrix
         trace = self.moments[:, 0] + self.moments[:, 1] + self.moments[:, 2]
-        second = 0.5 * trace[:, None, None] * jnp.eye(3, dtype=trace.dtype) - self.moments[:, MATRIX]
+        second = 0.5 * trace[:, None, None] * jnp.eye(3, dtype=trace.dtype) - self.moments[:, MOMENT_INDEX]
         homogeneous = jnp.concatenate([self.centre_of_mass, jnp.ones_like(self.mass)[:, None]], axis=1)
         moments = self.mass[:, None, None] * homogeneous[:, :, None] * homogeneous[:, None, :]
         moments = moments + jnp.pad(second, ((0, 0), (0, 1), (0, 1)))

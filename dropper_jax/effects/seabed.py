@@ -10,12 +10,12 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, parameter
 from dropper_jax.base.numerics import cross, dot, trace_once
 from dropper_jax.base.read import Values, plain, refuse, rises
-from dropper_jax.base.springs import REST, lag, mean_positive_part, never_more
+from dropper_jax.base.springs import REST_DEPTH, lag, mean_positive_part, never_more
 from dropper_jax.model import ContactArea, Effect, Kinematics
 from dropper_jax.scene import SceneData
 
 #: Part of a cell, on either side of a grid line, over which one slope of the seabed blends into the next.
-ROUNDED = 0.02
+ROUNDED_SHARE = 0.02
 
 
 @component
@@ -66,7 +66,7 @@ class Seabed(Effect):
             values["depth"] = scene.needed_sea.depth
         return cls(**values)
 
-    def bed_height(self, r: Array, rounded: float = ROUNDED) -> Array:
+    def bed_height(self, r: Array, rounded: float = ROUNDED_SHARE) -> Array:
         """Height z of the seabed (nodes,) [m] at positions r (nodes, 3); with `rounded` = 0 its creases are sharp."""
         if self.bed_x is None or self.bed_y is None or self.bed_depth is None:
             return -self.depth * jnp.ones_like(r[:, 2])
@@ -121,7 +121,7 @@ class Seabed(Effect):
             pressed_before = jnp.maximum(before, 0.0)
             pressed_after = jnp.maximum(after, 0.0)
             expected = jnp.maximum(before + k.h * k.prepared(effect), 0.0)
-            mean = mean_positive_part(before, after) + lag(pressed_before, pressed_after, expected, REST)
+            mean = mean_positive_part(before, after) + lag(pressed_before, pressed_after, expected, REST_DEPTH)
             spring = jnp.maximum(self.stiffness * mean, 0.0)
             rate = (pressed_after - pressed_before) / k.h
         return spring + never_more(self.damping * rate, spring)

@@ -13,11 +13,11 @@ from dropper_jax.base.numerics import dot, safe_norm
 from dropper_jax.model import Effect, Kinematics, ModelView
 from dropper_jax.sea import Motion, Sea
 
-#: Gauss-Legendre points and weights over the draught: three integrate a wave over 10 m to 1e-4.
-NODES = np.array([0.5 - np.sqrt(0.15), 0.5, 0.5 + np.sqrt(0.15)])
-WEIGHTS = np.array([5.0, 8.0, 5.0]) / 18.0
+#: Gauss-Legendre points over the draught, from 0 to 1, and their weights: three integrate a wave over 10 m to 1e-4.
+GAUSS_POINTS = np.array([0.5 - np.sqrt(0.15), 0.5, 0.5 + np.sqrt(0.15)])
+GAUSS_WEIGHTS = np.array([5.0, 8.0, 5.0]) / 18.0
 #: Part of the height over which the buoy's ends enter and leave the water smoothly.
-EDGE = 0.02
+EDGE_SHARE = 0.02
 
 
 @component
@@ -75,7 +75,7 @@ class SparBuoys(Effect):
         """The water along the buoys: elevation (buoys,), velocity and acceleration (buoys, 3, 3)."""
         r = k.r[self.nodes(k.model)]
         elevation = k.sea.elevation(r, k.t)
-        above = self._submerged_height(r, elevation)[:, None] * jnp.asarray(NODES, r.dtype)
+        above = self._submerged_height(r, elevation)[:, None] * jnp.asarray(GAUSS_POINTS, r.dtype)
         heights = (r[:, 2] - self.attachment)[:, None] + above
         x = jnp.broadcast_to(r[:, 0:1], heights.shape)
         y = jnp.broadcast_to(r[:, 1:2], heights.shape)
@@ -93,14 +93,14 @@ class SparBuoys(Effect):
         wet = self._submerged_height(k.r[nodes], around.elevation)
         # weight, hydrostatics and inertia of the water
         displaced = sea.density * self.area * wet
-        mean = jnp.sum(jnp.asarray(WEIGHTS, v.dtype)[:, None] * around.acceleration, axis=1)
+        mean = jnp.sum(jnp.asarray(GAUSS_WEIGHTS, v.dtype)[:, None] * around.acceleration, axis=1)
         lift = displaced * (sea.gravity + mean[:, 2]) - self.mass * self.gravity
         lift = lift + self._end_mass(sea, wet) * around.acceleration[:, 0, 2]
         across = (displaced * (1.0 + self.can))[:, None] * mean[:, :2]
         # drag
         u = around.velocity - v[:, None, :]
         level = jnp.concatenate([u[..., :2], jnp.zeros_like(u[..., :1])], axis=-1)
-        weights = jnp.asarray(WEIGHTS, v.dtype) * safe_norm(level)
+        weights = jnp.asarray(GAUSS_WEIGHTS, v.dtype) * safe_norm(level)
         pressed = jnp.sum(weights[..., None] * u[..., :2], axis=1)
         drag = (0.5 * sea.density * self.cdn * self.diameter * wet)[:, None] * pressed
         base = u[:, 0, 2]
@@ -109,7 +109,7 @@ class SparBuoys(Effect):
 
     def _base_share(self, wet: Array) -> Array:
         """Submerged fraction of the base (buoys,)."""
-        return jnp.clip(wet / (EDGE * self.height), 0.0, 1.0)
+        return jnp.clip(wet / (EDGE_SHARE * self.height), 0.0, 1.0)
 
     def _end_mass(self, sea: Sea, wet: Array) -> Array:
         """Added mass along (buoys,) [kg]."""
@@ -134,7 +134,7 @@ class SparBuoys(Effect):
 
 
 def _round_to_unit(s: Array) -> Array:
-    """s clipped to 0 to 1, with corners rounded over `EDGE` (quadratic there, exact elsewhere)."""
-    low = jnp.where(s < EDGE, jnp.clip(s + EDGE, 0.0, 2 * EDGE) ** 2 / (4 * EDGE), s)
-    high = 1.0 - jnp.clip(1.0 + EDGE - s, 0.0, 2 * EDGE) ** 2 / (4 * EDGE)
-    return jnp.where(s > 1.0 - EDGE, high, low)
+    """s clipped to 0 to 1, with corners rounded over `EDGE_SHARE` (quadratic there, exact elsewhere)."""
+    low = jnp.where(s < EDGE_SHARE, jnp.clip(s + EDGE_SHARE, 0.0, 2 * EDGE_SHARE) ** 2 / (4 * EDGE_SHARE), s)
+    high = 1.0 - jnp.clip(1.0 + EDGE_SHARE - s, 0.0, 2 * EDGE_SHARE) ** 2 / (4 * EDGE_SHARE)
+    return jnp.where(s > 1.0 - EDGE_SHARE, high, low)

@@ -12,6 +12,7 @@ from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.base.numerics import dot, safe_norm
 from dropper_jax.base.read import Pairs, Values
+from dropper_jax.base.records import names_of
 from dropper_jax.effects.shafts import Shafts, check_joined
 from dropper_jax.model import Effect, Kinematics, ModelView, sum_of_pieces
 from dropper_jax.scene import SceneData
@@ -62,7 +63,7 @@ class Torsion(Effect):
 
     @classmethod
     def check(cls, values: Values, scene: SceneData) -> None:
-        names = [line.name for line in scene.lines]
+        names = names_of(scene.lines)
         for i, name in enumerate(values["lines"]):
             if name not in names:
                 raise SceneError(f"effects.torsion.lines.{i}: {name!r} is not a line; {nearest(name, names)}")

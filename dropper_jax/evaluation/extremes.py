@@ -9,9 +9,9 @@ import numpy as np
 from dropper_jax.base.read import Table
 
 #: Euler's constant: the mean of the standard Gumbel distribution.
-EULER = 0.5772156649015329
+EULER_CONSTANT = 0.5772156649015329
 #: Minimum number of runs for a spread.
-LEAST_RUNS = 3
+MIN_RUNS = 3
 
 
 class Gumbel(NamedTuple):
@@ -26,7 +26,7 @@ class Gumbel(NamedTuple):
 
     @property
     def mean(self) -> float:
-        return self.mode + EULER * self.scale
+        return self.mode + EULER_CONSTANT * self.scale
 
     def over(self, times: float) -> Gumbel:
         """Distribution of the maximum of `times` such maxima: the same scale, the mode higher by scale * log(times)."""
@@ -49,7 +49,7 @@ def _fit(ordered: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     b0 = ordered.mean(axis=-1)
     b1 = ordered @ (np.arange(n) / (n - 1)) / n
     scale = (2 * b1 - b0) / np.log(2.0)
-    return b0 - EULER * scale, scale
+    return b0 - EULER_CONSTANT * scale, scale
 
 
 def storm_extreme(maxima: np.ndarray, duration: float, storm: float, confidence: float) -> Table:
@@ -65,8 +65,8 @@ def storm_extreme(maxima: np.ndarray, duration: float, storm: float, confidence:
         values by name, or `skipped` and why.
     """
     maxima = np.asarray(maxima, float)
-    if len(maxima) < LEAST_RUNS:
-        return {"skipped": f"{len(maxima)} run(s); needed: at least {LEAST_RUNS}, of different seeds"}
+    if len(maxima) < MIN_RUNS:
+        return {"skipped": f"{len(maxima)} run(s); needed: at least {MIN_RUNS}, of different seeds"}
     one = fit_gumbel(maxima)
     rounding = 1e-9 * np.abs(maxima).max()
     if one.scale <= rounding:

@@ -16,7 +16,7 @@ YEAR = 365.25 * 86400.0
 #: Ranges below this fraction of the maximum tension of the record are rounding and are not counted.
 RANGE_ROUNDING = 1e-9
 #: Number of links of a scene up to which all are counted: the counting is plain Python.
-MOST_COUNTED = 200
+MAX_COUNTED_LINKS = 200
 #: Curves of parts, K and m over the breaking load: a curve for chain does not apply to rope.
 CURVES = (
     "316 and 3 for studless chain, 1000 and 3 for stud chain (API RP 2SK), 25000 and 5.2 for polyester (API RP 2SM)"
@@ -54,7 +54,7 @@ def line_fatigue(record: Record, settings: Settings) -> list[Table]:
     """Per line: equivalent range, counted cycles and, with a breaking load, the damage of the record and of a year.
 
     The equivalent range `(sum n R^m / sum n)^(1/m)` [N] needs no breaking load. Of a scene with many links
-    (`MOST_COUNTED`) only the end links of each line and the one with the largest deviation are counted.
+    (`MAX_COUNTED_LINKS`) only the end links of each line and the one with the largest deviation are counted.
     """
     return [_fatigue(record, line, settings) for line in record.written_lines]
 
@@ -64,7 +64,7 @@ def _fatigue(record: Record, line: WholeLine, settings: Settings) -> Table:
     spec = line.spec
     tension = record.tension[:, line.links]
     picked = list(range(spec.links))
-    if record.tension.shape[1] > MOST_COUNTED:
+    if record.tension.shape[1] > MAX_COUNTED_LINKS:
         picked = sorted({0, int(np.argmax(tension.std(axis=0))), spec.links - 1})
     least = RANGE_ROUNDING * float(np.abs(record.tension).max())
     counted = []
@@ -98,7 +98,7 @@ def _equivalent_range(counted: np.ndarray, m: float) -> float:
 
 
 def _damages(record: Record, values: list[float] | None, why_not: str) -> Table:
-    """Damages of the record by link, the damage of a year and the life, or why there are none."""
+    """Damages of the record by link, the damage of a year and the life, or the reason for their absence."""
     if values is None:
         return {"damage": None, "why_no_damage": why_not}
     worst = max(values)

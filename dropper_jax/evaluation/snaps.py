@@ -30,11 +30,11 @@ def snap_events(
     t: np.ndarray,
     tension: np.ndarray,
     slack: float,
-    least: float,
+    shortest: float,
     snap: float,
     peaks: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> list[Snap]:
-    """Events in the tension (k,) [N] of one link at t (k,) [s]: below `slack` for at least `least` [s], then above
+    """Events in the tension (k,) [N] of one link at t (k,) [s]: below `slack` for `shortest` [s] or more, then above
     `snap`.
 
     The time below is that between the crossings of `slack`, linear between samples. The rise counts until the tension
@@ -58,7 +58,7 @@ def snap_events(
             start = _crossing(t, tension, begin - 1, slack)
         stop = _crossing(t, tension, end - 1, slack)
         over = np.flatnonzero(largest[end:until] > snap)
-        if stop - start < least or not over.size:
+        if stop - start < shortest or not over.size:
             continue
         first = end + int(over[0])
         peak = end + int(np.argmax(largest[end:until]))

@@ -28,9 +28,9 @@ from jax import Array
 from scipy.optimize import brentq, root
 
 #: Largest row [m] of a solution, per metre of length.
-ENOUGH = 1e-9
+MAX_ROW = 1e-9
 #: Minimum H/(w L) of a guess.
-SMALLEST = 1e-6
+MIN_HORIZONTAL = 1e-6
 
 
 @jax.tree_util.register_dataclass
@@ -82,7 +82,7 @@ def solve(line: Hanging) -> Shape | None:
         return Shape(0.0, force, force, 0.0, line.length - hanging, None)
     found = root(partial(_rows, line), _start(line), jac=True, tol=1e-13)
     row, slope = _rows(line, found.x)
-    if not np.max(np.abs(row)) <= ENOUGH * line.length:
+    if not np.max(np.abs(row)) <= MAX_ROW * line.length:
         return None
     return _shape(line, found.x, slope)
 
@@ -126,7 +126,7 @@ def _start(line: Hanging) -> np.ndarray:
         stretching = line.EA * (chord / line.length - 1.0) / total
         horizontal = stretching * line.span / chord
         vertical = stretching * line.rise / chord + 0.5
-    return np.array([np.log(max(horizontal, SMALLEST)), vertical])
+    return np.array([np.log(max(horizontal, MIN_HORIZONTAL)), vertical])
 
 
 def _span_and_rise(x: Array, line: Hanging, rests: bool) -> Array:

@@ -12,8 +12,9 @@ from numpy.typing import ArrayLike
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.markdown import first_names
+from dropper_jax.base.records import names_of
 from dropper_jax.frequency.linear_waves import check_no_bodies, still_model
-from dropper_jax.frequency.states import TOLERANCE, solve_states
+from dropper_jax.frequency.states import DRAG_TOLERANCE, solve_states
 from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.model import Model
 from dropper_jax.model.slots import Displacement
@@ -22,7 +23,8 @@ from dropper_jax.run.build import SceneLike, build_model
 from dropper_jax.run.simulate import simulate
 from dropper_jax.scene import whole_lines
 from dropper_jax.sea.make import make_current, waves_of
-from dropper_jax.sea.spec import SeaSpec, WaveSpec
+from dropper_jax.sea.spec import SeaSpec
+from dropper_jax.sea.wave_spec import WaveSpec
 from dropper_jax.sea.waves import Waves
 from dropper_jax.statics.loads import release_loads
 from dropper_jax.statics.search import Equilibrium
@@ -154,7 +156,7 @@ def frequency_response(
         first, *_, last = line.stops.values()
         ends += [(line.name, first), (line.name, last)]
     points = [i for i, point in enumerate(scene.points) if point.is_free]
-    nodes = np.array([model.geometry.node_of_point(i) for i in points], int)
+    nodes = np.array(list(map(model.geometry.node_of_point, points)), int)
     solved, error = solve_states(still, pose.state, waves, links, nodes)
     static = np.asarray(pose.tension)
     mean = static + solved.shift
@@ -168,12 +170,12 @@ def frequency_response(
     slack = np.stack([np.any(low[:, line.links], axis=1) for line in lines], axis=1)
     words = np.where(np.any(slack, axis=1), "not_linear", "ok")
     return FrequencyResponse(
-        status=tuple(np.where(solved.change <= TOLERANCE, words, "not_converged").tolist()),
+        status=tuple(np.where(solved.change <= DRAG_TOLERANCE, words, "not_converged").tolist()),
         sea_states=states,
         omega=omega,
         ends=tuple(ends),
         points=tuple(scene.points[i].name for i in points),
-        lines=tuple(line.name for line in lines),
+        lines=tuple(names_of(lines)),
         static_tension=static[links],
         mean_tension=mean[:, links],
         tension_deviation=deviation,

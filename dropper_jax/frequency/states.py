@@ -14,14 +14,11 @@ import numpy as np
 from jax import Array
 
 from dropper_jax.backend.programs import cached_jit
+from dropper_jax.frequency.linear_drag import dragging_effects, iterate_drag, linear_drag, no_drag
 from dropper_jax.frequency.linear_waves import (
     LinearMotion,
     WaveLoads,
-    dragging_effects,
-    iterate_drag,
-    linear_drag,
     linearise,
-    no_drag,
     respond,
     static_matrix,
     static_shift,
@@ -58,9 +55,9 @@ class SolvedStates(NamedTuple):
 
 
 #: Change of the linearised drag in an iteration, over its size, at which it has converged.
-TOLERANCE = 1e-3
+DRAG_TOLERANCE = 1e-3
 #: States per call of the compiled program, so that any number of states uses the same one.
-TOGETHER = 8
+STATES_PER_CALL = 8
 #: The basis has responses with the drag of nodes that do not move, and with this fraction of the flow.
 FLOW_SHARES = (1.0, 0.1)
 
@@ -140,7 +137,7 @@ def _solve_chunk(
             q = jnp.where(number > 0, motions(drag), 0.0)  # at first the drag of nodes that do not move
             return linear_drag(dragging, pose, jnp.tensordot(rate * q, parts, 1), loads.flow)
 
-        drag, shift, change = iterate_drag(drag_of, no_drag(pose), TOLERANCE)
+        drag, shift, change = iterate_drag(drag_of, no_drag(pose), DRAG_TOLERANCE)
         q = motions(drag)
         tension = q @ basis.tension + (rate * q) @ basis.tension_rate + loads.tension
         mean = jnp.linalg.solve(basis.soft, jnp.einsum("ani,ni->a", parts, shift)) @ basis.tension
@@ -170,7 +167,7 @@ def solve_states(
     basis = _project_basis(still, linear, motions, waves.omega)
     picked = jnp.asarray(links), jnp.asarray(nodes)
     parts = []
-    for states in np.split(np.arange(len(omega)), range(TOGETHER, len(omega), TOGETHER)):
+    for states in np.split(np.arange(len(omega)), range(STATES_PER_CALL, len(omega), STATES_PER_CALL)):
         own = _chunk(waves, states)
         solved = _solve_chunk(dragging, pose, basis, picked, _chunk_loads(still, pose, own), own.omega)
         parts.append(solved)
@@ -180,7 +177,7 @@ def solve_states(
 
 def _chunk(waves: Waves, states: np.ndarray) -> Waves:
     """The waves of these states, repeated up to a full chunk."""
-    return jax.tree.map(lambda x: x[np.resize(states, TOGETHER)], waves)
+    return jax.tree.map(lambda x: x[np.resize(states, STATES_PER_CALL)], waves)
 
 
 def _extreme_states(waves: Waves) -> np.ndarray:

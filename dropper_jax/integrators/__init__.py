@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
+from dropper_jax.base.records import column
 from dropper_jax.base.registry import Registry
 
 if TYPE_CHECKING:
@@ -41,7 +42,7 @@ class Options(Mapping[str, Mapping[str, Any]]):
         declared = [INTEGRATORS[scheme].options()[name] for scheme in TAKERS[name]]
         # at least one of the schemes includes its lowest value
         low = min(one["low"] for one in declared if one["above"] is None)
-        return {**declared[-1], "low": low, "above": None, "high": max(one["high"] for one in declared)}
+        return {**declared[-1], "low": low, "above": None, "high": max(column(declared, "high"))}
 
     def __iter__(self) -> Iterator[str]:
         return iter(TAKERS)

@@ -17,14 +17,14 @@ import jax.numpy as jnp
 from jax import Array
 
 from dropper_jax.axial import LinkStart
-from dropper_jax.integrators.consistent import (
-    after_change_of_step,
-    after_jump,
+from dropper_jax.integrators.consistent_velocities import (
     initial_velocity,
-    jumps,
+    points_jump,
     sawtooth_grows,
+    velocities_after_jump,
+    velocities_after_step_change,
 )
-from dropper_jax.integrators.stop_held import stop_held_joints, stop_held_nodes
+from dropper_jax.integrators.stop_stuck import stop_stuck_joints, stop_stuck_nodes
 from dropper_jax.model import MOVING_ENDS, AddedMass, Ends, Kinematics, Model, State, Works, book_works, turning
 from dropper_jax.residual import Implicit, LocalError, NodeRows, PerLaw, StepProblem, Unknowns
 
@@ -60,7 +60,9 @@ class EnergyMomentum(Implicit):
         return s
 
     def change_step(self, model: Model, s: State, h: Array) -> State:
-        v, _ = after_change_of_step(model.instant(s.r, s.v, s.t), s.acceleration, model.end_acceleration(s.t), h)
+        v, _ = velocities_after_step_change(
+            model.instant(s.r, s.v, s.t), s.acceleration, model.end_acceleration(s.t), h
+        )
         return replace(s, v=v)
 
     def equations(self, model: Model, s: State, h: Array) -> MidpointProblem:
@@ -189,9 +191,9 @@ class MidpointProblem(StepProblem):
             return v1, {}
         middle = self.instant(u.x)
         after = model.kinematics(r1, v1, s.t + h, self.ends1, prepared=self.prepared)
-        stop = stop_held_joints
+        stop = stop_stuck_joints
         if all(law.node_local for law in model.laws):
-            stop = stop_held_nodes
+            stop = stop_stuck_nodes
         v1, taken = stop(model, u.z[: len(model.laws)], middle, after, h)
         return v1, {model.laws[0].name: taken}
 
@@ -199,7 +201,7 @@ class MidpointProblem(StepProblem):
         """End velocities consistent with rigid links, if prescribed points jumped; impulses (n,) [N s] and their
         work."""
         model = self.model
-        jumped = jumps(model, self.s.t, self.h)
+        jumped = points_jump(model, self.s.t, self.h)
         grows = sawtooth_grows(model)
         if grows is not None and self.alone and self.gamma == 0.5:  # a shifted midpoint damps it
             rings = grows & (self._sawtooth(r1, v1) > RINGING_SPEED**2)
@@ -212,7 +214,7 @@ class MidpointProblem(StepProblem):
         def project() -> tuple[Array, ...]:
             t1 = self.s.t + self.h
             k = model.instant(r1, v1, t1, self.ends1)
-            v, impulse = after_jump(k, model.end_acceleration(t1), self.h)
+            v, impulse = velocities_after_jump(k, model.end_acceleration(t1), self.h)
             return v, impulse, model.kinetic_energy(k.with_velocity(v)) - model.kinetic_energy(k)
 
         unchanged = v1, jnp.zeros_like(self.s.tension), jnp.zeros((), v1.dtype)

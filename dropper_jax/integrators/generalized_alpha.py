@@ -22,7 +22,7 @@ from jax import Array
 from dropper_jax.base.fields import parameter
 from dropper_jax.base.numerics import safe_norm
 from dropper_jax.integrators.runge_kutta import accelerations, powers
-from dropper_jax.integrators.stop_held import stop_held_nodes
+from dropper_jax.integrators.stop_stuck import stop_stuck_nodes
 from dropper_jax.model import Ends, Frozen, Kinematics, LengthOverTime, Model, State
 from dropper_jax.residual import Implicit, LocalError, NodeRows, PerLaw, StepProblem, Unknowns, couples_inertia
 
@@ -186,12 +186,12 @@ class GeneralizedAlphaProblem(StepProblem):
         r1 = s.r + (h * s.v + u.x)
         v1 = self._velocity(u.x)
         a1 = self._acceleration(u.x)
-        v1, a1, stopped = self._stop_held(u, r1, v1, a1)
+        v1, a1, stopped = self._stop_stuck(u, r1, v1, a1)
         return self.end_state(
             r=r1, v=v1, tension=u.y, acceleration=a1, law=u.z, work=lambda: h * self._powers(u, stopped / h)
         )
 
-    def _stop_held(self, u: Unknowns, r1: Array, v1: Array, a1: Array) -> tuple[Array, Array, Array]:
+    def _stop_stuck(self, u: Unknowns, r1: Array, v1: Array, a1: Array) -> tuple[Array, Array, Array]:
         """End velocities and accelerations with nodes that friction held at rest, and the energy taken by stopping them
         [J].
 
@@ -201,7 +201,7 @@ class GeneralizedAlphaProblem(StepProblem):
             return v1, a1, jnp.zeros((), v1.dtype)
         middle = self.instant(u.x)
         after = self.model.kinematics(r1, v1, self.s.t + self.h, self.ends1, prepared=self.prepared)
-        v1, taken = stop_held_nodes(self.model, u.z, middle, after, self.h)
+        v1, taken = stop_stuck_nodes(self.model, u.z, middle, after, self.h)
         for law, z in zip(self.model.laws, u.z, strict=True):
             a1 = law.stop(middle, a1, z, self.h)
         return v1, a1, taken

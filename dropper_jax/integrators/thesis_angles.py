@@ -55,7 +55,7 @@ class ThesisAngles(Implicit):
 
 
 #: A vertical link has no azimuth: its rate is left at zero, which is an inherent defect of the scheme.
-VERTICAL = 1e-9
+VERTICAL_COSINE = 1e-9
 
 
 def angles_of_state(model: Model, s: State) -> tuple[Array, ...]:
@@ -77,7 +77,7 @@ def angles_of_links(d: Array, rate: Array) -> tuple[Array, ...]:
     polar = jnp.stack([-jnp.sin(theta) * jnp.cos(phi), -jnp.sin(theta) * jnp.sin(phi), -jnp.cos(theta)], -1)
     round_ = jnp.stack([-jnp.sin(phi), jnp.cos(phi), jnp.zeros_like(phi)], -1)
     flat = jnp.cos(theta)
-    has_azimuth = jnp.abs(flat) > VERTICAL
+    has_azimuth = jnp.abs(flat) > VERTICAL_COSINE
     azimuth_rate = jnp.where(
         has_azimuth, jnp.sum(rate * round_, -1) / (length * jnp.where(has_azimuth, flat, 1.0)), 0.0
     )

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from dropper_jax.integrators.projected import ProjectedRungeKutta
+from dropper_jax.integrators.projected_runge_kutta import ProjectedRungeKutta
 
 
 @dataclass(frozen=True)

@@ -67,8 +67,8 @@ def lanes(f: Callable[..., Tree], in_axes: Axis | tuple[Axis, ...] = 0) -> Calla
         members = jnp.shape(leaves[has_members.index(True)])[0]
         inputs, shapes = _members_last(leaves, has_members)
 
-        def f_of_leaves(*own: Array) -> Tree:
-            return f(*jax.tree.unflatten(tree, own))
+        def f_of_leaves(*member: Array) -> Tree:
+            return f(*jax.tree.unflatten(tree, member))
 
         program, form = jax.make_jaxpr(f_of_leaves, return_shape=True)(*shapes)
         try:

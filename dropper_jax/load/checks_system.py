@@ -9,6 +9,7 @@ import numpy as np
 
 from dropper_jax.base.errors import Check, SceneError, nearest, raise_first, raises_first
 from dropper_jax.base.read import Values, refuse, short_text
+from dropper_jax.base.records import by_name, names_of
 from dropper_jax.effects import EFFECTS
 from dropper_jax.load.checks_water import BELOW_BED, bed_height, check_growth, check_water
 from dropper_jax.scene import BodySpec, BuoySpec, LineSpec, PointSpec, SceneData, VesselSpec, check_anchors
@@ -28,7 +29,7 @@ def check_layout(scene: SceneData) -> Iterator[Check]:
     else:
         yield from _line_checks(scene, line)
     check_anchors(scene.anchors, scene.fixed_points)
-    lines = {line.name: line for line in scene.lines}
+    lines = by_name(scene.lines)
     for i, failure in enumerate(scene.failures):
         raise_first(failure.line_checks(lines), f"failure.{i}")
     if scene.season is not None:
@@ -48,7 +49,7 @@ def _name_checks(
 
 def _check_ends(scene: SceneData) -> None:
     """Check that every line ends at points that exist, and that every point is an end of a line."""
-    names = [point.name for point in scene.points]
+    names = names_of(scene.points)
     if not names:
         raise SceneError("point: missing; needed: one or more [[point]] tables")
     known = {*names}
@@ -87,7 +88,7 @@ def _line_checks(scene: SceneData, line: LineSpec) -> Iterator[Check]:
 
 def _system_checks(scene: SceneData) -> Iterator[Check]:
     """Checks for elastic lines of one law, every point connected to a fixed one, buoys on free points."""
-    free = {point.name for point in scene.points if point.is_free}
+    free = set(scene.free_points)
     for i, line in enumerate(scene.lines):
         if line.rigid and not free & {line.start, line.end}:
             check_span(scene, i)
@@ -104,7 +105,7 @@ def _system_checks(scene: SceneData) -> Iterator[Check]:
         f"line.0.links: {scene.lines[0].links} leaves no free node between fixed points; {AT_LEAST_2}",
     )
     reached = _reached(scene)
-    names = [point.name for point in scene.points]
+    names = names_of(scene.points)
     for i, name in enumerate(names):
         yield (
             name not in reached,
@@ -256,7 +257,7 @@ def attached_points(scene: SceneData) -> tuple[PointSpec, ...]:
     """
     raise_first(_name_checks("body", scene.bodies))
     raise_first(_name_checks("vessel", scene.vessels))
-    given = {point.name for point in scene.points}
+    given = set(names_of(scene.points))
     found: dict[str, PointSpec] = {}
     for section, kind, carriers in (("body", "free", scene.bodies), ("vessel", "fixed", scene.vessels)):
         for i, carrier in enumerate(carriers):

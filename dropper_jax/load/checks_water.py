@@ -17,10 +17,10 @@ from dropper_jax.effects.buoyancy import displaced_diameter, drag_diameter
 from dropper_jax.effects.seabed import Seabed
 from dropper_jax.scene import SceneData, line_slices
 from dropper_jax.sea import Current, Sea
-from dropper_jax.sea.interpolated import BoundWaves
+from dropper_jax.sea.bound_waves import BoundWaves
 from dropper_jax.sea.make import make_sea
 from dropper_jax.sea.spec import SeaSpec
-from dropper_jax.sea.steady import STOKES_HEIGHT, STOKES_LENGTH, highest
+from dropper_jax.sea.steady import STOKES_MAX_HEIGHT, STOKES_MAX_LENGTH, highest
 
 #: Effects that take the diameter of the lines.
 BY_MORISON = ("morison_drag", "morison_inertia", "thesis_wave_force")
@@ -207,14 +207,14 @@ def _finite(depth: float, waves: BoundWaves) -> Iterator[str]:
     limit = highest(length, depth)
     if height > NEARLY_BREAKING * limit:
         yield f"sea.waves: wave height {height:.4g} m is {height / limit:.2g} of the maximum, {limit:.4g} m"
-    long = length >= STOKES_LENGTH * depth
-    if waves.theory == "stokes5" and (long or height > STOKES_HEIGHT * limit):
+    long = length >= STOKES_MAX_LENGTH * depth
+    if waves.theory == "stokes5" and (long or height > STOKES_MAX_HEIGHT * limit):
         why = f"it is {height / limit:.2g} of the maximum height"
         if long:
             why = f"its length is {length / depth:.3g} depths"
         yield (
-            f"sea.waves.theory: 'stokes5' is inaccurate for this wave, {why} (at most {STOKES_LENGTH:g} depths and "
-            f"{STOKES_HEIGHT:g} of the maximum height). Use 'stream'"
+            f"sea.waves.theory: 'stokes5' is inaccurate for this wave, {why} (at most {STOKES_MAX_LENGTH:g} depths and "
+            f"{STOKES_MAX_HEIGHT:g} of the maximum height). Use 'stream'"
         )
 
 

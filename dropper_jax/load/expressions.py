@@ -27,7 +27,7 @@ FUNCTIONS: dict[str, Callable[..., Number]] = {f.__name__: f for f in (abs, min,
 FUNCTIONS |= {f.__name__: f for f in (math.sqrt, math.exp, math.log, math.sin, math.cos, math.tan, math.radians)}
 CONSTANTS = {"pi": math.pi}
 #: Maximum length of an expression [characters].
-LONGEST = 500
+MAX_LENGTH = 500
 ALLOWED = f"numbers, names, + - * / // % **, brackets and {', '.join(FUNCTIONS)}"
 
 
@@ -41,8 +41,8 @@ def evaluate(text: str, names: Mapping[str, Number], path: str) -> Number:
     Raises:
         SceneError: not an arithmetic expression, an unknown name (with the nearest), or a result that is not finite.
     """
-    if len(text) > LONGEST:
-        raise SceneError(f"{path}: an expression of {len(text)} characters; allowed: at most {LONGEST}")
+    if len(text) > MAX_LENGTH:
+        raise SceneError(f"{path}: an expression of {len(text)} characters; allowed: at most {MAX_LENGTH}")
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", SyntaxWarning)  # such as `1if`: rejected below

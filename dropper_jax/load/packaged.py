@@ -18,7 +18,7 @@ from dropper_jax.load.variants import VARIANTS
 #: Farms of other sizes are packaged too, but not listed.
 FARM = "dropper-farm"
 FARM_NAME = re.compile(r"dropper-farm(?:-(\d+))?")
-MOST_DROPPERS = 200
+MAX_DROPPERS = 200
 
 
 def parse_toml(data: bytes, label: str) -> Table:
@@ -94,9 +94,9 @@ def _farm_table(name: str, digits: str | None) -> Table:
     if digits is None:
         return table
     droppers = int(digits)
-    if not 1 <= droppers <= MOST_DROPPERS:
+    if not 1 <= droppers <= MAX_DROPPERS:
         raise SceneError(
-            f"scene: {name!r} has {droppers} droppers; allowed: dropper-farm-1 to dropper-farm-{MOST_DROPPERS}"
+            f"scene: {name!r} has {droppers} droppers; allowed: dropper-farm-1 to dropper-farm-{MAX_DROPPERS}"
         )
     return {**table, "name": name, "parameters": {**table["parameters"], "droppers": droppers}}
 

@@ -30,7 +30,9 @@ from dropper_jax.scene.body import CylinderSpec, SphereSpec
 from dropper_jax.scene.fit import PriorSpec, SensorSpec
 from dropper_jax.scene.length_in_time import LengthInTimeSpec, WinchSpec
 from dropper_jax.scene.vessel import RaoSpec
-from dropper_jax.sea.spec import CurrentSpec, LevelSpec, SeaSpec, WaveSpec
+from dropper_jax.sea.current_spec import CurrentSpec, LevelSpec
+from dropper_jax.sea.spec import SeaSpec
+from dropper_jax.sea.wave_spec import WaveSpec
 
 #: Keys and numbers that lead from a scene's table to a value.
 Steps = tuple[str | int, ...]

@@ -17,8 +17,8 @@ AnyScene = TypeVar("AnyScene", bound=SceneData)
 #: Saved states per period of the waves, or of the shortest link's swing without waves.
 ROWS_PER_PERIOD = 20
 #: Bounds of the number of saved states of a run.
-FEWEST_ROWS = 100
-MOST_ROWS = 10_000
+MIN_ROWS = 100
+MAX_ROWS = 10_000
 
 
 def periods(scene: SceneData) -> dict[str, float]:
@@ -65,7 +65,7 @@ def suggest_interval(scene: SceneData) -> float:
     found = periods(scene)
     duration = scene.run.duration
     interval = found.get("waves", found["swing"]) / ROWS_PER_PERIOD
-    interval = np.clip(interval, duration / MOST_ROWS, duration / FEWEST_ROWS)
+    interval = np.clip(interval, duration / MAX_ROWS, duration / MIN_ROWS)
     unit = 10.0 ** np.floor(np.log10(interval))
     return float(f"{np.floor(interval / unit * (1.0 + 1e-9)) * unit:.1g}")
 

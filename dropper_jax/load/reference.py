@@ -21,6 +21,7 @@ import numpy as np
 from dropper_jax.axial import LAWS
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.read import ScenePath, Table, Values, declared_fields, join, limits
+from dropper_jax.base.records import names_of
 from dropper_jax.integrators import INTEGRATORS, OPTIONS
 from dropper_jax.load.paths import declared_sections
 
@@ -116,19 +117,19 @@ def _section(path: str, head: str, cls: type | None) -> Section:
     if path == "run":
         keys += [_option(name, about) for name, about in OPTIONS.items()]
     if path in ("line.*.axial", "line_type.*"):
-        keys += _law_keys(path, {key.name for key in (*keys, *by_hand)})
+        keys += _law_keys(path, set(names_of((*keys, *by_hand))))
     if path == "point_type.*":
         keys = [key for key in keys if key.name != "position"]
     about = _by_hand().get(path, {}).get("about") or inspect.getdoc(cls) or ""
     return Section(path, head, _first(about), source, (*keys, *by_hand))
 
 
-def _law_keys(path: str, known: set[str]) -> Iterable[Key]:
-    """Keys of axial laws in addition to those known."""
+def _law_keys(path: str, listed: set[str]) -> Iterable[Key]:
+    """Keys of axial laws in addition to those already listed."""
     found: dict[str, Key] = {}
     for law in LAWS.values():
         for key in _declared_keys(path, law):
-            if key.name not in known:
+            if key.name not in listed:
                 found[key.name] = key
     return found.values()
 
@@ -165,7 +166,7 @@ def _default(field: dataclasses.Field) -> str:
         case (str(), *_):
             return str(list(value))
         case tuple() | list() | np.ndarray():
-            return str([float(x) for x in value])
+            return str(list(map(float, value)))
         case float():
             return f"{value:g}"
     return str(value)

@@ -24,6 +24,7 @@ from dropper_jax.base.read import (
     read_fields,
     read_text,
 )
+from dropper_jax.base.records import select_keys, without_keys
 from dropper_jax.base.references import references_of
 from dropper_jax.effects import EFFECTS
 from dropper_jax.integrators import INTEGRATORS, OPTIONS
@@ -48,7 +49,7 @@ POSE_TOLERANCE = 1e-6
 #: The same for angles that are closed on loading: files contain angles with four or five decimals.
 CLOSED_TOLERANCE = 1e-4
 #: Length of an elastic link over its unstretched length from which measured positions are not those of its line.
-STRETCHED = 2.0
+MAX_STRETCH = 2.0
 
 
 def given_pose(scene: SceneData) -> tuple[str, np.ndarray] | None:
@@ -139,10 +140,10 @@ def check_system_pose(scene: SceneData) -> None:
         check_pose(scene, line, path, nodes, int(rows[where.nodes.start]))
         sizes = np.linalg.norm(np.diff(nodes, axis=0), axis=1) / line.length
         worst = int(np.argmax(sizes))
-        if sizes[worst] > STRETCHED:
+        if sizes[worst] > MAX_STRETCH:
             raise SceneError(
                 f"{path}: link {worst + 1} is {sizes[worst]:.4g} times as long as unstretched; allowed: up to "
-                f"{STRETCHED:g}. Check unit and order of the nodes"
+                f"{MAX_STRETCH:g}. Check unit and order of the nodes"
             )
         for i, name in ((0, line.start), (line.links, line.end)):
             row = int(rows[where.nodes.start + i])
@@ -159,7 +160,7 @@ def _point_text(position: np.ndarray) -> str:
 
 
 #: Maximum number of lines and points in the table of a scene.
-SHOWN = 12
+MAX_SHOWN = 12
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -221,9 +222,9 @@ class Scene(SceneData):
         """A small table, for notebooks."""
         rows = [
             ("run", f"{self.run.integrator}, {self.run.steps_in_words} to {self.run.duration:g} s"),
-            ("points", ", ".join(f"{point.name} ({point.kind})" for point in self.points[:SHOWN])),
+            ("points", ", ".join(f"{point.name} ({point.kind})" for point in self.points[:MAX_SHOWN])),
         ]
-        for line in self.lines[:SHOWN]:
+        for line in self.lines[:MAX_SHOWN]:
             size = f"{line.links} links, {line.total:.4g} m, {np.sum(line.mass):.4g} kg"
             rows.append((f"line {line.name}", size))
         rows.append(("effects", ", ".join(self.effects) or "none"))
@@ -249,7 +250,7 @@ class Scene(SceneData):
             if path in values and other not in values and self.sea is not None:
                 values[other] = values[path]
         if "sea.packaged" in values:  # another sea replaces this one's waves and water
-            table["sea"] = {key: value for key, value in table.get("sea", {}).items() if key in ("current", "ramp")}
+            table["sea"] = select_keys(table.get("sea", {}), ("current", "ramp"))
         if self.written is not None:
             table = self.written.with_changes(table, values)
         else:
@@ -282,7 +283,7 @@ class Scene(SceneData):
     def _from_template(self, original: Template, values: Values) -> Scene:
         """The scene with values changed: parameters before all others, including those of earlier changes."""
         given = {path: value for path, value in values.items() if ScenePath(path).section == "parameters"}
-        changes = {path: value for path, value in values.items() if path not in given}
+        changes = without_keys(values, given)
         scene = self
         template = original.with_changes(given, changes)
         if given:

@@ -51,6 +51,7 @@ from dropper_jax.base.read import (
     read_table,
     read_text,
 )
+from dropper_jax.base.records import column, without_keys
 from dropper_jax.load.expressions import Number, evaluate
 
 #: Sections that only templates have.
@@ -61,7 +62,7 @@ UNIT_SECTIONS = ("point", "line", "buoy")
 LAYOUT_KEYS = ("name", "origin", "heading", "shared")
 ARRAY_KEYS = ("of", "repeat", *LAYOUT_KEYS)
 #: Maximum number of items created by one `repeat`: 200 longlines of 60 loops have 12 000.
-MOST_COPIES = 20_000
+MAX_COPIES = 20_000
 NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*\Z")
 BRACES = re.compile(r"\{([^{}]*)\}")
 
@@ -144,7 +145,7 @@ class Template:
         for name in names:  # all of them, used or not
             names[name]
         types = evaluate_values(self.table.get("point_type", []), names, "point_type")
-        rest = {key: value for key, value in self.table.items() if key not in (*TEMPLATE_SECTIONS, *REPEATED_SECTIONS)}
+        rest = without_keys(self.table, (*TEMPLATE_SECTIONS, *REPEATED_SECTIONS))
         found = evaluate_table(rest, names, "")
         for section in REPEATED_SECTIONS:
             items = _items(self.table, section, names)
@@ -163,8 +164,8 @@ class Template:
         check_keys(unit, UNIT_SECTIONS, f"unit.{kind}")
         for inner in _repetitions(array, path, names):
             part = {section: _items(unit, section, inner, f"unit.{kind}.") for section in UNIT_SECTIONS}
-            layout = _Layout.read(array, path, inner, {item["name"] for item in part["point"]})
-            known = {item["name"] for item in found.setdefault("point", [])}
+            layout = _Layout.read(array, path, inner, set(column(part["point"], "name")))
+            known = set(column(found.setdefault("point", []), "name"))
             points = [layout.point(point) for point in part["point"]]
             # a shared point has the position given by its first unit
             found["point"] += [point for point in points if point["name"] not in known]
@@ -214,7 +215,7 @@ class _Layout:
             if key in item:
                 found[key] = self.name_of_point(item[key])
         if "attach" in item:
-            found["attach"] = [self._stop(stop) for stop in item["attach"]]
+            found["attach"] = list(map(self._stop, item["attach"]))
         return found
 
     def _stop(self, stop: Table) -> Table:
@@ -269,8 +270,8 @@ def _repetitions(item: Values, path: str, names: Names) -> Iterator[Names]:
         values = _read_range(value, f"{path}.repeat.{key}", names)
         ranges.append(values)
         count *= values.stop - values.start
-        if count > MOST_COPIES:
-            raise SceneError(f"{path}.repeat: creates more than {MOST_COPIES} parts; allowed: at most {MOST_COPIES}")
+        if count > MAX_COPIES:
+            raise SceneError(f"{path}.repeat: creates more than {MAX_COPIES} parts; allowed: at most {MAX_COPIES}")
     return (names.new_child(dict(zip(repeat, each, strict=True))) for each in itertools.product(*ranges))
 
 

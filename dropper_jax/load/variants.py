@@ -6,6 +6,7 @@ import re
 from functools import partial
 
 from dropper_jax.base.read import Table
+from dropper_jax.base.records import column, without_keys
 
 #: Effects that an undamped scene lacks.
 DAMPING = ("linear_damping", "quadratic_damping")
@@ -17,7 +18,7 @@ RAMP_START = 3.0
 RELEASES = {"-ramp": 15.0, "-ramp-14": 14.1}
 #: Centre of gravity of a pitching spar above its base [m], which the paper does not give: a homogeneous spar of its
 #: size capsizes.
-CENTRE = 1.0
+CENTRE_HEIGHT = 1.0
 
 
 def _variant(table: Table, note: str, **sections: Table) -> Table:
@@ -25,7 +26,7 @@ def _variant(table: Table, note: str, **sections: Table) -> Table:
 
 
 def _without_damping(table: Table, file: str) -> Table:
-    effects = {name: values for name, values in table["effects"].items() if name not in DAMPING}
+    effects = without_keys(table["effects"], DAMPING)
     return _variant(table, "Without damping.", effects=effects)
 
 
@@ -84,10 +85,10 @@ def pitching(table: Table) -> Table:
     """
     positions = {point["name"]: point["position"] for point in table["point"]}
     bodies = [_body(buoy, positions[buoy["point"]]) for buoy in table["buoy"]]
-    replaced = {buoy["point"] for buoy in table["buoy"]}  # by attachments of the bodies
+    replaced = set(column(table["buoy"], "point"))  # by attachments of the bodies
     note = (
-        f" The spar pitches: a rigid body with its centre of gravity {CENTRE:g} m above the base, which the paper does "
-        "not give (assumed)."
+        f" The spar pitches: a rigid body with its centre of gravity {CENTRE_HEIGHT:g} m above the base, which the "
+        "paper does not give (assumed)."
     )
     rest = {key: value for key, value in table.items() if key != "buoy"}
     points = [point for point in table["point"] if point["name"] not in replaced]
@@ -99,8 +100,10 @@ def _body(buoy: Table, point: list[float]) -> Table:
     mass = buoy["mass"]
     height = buoy["height"]
     diameter = buoy["diameter"]
-    hull = mass * (CENTRE - ballast) / (0.5 * height - ballast)
-    across = hull * (height**2 / 12.0 + (0.5 * height - CENTRE) ** 2) + (mass - hull) * (CENTRE - ballast) ** 2
+    hull = mass * (CENTRE_HEIGHT - ballast) / (0.5 * height - ballast)
+    across = (
+        hull * (height**2 / 12.0 + (0.5 * height - CENTRE_HEIGHT) ** 2) + (mass - hull) * (CENTRE_HEIGHT - ballast) ** 2
+    )
     attachment = buoy.get("attachment", 0.0)
     cylinder = {
         "from": [0.0, 0.0, 0.0],
@@ -116,7 +119,7 @@ def _body(buoy: Table, point: list[float]) -> Table:
         "name": buoy["name"],
         "position": [point[0], point[1], point[2] - attachment],
         "mass": mass,
-        "centre_of_mass": [0.0, 0.0, CENTRE],
+        "centre_of_mass": [0.0, 0.0, CENTRE_HEIGHT],
         "inertia": [across, across, mass * diameter**2 / 8.0],
         "cylinders": [cylinder],
         "attachments": {buoy["point"]: [0.0, 0.0, attachment]},

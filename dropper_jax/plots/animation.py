@@ -27,7 +27,7 @@ from dropper_jax.plots.run import Run
 from dropper_jax.plots.style import ALERT, CYCLE, DARK, FAINT
 
 #: Longest side of the drawn box [inch].
-LONGEST = 4.2
+LONGEST_SIDE = 4.2
 
 SUFFIXES = (".gif", ".mp4")
 #: Colours of a frame besides those of the tension.
@@ -167,7 +167,7 @@ class _Stage:
         self.step = int(np.ceil(np.diff(frames).max(initial=1)))
         flat = view.planar(positions)
         limits = system.limits(run, positions)
-        self.figure = figures.new_figure(*view.figure_size(limits, LONGEST), layout=None)
+        self.figure = figures.new_figure(*view.figure_size(limits, LONGEST_SIDE), layout=None)
         self.axes = _axes(self.figure, limits, flat)
         # the first buoy is more informative than the middle of the list of nodes
         self.traced = run.buoys[0].node if run.buoys else positions.shape[1] // 2
@@ -266,7 +266,7 @@ def _palette() -> Image.Image:
 def _axes(figure: Figure, limits: np.ndarray, flat: bool) -> Axes:
     """Axes with space for the title and, on the right, for the colour bar."""
     if not flat:
-        return view.space_axes(figure, limits, LONGEST)
+        return view.space_axes(figure, limits, LONGEST_SIDE)
     inch = 1 / figure.get_figwidth()
     axes = view.flat_axes(figure, limits)
     axes.set_position((0.7 * inch, 0.13, 1 - 1.85 * inch, 0.76))

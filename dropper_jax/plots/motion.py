@@ -9,8 +9,9 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator, MaxNLocator
 
 from dropper_jax.analysis import spectrum
+from dropper_jax.base.records import names_of
 from dropper_jax.plots import figures, panels, scales, style, system, view
-from dropper_jax.plots.run import ANGLE, TRAVEL, Run, directions, elevations, travel
+from dropper_jax.plots.run import ANGLE_ROUNDING, TRAVEL_ROUNDING, Run, directions, elevations, travel
 from dropper_jax.plots.style import CYCLE, DARK, FAINT, FIRST, SECOND
 from dropper_jax.plots.tension import ends_panel, scale_tensions
 from dropper_jax.plots.time_panels import Curve, Panel, draw_panel, history, legend, line_style
@@ -42,7 +43,7 @@ def motion_panels(run: Run) -> list[Panel]:
         moved = positions - positions[0]
         labels = names
         what = "from its start [m]"
-    least = TRAVEL * max(view.size(run.positions[:1]), 1e-300)
+    least = TRAVEL_ROUNDING * max(view.size(run.positions[:1]), 1e-300)
     found = []
     for axis, letter in enumerate("xyz"):
         curves = [Curve(name, run.t, values) for name, values in zip(labels, moved[..., axis].T, strict=True)]
@@ -133,7 +134,7 @@ def amplitude_spectrum(run: Run, path: str | Path) -> Path:
     spectra = [(name, *uniform_spectrum(run.t, values)) for name, values in series.items()]
     frequency = spectra[0][1]
     amplitudes = np.array([amplitude for _, _, amplitude in spectra])
-    top = max(amplitudes.max(), ANGLE)
+    top = max(amplitudes.max(), ANGLE_ROUNDING)
     floor = top * 10.0**-decades
     last = _last_frequency(frequency, amplitudes)
 
@@ -157,7 +158,7 @@ def amplitude_spectrum(run: Run, path: str | Path) -> Path:
 def _system_spectra(run: Run, path: str | Path) -> Path:
     """Spectra of the tensions at the ends of lines, of the motion and of the surface, a panel each; in waves also the
     vertical motion over the surface."""
-    spectra = [_spectra(panel) for panel in (ends_panel(run, scale_tensions(run)), *motion_panels(run))]
+    spectra = list(map(_spectra, (ends_panel(run, scale_tensions(run)), *motion_panels(run))))
     shown = [*spectra, *_heave_ratio(spectra)]
     figure = figures.new_figure(8.5, 1.2 + 1.75 * len(shown))
     all_axes = figures.panels(figure, len(shown), sharex=True)
@@ -165,7 +166,7 @@ def _system_spectra(run: Run, path: str | Path) -> Path:
         draw_panel(axes, panel)
         axes.set_ylabel(panel.label)
         axes.set_title(panel.title, loc="left", fontsize=9)
-        if any(curve.name for curve in panel.curves):
+        if any(names_of(panel.curves)):
             legend(axes)
     firsts = [panel.curves[0] for panel in spectra]
     last = np.median([_last_frequency(curve.t, curve.values[None, :, None]) for curve in firsts])

@@ -12,12 +12,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from dropper_jax.base.records import names_of
 from dropper_jax.plots import figures, marks, scales, style
-from dropper_jax.plots.run import ANGLE, Run, changing, chosen_links
+from dropper_jax.plots.run import ANGLE_ROUNDING, Run, changing, chosen_links
 from dropper_jax.plots.style import CYCLE, FAINT, FIRST
 
 #: Maximum number of links with a trace; more are drawn as a map over time and link (traces) or thinned out (grid).
-MOST = 12
+MAX_TRACES = 12
 
 Columns = list[tuple[str, np.ndarray]]
 
@@ -30,12 +31,12 @@ def traces(run: Run, path: str | Path, what: str, columns: Columns) -> Path:
     """
     t = run.t
     links = len(run.labels)
-    moving = changing((values for _, values in columns), ANGLE)
+    moving = changing((values for _, values in columns), ANGLE_ROUNDING)
     if len(t) == 1:
         moving[:] = True
     if not moving.any():
         return constants(run, path, what, columns)
-    if links > MOST:
+    if links > MAX_TRACES:
         return figures.finish(_map(columns, run), run, what, path)
     still = [label for label, moves in zip(run.labels, moving, strict=True) if not moves]
     if still:
@@ -97,8 +98,8 @@ def _map(columns: Columns, run: Run) -> Figure:
     return figure
 
 
-#: Maximum number of lines that are named along an axis, in smaller letters than up to `MOST`.
-MOST_NAMES = 30
+#: Maximum number of lines that are named along an axis, in smaller letters than up to `MAX_TRACES`.
+MAX_NAMES = 30
 
 
 def _link_axis(axes: Axes, run: Run, letter: Literal["x", "y"]) -> None:
@@ -109,10 +110,10 @@ def _link_axis(axes: Axes, run: Run, letter: Literal["x", "y"]) -> None:
         axis.set_label_text("link")
         axis.set_major_locator(MaxNLocator(8, integer=True))
         return
-    shown = lines[:: math.ceil(len(lines) / MOST_NAMES)]
-    label_size = 9 if len(shown) <= MOST else 6
+    shown = lines[:: math.ceil(len(lines) / MAX_NAMES)]
+    label_size = 9 if len(shown) <= MAX_TRACES else 6
     axes.tick_params(axis=letter, labelsize=label_size)
-    axis.set_ticks([0.5 * (line.links.start + line.links.stop + 1) for line in shown], [line.name for line in shown])
+    axis.set_ticks([0.5 * (line.links.start + line.links.stop + 1) for line in shown], names_of(shown))
     edges = [line.links.start + 0.5 for line in lines[1:]]
     if letter == "y":
         axes.hlines(edges, 0.0, 1.0, transform=axes.get_yaxis_transform(), color="white", lw=1.0)
@@ -131,11 +132,11 @@ def grid(
     share: bool,
 ) -> Path:
     """A panel for each link that moves, drawn by `draw(axes, link)`; `labels` of the axes, which panels may `share`."""
-    chosen = chosen_links(run, MOST)
+    chosen = chosen_links(run, MAX_TRACES)
     count = len(chosen)
     if count == 0:
         figure = figures.new_figure(6.0, 2.0)
-        figure.text(0.5, 0.45, f"no link turns by more than {ANGLE:g} rad", ha="center", color=FAINT)
+        figure.text(0.5, 0.45, f"no link turns by more than {ANGLE_ROUNDING:g} rad", ha="center", color=FAINT)
         return figures.finish(figure, run, what, path)
     # A little wider than high: 7 links make 2 rows of 4, 9 make 3 of 3.
     rows = max(1, round(0.85 * math.sqrt(count)))

@@ -19,9 +19,9 @@ from dropper_jax.plots.style import CYCLE, DARK, FAINT
 from dropper_jax.plots.system import SURFACE, WATER, draw_bed, draw_solids, limits, surface_lines
 
 #: Number of past configurations in a snapshot.
-PAST = 8
+PAST_POSES = 8
 #: With more lines than this, only one configuration is drawn, since more could not be distinguished.
-CROWDED = 12
+MAX_LINES_WITH_PAST = 12
 
 
 @style.with_style
@@ -39,7 +39,7 @@ def snapshot(run: Run, path: str | Path, time: float | None = None) -> Path:
     now = run.sample(time)
     clock = run.t[now]
     flat = view.planar(positions)
-    crowded = len(run.lines) > CROWDED
+    crowded = len(run.lines) > MAX_LINES_WITH_PAST
     past = [] if crowded else _past(positions, now)
     drawn = limits(run, positions[[0, *past, now]])
     figure, axes, bar = _new_view(drawn, flat)
@@ -55,7 +55,7 @@ def snapshot(run: Run, path: str | Path, time: float | None = None) -> Path:
 
     _surroundings(axes, run, drawn, clock)
     for age, index in enumerate(reversed(past), start=1):
-        draw_lines(index, color=FAINT, lw=1.0, alpha=0.6 * (1 - age / (PAST + 1)))
+        draw_lines(index, color=FAINT, lw=1.0, alpha=0.6 * (1 - age / (PAST_POSES + 1)))
     if now > 0 and not crowded:
         draw_lines(0, f"start, t = {run.t[0]:g} s", color=CYCLE[0], lw=1.2, ls=(0, (4, 3)))
     links = _bold_links(axes, run, now)
@@ -128,6 +128,6 @@ def _past(positions: np.ndarray, now: int) -> list[int]:
     """Samples before `now` at a given distance, so that a picture does not depend on the output interval."""
     moved = np.abs(np.diff(positions[: now + 1], axis=0)).max(axis=(1, 2))
     back = np.cumsum(moved[::-1])
-    distances = PAST_DISTANCE * view.size(positions) * np.arange(1, PAST + 1)
+    distances = PAST_DISTANCE * view.size(positions) * np.arange(1, PAST_POSES + 1)
     steps = np.searchsorted(back, distances[distances <= back.max(initial=0.0)]) + 1
     return (now - steps[::-1]).tolist()

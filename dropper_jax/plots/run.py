@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
+from dropper_jax.base.records import names_of
 from dropper_jax.load.checks_water import surface_over
 from dropper_jax.load.scene import Scene
 from dropper_jax.plots import view
@@ -60,7 +61,7 @@ class Bodies(NamedTuple):
 
     def rings(self, index: int) -> list[np.ndarray]:
         """Rings of each shape in the scene [m] at a sample."""
-        axes = [rotation(attitude) for attitude in self.attitude[index]]
+        axes = list(map(rotation, self.attitude[index]))
         return [self.position[index, shape.body] + shape.rings() @ axes[shape.body].T for shape in self.shapes]
 
     def outlines(self, index: int, project: Callable[[np.ndarray], np.ndarray]) -> list[np.ndarray]:
@@ -82,9 +83,9 @@ def _outline(points: np.ndarray) -> np.ndarray:
 
 
 #: Limits of rounding: angles [rad]; tensions relative to the maximum; displacements relative to the size of the scene.
-ANGLE = 1e-7
-TENSION = 1e-6
-TRAVEL = 1e-7
+ANGLE_ROUNDING = 1e-7
+TENSION_ROUNDING = 1e-6
+TRAVEL_ROUNDING = 1e-7
 
 
 def swing(run: Run) -> np.ndarray:
@@ -107,19 +108,19 @@ def travel(run: Run) -> np.ndarray:
 
 def anything_moves(run: Run) -> bool:
     """Whether any node moves by more than rounding."""
-    return bool(travel(run).max() > TRAVEL * max(view.size(run.positions[:1]), 1e-300))
+    return bool(travel(run).max() > TRAVEL_ROUNDING * max(view.size(run.positions[:1]), 1e-300))
 
 
 def chosen_links(run: Run, most: int) -> np.ndarray:
     """Links that have a panel, at most `most`, in order: evenly spaced in a single line; of many lines the links that
     move most."""
     size = swing(run)
-    moving = np.flatnonzero(size > ANGLE)
+    moving = np.flatnonzero(size > ANGLE_ROUNDING)
     if len(run.written_lines) == 1 or len(moving) <= most:
         return moving[np.unique(np.linspace(0, len(moving) - 1, min(len(moving), most)).round().astype(int))]
     best = np.array([line.links.start + int(np.argmax(size[line.links])) for line in run.written_lines])
     order = np.argsort(-size[best], kind="stable")[:most]
-    return np.sort(best[order][size[best[order]] > ANGLE])
+    return np.sort(best[order][size[best[order]] > ANGLE_ROUNDING])
 
 
 def changing(columns: Iterable[np.ndarray], least: float) -> np.ndarray:
@@ -168,7 +169,7 @@ class Run(Samples):
     @cached_property
     def joints(self) -> tuple[int, ...]:
         """Nodes of the free points."""
-        return tuple(self.point_names[p.name] for p in self.scene.points if p.is_free)
+        return tuple(self.point_names[name] for name in self.scene.free_points)
 
     @cached_property
     def buoys(self) -> tuple[Float, ...]:
@@ -185,7 +186,7 @@ class Run(Samples):
         for i, body in enumerate(specs):
             cylinders += [Shape(i, c.start, c.end, c.diameter) for c in body.cylinders]
             spheres += [Shape(i, s.centre, s.centre, s.diameter) for s in body.spheres]
-        names = tuple(body.name for body in specs)
+        names = tuple(names_of(specs))
         return Bodies(names, (*cylinders, *spheres), self.body_position, self.body_attitude)
 
     @cached_property
@@ -198,7 +199,7 @@ class Run(Samples):
         """The sample of the maximum tension, the last one if it is constant; that at the start belongs to no step."""
         # a failed run may end with any value
         largest = np.nan_to_num(self.max_tension[1:].max(axis=1), posinf=0.0, neginf=0.0)
-        if len(largest) == 0 or np.ptp(largest) <= TENSION * np.abs(largest).max():
+        if len(largest) == 0 or np.ptp(largest) <= TENSION_ROUNDING * np.abs(largest).max():
             return len(largest)
         return 1 + int(np.argmax(largest))
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from dropper_jax.load.scene import Scene
 from dropper_jax.plots import figures, panels, style
-from dropper_jax.plots.run import TENSION, Run, changing
+from dropper_jax.plots.run import TENSION_ROUNDING, Run, changing
 from dropper_jax.plots.scales import force_unit
 from dropper_jax.plots.style import CYCLE, DARK
 from dropper_jax.plots.time_panels import Curve, Panel, history
@@ -18,7 +18,7 @@ from dropper_jax.run.end_links import Motion, loaded_fixed_points, point_loads
 from dropper_jax.scene import whole_lines
 
 #: Maximum number of curves in one panel.
-MOST_CURVES = 4
+MAX_CURVES = 4
 
 
 @style.plot_style()
@@ -34,7 +34,7 @@ def along_lines(scene: Scene, positions: np.ndarray, tension: np.ndarray, path: 
     unit, size = force_unit(tension)
     figure = figures.new_figure(7.5, 4.8)
     upper, lower = figure.subplots(2, 1, sharex=True)
-    for i, (colour, line) in enumerate(zip(CYCLE, lines[: 2 * MOST_CURVES], strict=False)):
+    for i, (colour, line) in enumerate(zip(CYCLE, lines[: 2 * MAX_CURVES], strict=False)):
         dashes = "--" if i % 2 else "-"  # equal lines hide each other
         mark = {"marker": "o", "ms": 2.5, "color": colour, "ls": dashes}
         arc = np.concatenate([[0.0], np.cumsum(line.spec.length)])
@@ -83,7 +83,7 @@ def tension_history(run: Run, path: str | Path) -> Path:
     step is saved. A long record is drawn as its envelope, with a zoom around its maximum tension.
     """
     scaled = scale_tensions(run)
-    threshold = TENSION * np.nanmax(np.abs(scaled.tension), initial=0.0)
+    threshold = TENSION_ROUNDING * np.nanmax(np.abs(scaled.tension), initial=0.0)
     if len(run.t) > 1 and not changing([scaled.low, scaled.high], threshold).any():
         return panels.constants(run, path, "tension", [(f"tension [{scaled.unit}]", scaled.tension)])
     shown = [maximum_panel(run, scaled)]
@@ -93,7 +93,7 @@ def tension_history(run: Run, path: str | Path) -> Path:
 
 
 #: Fraction of the maximum force below which a fixed point has no curve: anchors on which the line lies.
-UNLOADED = 0.01
+UNLOADED_SHARE = 0.01
 
 
 def maximum_panel(run: Run, scaled: ScaledTensions) -> Panel:
@@ -115,20 +115,20 @@ def fixed_points_panel(run: Run, scaled: ScaledTensions) -> Panel:
         low = run.point_load_min[scaled.samples, :, 2] / scaled.size
         high = run.point_load_max[scaled.samples, :, 2] / scaled.size
     tops = np.nanmax(high, axis=0)
-    loaded = tops > UNLOADED * tops.max()
-    shown = [i for i in np.argsort(-tops, kind="stable") if loaded[i]][:MOST_CURVES]
+    loaded = tops > UNLOADED_SHARE * tops.max()
+    shown = [i for i in np.argsort(-tops, kind="stable") if loaded[i]][:MAX_CURVES]
     curves = [Curve(names[i], scaled.t, force[:, i], low[:, i], high[:, i]) for i in shown]
     title = _count_title("force on each fixed point", len(shown), len(names))
     unloaded = len(names) - int(loaded.sum())
     if unloaded:
-        title = f"{title}; {unloaded} below {UNLOADED:.0%} of the maximum"
+        title = f"{title}; {unloaded} below {UNLOADED_SHARE:.0%} of the maximum"
     return Panel(f"force [{scaled.unit}]", curves or [Curve("", scaled.t, np.zeros(len(scaled.t)))], title)
 
 
 def ends_panel(run: Run, scaled: ScaledTensions) -> Panel:
     """Both ends of one line; of several the more loaded end."""
     tops = np.nanmax(scaled.high, axis=0)
-    lines = sorted(run.written_lines, key=lambda line: -tops[line.links].max())[:MOST_CURVES]
+    lines = sorted(run.written_lines, key=lambda line: -tops[line.links].max())[:MAX_CURVES]
     what = "more loaded end of each line"
     ends = {}
     for line in lines:

@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
+from dropper_jax.base.records import names_of
 from dropper_jax.plots import figures, marks, scales
 from dropper_jax.plots.run import Run
 from dropper_jax.plots.style import CYCLE, FAINT
@@ -55,7 +56,7 @@ class Panel(NamedTuple):
 
 
 #: Number of turning points above which a panel shows an envelope: 200 waves of five pixels each are still visible.
-MOST_TURNS = 400
+MAX_TURNS = 400
 
 
 def history(run: Run, path: str | Path, what: str, panels: list[Panel]) -> Path:
@@ -66,7 +67,7 @@ def history(run: Run, path: str | Path, what: str, panels: list[Panel]) -> Path:
     zoom = None
     width = 8.5
     ratios = [1.0]
-    if any(turns(curve.values) > MOST_TURNS for panel in panels for curve in panel.curves):
+    if any(turns(curve.values) > MAX_TURNS for panel in panels for curve in panel.curves):
         zoom = zoom_of(panels)
         width = 11.5
         ratios = [1.55, 1.0]
@@ -82,7 +83,7 @@ def history(run: Run, path: str | Path, what: str, panels: list[Panel]) -> Path:
             draw_panel(row[0], panel, envelope=_shortest(panel, panels))
             row[0].axvspan(*zoom, color=FAINT, alpha=0.25, lw=0)
             draw_panel(row[1], panel, part=zoom)
-        names = [curve.name for curve in panel.curves]
+        names = names_of(panel.curves)
         if any(names) and names != above:
             legend(row[-1])
         above = names
@@ -181,13 +182,13 @@ def _without_beat(t: np.ndarray, mean: np.ndarray, period: float) -> np.ndarray:
 
 
 #: Relative change of a series below which it is rounding.
-CONSTANT = 1e-6
+CONSTANT_CHANGE = 1e-6
 
 
 def turns(values: np.ndarray) -> int:
     """Number of reversals of a series (k,) by more than about 3 % of its range."""
     known = values[np.isfinite(values)]
-    if known.size < 3 or np.ptp(known) <= CONSTANT * np.abs(known).max():
+    if known.size < 3 or np.ptp(known) <= CONSTANT_CHANGE * np.abs(known).max():
         return 0
     changes = np.diff(np.rint((known - known.min()) / (0.03 * np.ptp(known))))
     signs = np.sign(changes[changes != 0])

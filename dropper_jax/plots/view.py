@@ -11,10 +11,10 @@ from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d import Axes3D, axis3d, proj3d
 
 #: Motion is planar if y stays within this fraction of the picture's size.
-FLAT = 1e-9
+PLANAR_SHARE = 1e-9
 #: Longest side of the drawn box, and space for labels, title and colour bar around a view in space, left, right, bottom
 #: and top [inch].
-LONGEST = 6.5
+LONGEST_SIDE = 6.5
 SPACE_MARGINS = (0.35, 1.75, 0.75, 0.45)
 #: Distance of the name of an axis in space from its tick labels [inch].
 NAME_GAP = 0.06
@@ -22,7 +22,7 @@ NAME_GAP = 0.06
 
 def planar(positions: np.ndarray) -> bool:
     """Whether nodes (k, n + 1, 3) stay in one x-z plane."""
-    return bool(np.ptp(positions[..., 1]) <= FLAT * size(positions))
+    return bool(np.ptp(positions[..., 1]) <= PLANAR_SHARE * size(positions))
 
 
 def size(positions: np.ndarray) -> float:
@@ -51,7 +51,7 @@ def flat_axes(figure: Figure, limits: np.ndarray) -> Axes:
     return axes
 
 
-def space_axes(figure: Figure, limits: np.ndarray, longest: float = LONGEST) -> Axes3D:
+def space_axes(figure: Figure, limits: np.ndarray, longest: float = LONGEST_SIDE) -> Axes3D:
     """Axes in space, equal scales, in a figure that fits them: the drawn box is at most `longest` [inch] wide."""
     side = limits[:, 1] - limits[:, 0]
     rect = (0.0, 0.0, 1.0, 1.0)
@@ -126,7 +126,7 @@ def bar_axes(figure: Figure) -> Axes:
     )
 
 
-def figure_size(limits: np.ndarray, longest: float = LONGEST) -> tuple[float, float]:
+def figure_size(limits: np.ndarray, longest: float = LONGEST_SIDE) -> tuple[float, float]:
     """Width and height [inch] of a view in a plane, with space for labels and the colour bar."""
     side = np.ptp(limits, axis=1)[[0, 2]]
     return tuple(np.maximum(side * (longest / side.max()) + [1.6, 1.2], [4.6, 3.2]))

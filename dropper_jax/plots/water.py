@@ -15,14 +15,14 @@ from matplotlib.ticker import MaxNLocator
 from dropper_jax.load.checks_water import bed_height
 from dropper_jax.plots import figures, marks, panels, scales, style, view
 from dropper_jax.plots.motion import uniform_spectrum
-from dropper_jax.plots.run import ANGLE, Run, elevations, swing
+from dropper_jax.plots.run import ANGLE_ROUNDING, Run, elevations, swing
 from dropper_jax.plots.scales import force_unit
 from dropper_jax.plots.style import ALERT, CYCLE, DARK, FAINT, SECOND
 from dropper_jax.plots.system import BED, SURFACE, WATER, draw_solids
 from dropper_jax.run.wakes import SceneWakes
+from dropper_jax.sea.dispersion import wave_number
 from dropper_jax.sea.spec import SeaSpec
-from dropper_jax.sea.spectrum import wave_number
-from dropper_jax.sea.steady import LINEAR, STOKES_HEIGHT, STOKES_LENGTH, highest, second_harmonic
+from dropper_jax.sea.steady import LINEAR_MAX_HARMONIC, STOKES_MAX_HEIGHT, STOKES_MAX_LENGTH, highest, second_harmonic
 
 
 @style.plot_style()
@@ -39,8 +39,8 @@ def regimes(waves: Sequence[tuple[str, float, float, float]], gravity: float, pa
     # of linear waves over g T^2
     length = 2.0 * np.pi / np.asarray(wave_number(jnp.full(depths.shape, 2.0 * np.pi), jnp.asarray(depths), 1.0))
     limit = np.vectorize(highest)(length, depths)
-    linear = LINEAR / np.vectorize(second_harmonic)(1.0, length, depths)
-    stokes = np.where(length < STOKES_LENGTH * depths, STOKES_HEIGHT * limit, linear)
+    linear = LINEAR_MAX_HARMONIC / np.vectorize(second_harmonic)(1.0, length, depths)
+    stokes = np.where(length < STOKES_MAX_LENGTH * depths, STOKES_MAX_HEIGHT * limit, linear)
     figure = figures.new_figure(7.6, 6.2)
     axes = figure.subplots()
     low = min([1e-5, *(0.5 * h / (gravity * t**2) for _, h, t, _ in waves)])
@@ -95,7 +95,7 @@ def flow_map(name: str, found: SceneWakes, path: str | Path) -> Path:
 
 
 #: Number of points along the surface of a picture.
-POINTS = 240
+SURFACE_POINTS = 240
 
 
 def _sea_of(run: Run) -> SeaSpec:
@@ -144,8 +144,8 @@ def _side_view(axes: Axes, run: Run, index: int, axis: int, half: float) -> None
     low = nodes.min(axis=0)
     high = nodes.max(axis=0)
     middle = 0.5 * (low + high)
-    along = np.linspace(middle[axis] - half, middle[axis] + half, POINTS)
-    positions = np.tile(middle, (POINTS, 1))
+    along = np.linspace(middle[axis] - half, middle[axis] + half, SURFACE_POINTS)
+    positions = np.tile(middle, (SURFACE_POINTS, 1))
     positions[:, axis] = along
     eta = elevations(run.scene, positions, run.t[index : index + 1])[0]
     bed = bed_height(run.scene, positions)
@@ -181,7 +181,7 @@ def response(run: Run, path: str | Path) -> Path:
     turning = []
     for name, angles, rates, colour in zip(("polar", "azimuth"), run.angles, run.angle_rates(), CYCLE, strict=False):
         turning.append((name, angles[:, index], rates[:, index], colour))
-    turning = [row for row in turning if np.ptp(row[1]) > ANGLE] or turning[:1]
+    turning = [row for row in turning if np.ptp(row[1]) > ANGLE_ROUNDING] or turning[:1]
     figure = figures.new_figure(9.5, 7.6)
     grid = figure.add_gridspec(3, len(turning), height_ratios=(1.0, 1.3, 1.6))
     top = figure.add_subplot(grid[0, :])
@@ -206,7 +206,7 @@ def _response_link(run: Run) -> int:
     """The link whose response is drawn."""
     swings = swing(run)
     tenth = min(10, run.tension.shape[1]) - 1
-    if len(run.written_lines) == 1 and swings[tenth] > ANGLE:
+    if len(run.written_lines) == 1 and swings[tenth] > ANGLE_ROUNDING:
         return tenth
     return int(np.argmax(swings))
 
@@ -219,7 +219,7 @@ def tension_envelope(run: Run, path: str | Path) -> Path:
     """
     _sea_of(run)
     sizes = [np.max(run.max_tension[:, line.links]) for line in run.written_lines]
-    shown = [run.written_lines[i] for i in sorted(np.argsort(sizes)[::-1][: panels.MOST])]
+    shown = [run.written_lines[i] for i in sorted(np.argsort(sizes)[::-1][: panels.MAX_TRACES])]
     total = len(run.written_lines)
     what = "tension envelope"
     if len(shown) < total:

@@ -6,8 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from dropper_jax.base.errors import SceneError
+from dropper_jax.base.errors import SceneError, first_failure
 from dropper_jax.base.read import Table
+from dropper_jax.base.records import column
 from dropper_jax.base.store import flat_items
 from dropper_jax.evaluation.extremes import storm_extreme
 from dropper_jax.evaluation.fatigue import line_fatigue
@@ -93,7 +94,7 @@ def report_runs(solutions: dict[str, Solution], settings: Settings | None = None
     runs = {name: report_run(solution, settings) for name, solution in solutions.items()}
     return {
         "schema": 1,
-        "status": next((run["status"] for run in runs.values() if run["status"] != "ok"), "ok"),
+        "status": first_failure(column(runs.values(), "status")) or "ok",
         "settings": settings.table(),
         "runs": [{"file": Path(name).name, **run} for name, run in runs.items()],
         "spread": _spread(list(runs.values())),
@@ -134,14 +135,14 @@ def _spread(runs: list[Table]) -> Table:
             own = [r["fatigue"][i] for r in runs]
             rows[f"equivalent range of {line['line']}"] = [max(f["equivalent_range_n"]) for f in own]
             if all(f["damage"] is not None for f in own):
-                rows[f"damage per year of {line['line']}"] = [f["damage_per_year"] for f in own]
+                rows[f"damage per year of {line['line']}"] = column(own, "damage_per_year")
     values = {}
     for name, v in rows.items():
         values[name] = {"min": min(v), "mean": float(np.mean(v)), "max": max(v), "by_run": v}
     return {
-        "dt_s": [r["dt_s"] for r in runs],
-        "accuracy": [r["accuracy"] for r in runs],
-        "internal_damping_n_s": [r["internal_damping_n_s"] for r in runs],
+        "dt_s": column(runs, "dt_s"),
+        "accuracy": column(runs, "accuracy"),
+        "internal_damping_n_s": column(runs, "internal_damping_n_s"),
         "values": values,
     }
 
@@ -158,7 +159,7 @@ def _not_seeds(solutions: dict[str, Solution]) -> list[str]:
 
 
 def _extremes(runs: list[Table], differ: list[str], settings: Settings) -> Table:
-    """Extremes of a storm by quantity, or why there are none; `differ` are paths in which the runs differ."""
+    """Extremes of a storm by quantity, or the reason for their absence; `differ` are paths in which the runs differ."""
     if differ:
         return {"skipped": f"the runs differ in more than the seed of their sea: {', '.join(differ[:5])}"}
     durations = [run["to_s"] - run["from_s"] for run in runs]

@@ -51,12 +51,12 @@ def line_distances(record: Record) -> list[Table] | dict[str, str]:
 
 
 #: Number of evenly spaced instants: they are close enough that no approach of lines is missed.
-INSTANTS = 2000
+COMPARED_INSTANTS = 2000
 
 
 def sample_stride(record: Record) -> int:
     """Number of samples from one compared instant to the next."""
-    return -(-len(record.t) // INSTANTS)
+    return -(-len(record.t) // COMPARED_INSTANTS)
 
 
 def _describe_distance(record: Record, line: WholeLine, near: Approach | None) -> Table:

@@ -88,7 +88,7 @@ def wave_period(run: Run) -> float:
 
 
 #: Maximum number of frames of a page; a longer run is thinned, which keeps the file at a few MB and scrubbing smooth.
-FRAMES = 3000
+MAX_FRAMES = 3000
 COLOURS = 33
 
 
@@ -148,7 +148,7 @@ def _asset(name: str) -> str:
 def _page_data(run: Run, limits: tuple[float, float]) -> Table:
     """The run as plain values, with the ends of the colours [N]; null or empty where it has no water or diameter."""
     scene = run.scene
-    shown = choose_samples(run, FRAMES)
+    shown = choose_samples(run, MAX_FRAMES)
     frames = shown.frames
     shades = tension_colours.tension_map()(np.linspace(0.0, 1.0, COLOURS))[:, :3]
     diameter = None
@@ -290,7 +290,7 @@ def _body_data(bodies: Bodies | None, frames: np.ndarray) -> Table | None:
     if bodies is None or not bodies.shapes:
         return None
     attitude = bodies.attitude[frames]
-    axes = np.reshape([rotation(angles) for angles in attitude.reshape(-1, 3)], (*attitude.shape[:2], 9))
+    axes = np.reshape(list(map(rotation, attitude.reshape(-1, 3))), (*attitude.shape[:2], 9))
     return {
         "names": list(bodies.names),
         "poses": _pack(np.concatenate([bodies.position[frames], axes], axis=-1)),

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from dropper_jax.base.read import Table
+from dropper_jax.base.records import column
 from dropper_jax.report.tables import Rows
 
 
@@ -37,7 +38,7 @@ def parts(tension: list[Table], snap: list[Table], fatigue: Rows) -> Rows:
         lines, snaps, tired = zip(*group, strict=True)
         found.append(
             {
-                "part": _name([line["line"] for line in lines]),
+                "part": _name(column(lines, "line")),
                 "lines": len(lines),
                 **_tension(lines),
                 "snap": _worst(snaps, "most_events"),

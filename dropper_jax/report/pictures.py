@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
 from dropper_jax.base.read import Table
+from dropper_jax.base.records import column
 from dropper_jax.evaluation.record import Record
 from dropper_jax.evaluation.tension import load_extremes
 from dropper_jax.plots import figures, scales, style
@@ -25,7 +26,7 @@ from dropper_jax.run.end_links import point_loads
 
 #: Maximum number of lines, anchors or points in one picture, each with its own colour; of more, those with the largest
 #: load or motion.
-MOST = len(CYCLE)
+MAX_SERIES = len(CYCLE)
 ARC = "unstretched arc length [m]"
 
 
@@ -116,7 +117,7 @@ def _watch(record: Record, points: list[Table], found: Table) -> Figure:
     left, right = figure.subfigures(1, 2, width_ratios=(2.4 * columns, 4.0))
     plans = figures.panels(left, len(points), columns)
     height = right.subplots()
-    widest = max(p["radius_max_m"] for p in points) or 1.0
+    widest = max(column(points, "radius_max_m")) or 1.0
     for colour, point, plan in zip(CYCLE, points, plans, strict=False):
         path = record.point(point["point"])
         about = path - point["mean_m"]
@@ -208,7 +209,7 @@ def draw_run(record: Record, found: Table, folder: Path) -> dict[str, Path]:
         rows = found[picture.section]
         if not isinstance(rows, list) or not rows:
             continue
-        shown = largest(rows, picture.size, MOST)
+        shown = largest(rows, picture.size, MAX_SERIES)
         title = picture.title
         if len(shown) < len(rows):
             title = f"{title}, {len(shown)} of {len(rows)} (the largest)"
@@ -221,7 +222,7 @@ def draw_run(record: Record, found: Table, folder: Path) -> dict[str, Path]:
 def draw_extremes(extremes: Table, folder: Path) -> Path:
     """Maxima of the runs on Gumbel paper, the fit, and the storm's 90th percentile with its interval."""
     names = [name for name, one in extremes.items() if "skipped" not in one]
-    names = largest(names, lambda name: extremes[name]["gumbel_mode"], MOST)
+    names = largest(names, lambda name: extremes[name]["gumbel_mode"], MAX_SERIES)
     figure, panels = _panels(len(names), 3.0)
     unit, scale = force_unit([extremes[name]["percentile_90"] for name in names])
     for axes, name in zip(panels, names, strict=True):

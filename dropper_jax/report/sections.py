@@ -18,7 +18,7 @@ from dropper_jax.run.statistics import NOT_GAUSSIAN
 #: What to do about a line without a breaking load.
 GIVE_LOAD = "give `breaking_load` in the scene, or --breaking-load"
 #: Fractions of time and accelerations [m/s^2] up to this are rounding.
-ROUNDING = 1e-6
+ROUNDING_LIMIT = 1e-6
 #: Where and when.
 POSITION = "at {at_m:.1f} m, {t_s:.2f} s"
 
@@ -150,8 +150,8 @@ def _table_and_others(
     every: str = "all lines",
 ) -> str:
     """The table of the lines with a value above zero, and the names of the others after a heading."""
-    some = [line for line in lines if line[key] > ROUNDING]
-    others = [line["line"] for line in lines if not line[key] > ROUNDING]
+    some = [line for line in lines if line[key] > ROUNDING_LIMIT]
+    others = [line["line"] for line in lines if not line[key] > ROUNDING_LIMIT]
     parts = []
     if some:
         parts.append(largest_table(some, size, columns))

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 from dropper_jax.base.markdown import bullets, cells, literal, markdown_table
 from dropper_jax.base.read import Table
+from dropper_jax.base.records import column
 from dropper_jax.base.table_cells import Columns, fill, newton
 from dropper_jax.report import sections
 from dropper_jax.report.tables import table_of
@@ -20,7 +21,7 @@ def report_markdown(found: Table, pictures: list[dict[str, str]]) -> str:
         pictures: paths from the report's folder, by name, of each run.
     """
     runs = found["runs"]
-    scenes = dict.fromkeys(run["scene"] for run in runs)
+    scenes = dict.fromkeys(column(runs, "scene"))
     parts = [f"# Report: {literal(', '.join(scenes))}", table_of(OVERVIEW, runs)]
     for number, (run, files) in enumerate(zip(runs, pictures, strict=True), start=1):
         if len(runs) > 1:
@@ -35,7 +36,7 @@ def report_markdown(found: Table, pictures: list[dict[str, str]]) -> str:
     if any("extremes" in files for files in pictures):
         parts.append("![extremes](extremes.png)")
     parts += ["# Settings", _settings(found["settings"])]
-    return "\n\n".join(part for part in parts if part) + "\n"
+    return "\n\n".join(filter(None, parts)) + "\n"
 
 
 def _steps_of(run: Table) -> str:
@@ -107,13 +108,13 @@ def _run_parts(run: Table, files: dict[str, str]) -> list[str]:
 
 
 #: Maximum number of runs with values side by side.
-FEW_RUNS = 6
+MAX_RUN_COLUMNS = 6
 
 
 def _spread(section: Table) -> str:
-    """Minimum, mean and maximum over the runs; of up to `FEW_RUNS` also the value of each, to compare steps."""
+    """Minimum, mean and maximum over the runs; of up to `MAX_RUN_COLUMNS` also the value of each, to compare steps."""
     count = len(section["dt_s"])
-    if count > FEW_RUNS:
+    if count > MAX_RUN_COLUMNS:
         count = 0
     rows = [
         ["step [s]", "", "", "", *cells(section["dt_s"][:count], "g")],
@@ -129,7 +130,7 @@ def _spread(section: Table) -> str:
 
 
 def _extremes(section: Table) -> str:
-    """Maxima of each quantity in a storm with their confidence intervals, or the reason why there are none."""
+    """Maxima of each quantity in a storm with their confidence intervals, or the reason for their absence."""
     if isinstance(section.get("skipped"), str):
         return f"Left out: {section['skipped']}."
     rows = []

@@ -11,7 +11,7 @@ import numpy as np
 from dropper_jax.analysis.writhe import writhe
 from dropper_jax.base.numerics import unit_vectors
 from dropper_jax.base.read import Table
-from dropper_jax.effects.bending import CRUSHED, common_ends
+from dropper_jax.effects.bending import CRUSHED_LENGTH, common_ends
 from dropper_jax.effects.clamp_motion import ClampMotion
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.end_links import End, ends_of, line_ends
@@ -99,7 +99,7 @@ def crushed_links(scene: Scene, positions: np.ndarray) -> Iterator[str]:
             continue
         share = shares[:, where.links]
         worst = np.unravel_index(np.argmin(share), share.shape)
-        if share[worst] < CRUSHED:
+        if share[worst] < CRUSHED_LENGTH:
             yield (
                 f"{line.name}: link {worst[1] + 1} is compressed to {share[worst]:.0%} of its length: the line has "
                 f"bending stiffness, but its axial law {line.axial_law!r} no stiffness in compression. Use axial law "

@@ -15,7 +15,7 @@ from dropper_jax.effects.body_bed import BodyBed, BodyBedFriction
 from dropper_jax.effects.body_buoyancy import BodyBuoyancy, BodyBuoyancyInWaves, Pieces
 from dropper_jax.effects.body_water import BodyWater
 from dropper_jax.effects.point_bodies import PointBodies, PointBodiesWithAddedMass, WetPointBodies
-from dropper_jax.effects.rigid_bodies import MOMENTS, RigidBodies, tetrahedron
+from dropper_jax.effects.rigid_bodies import MOMENT_AXES, RigidBodies, tetrahedron
 from dropper_jax.effects.seabed import Seabed
 from dropper_jax.effects.spar_buoys import SparBuoys
 from dropper_jax.model import Point
@@ -45,7 +45,7 @@ def make_bodies(scene: SceneData, index: dict[str, int]) -> tuple[list[Point], l
         velocity.append(turning if body.pinned else body.velocity)
     rigid = RigidBodies(
         **_columns(bodies, ("mass", "centre_of_mass")),
-        moments=as_array(np.array([body.inertia_matrix for body in bodies])[:, *np.transpose(MOMENTS)]),
+        moments=as_array(np.array([body.inertia_matrix for body in bodies])[:, *np.transpose(MOMENT_AXES)]),
         corner=as_array(corner),
         affine=as_array(affine),
         seat=as_array(np.array(list(seats.values())).reshape(-1, 3)),

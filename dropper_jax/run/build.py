@@ -15,7 +15,7 @@ from jax.typing import ArrayLike
 
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import SceneError
-from dropper_jax.integrators.consistent import instant
+from dropper_jax.integrators.consistent_velocities import solve_instant
 from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.model import Model, State, state
 from dropper_jax.residual import Stepper
@@ -123,7 +123,7 @@ def _under_tension(model: Model, s: State) -> State:
         k = acting.kinematics(s.r, s.v, s.t)
         return replace(s, tension=acting.tension_by_law(k))
     moved = acting.end_acceleration(s.t)
-    return replace(s, tension=instant(acting.instant(s.r, s.v, s.t), moved)[1])
+    return replace(s, tension=solve_instant(acting.instant(s.r, s.v, s.t), moved)[1])
 
 
 SceneLike = str | Path | Mapping[str, Any] | Scene

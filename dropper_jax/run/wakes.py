@@ -16,8 +16,8 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.numerics import spread
 from dropper_jax.base.read import Table
 from dropper_jax.effects.buoyancy import drag_diameter
-from dropper_jax.effects.cylinder import steady_drag
 from dropper_jax.effects.morison_drag import relative_roughness
+from dropper_jax.effects.rough_cylinder import steady_drag
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.arrays import bare_model, resting_nodes
 from dropper_jax.run.wake_model import TURBULENCE, Elements, Wakes, solve_wakes

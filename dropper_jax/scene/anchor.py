@@ -27,10 +27,11 @@ from dropper_jax.base.read import DeclaredSection
 KINDS = {"dead_weight": ("weight", "friction"), "tested": ("capacity",), "screw": ("plates", "depths")}
 #: Further keys of a screw, which are optional.
 OPTIONAL = ("strength", "friction_angle", "soil_weight", "bearing_factor", "lateral")
-#: Bearing of a deep plate in clay over its undrained strength; minimum depth and spacing of plates in diameters.
-CLAY = 9.0
+#: Bearing of a deep plate in clay over its undrained strength [-].
+CLAY_BEARING = 9.0
+#: Minimum depth and minimum spacing of plates [diameters].
 SCREW_DEPTH = 5.0
-SPACING = 3.0
+SCREW_SPACING = 3.0
 
 
 @section
@@ -90,7 +91,7 @@ class AnchorSpec(DeclaredSection):
             f"depths.0: {depths[0]:g} m is too shallow, the soil above would break out; allowed: >= "
             f"{shallowest:g} m, 5 diameters",
         )
-        spacing = SPACING * np.maximum(plates[:-1], plates[1:])
+        spacing = SCREW_SPACING * np.maximum(plates[:-1], plates[1:])
         for i in np.flatnonzero(np.diff(depths) < spacing * (1.0 - 1e-9)):
             yield (
                 True,
@@ -115,7 +116,7 @@ class AnchorSpec(DeclaredSection):
         """Load [N] along its axis at which a screw anchor pulls out."""
         area = 0.25 * np.pi * self.plates**2
         if self.strength is not None:
-            return np.sum(area) * CLAY * self.strength
+            return np.sum(area) * CLAY_BEARING * self.strength
         factor = self.bearing_factor
         if factor is None:
             phi = self.friction_angle

@@ -12,7 +12,7 @@ from dropper_jax.base.read import DeclaredSection, Table, as_table, count, items
 
 #: Distance outside its shape at which a body's attachments may be without a warning, over the body's extent: shackles,
 #: rounding.
-OUTSIDE = 0.05
+OUTSIDE_SHARE = 0.05
 
 
 @section
@@ -119,7 +119,7 @@ class BodySpec(DeclaredSection):
         found = {}
         for name, position in self.attachments.items():
             distance = min((shape.distance(position) for shape in self.shapes), default=0.0)
-            if distance > OUTSIDE * self.extent:
+            if distance > OUTSIDE_SHARE * self.extent:
                 found[name] = distance
         return found
 

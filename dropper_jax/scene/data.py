@@ -14,6 +14,7 @@ from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.fields import option
 from dropper_jax.base.read import DeclaredSection, Table, as_table, items, part, plain, read_option, read_table
+from dropper_jax.base.records import names_of, without_none
 from dropper_jax.scene.anchor import AnchorSpec
 from dropper_jax.scene.body import BodySpec
 from dropper_jax.scene.failure import FailureSpec
@@ -90,6 +91,11 @@ class SceneData(DeclaredSection):
         """Names of the fixed points."""
         return [point.name for point in self.points if not point.is_free]
 
+    @property
+    def free_points(self) -> list[str]:
+        """Names of the free points."""
+        return [point.name for point in self.points if point.is_free]
+
     def check_fixed(self, name: str, path: str) -> None:
         """Reject a name that is not that of a fixed point.
 
@@ -132,14 +138,14 @@ class SceneData(DeclaredSection):
 
         The last applies to compound links, which are divided by their centre of mass.
         """
-        bodies = [body.name for body in self.bodies]
+        bodies = names_of(self.bodies)
         loaded = {point.name for point in self.points if point.has_body or point.carrier in bodies}
         loaded |= {buoy.point for buoy in self.buoys}
         ends: Counter[str] = Counter()
         for line in self.lines:
             ends.update({line.start, line.end})
         alone = {name for name, lines in ends.items() if lines == 1} - loaded
-        starts = alone - {p.name for p in self.points if p.is_free}
+        starts = alone.difference(self.free_points)
 
         found = {}
         for line in self.lines:
@@ -164,7 +170,7 @@ class SceneData(DeclaredSection):
         table["point"] = plain([point for point in self.points if point.carrier is None])
         table["effects"] = {}
         for name, values in self.effects.items():
-            table["effects"][name] = plain({key: value for key, value in values.items() if value is not None})
+            table["effects"][name] = plain(without_none(values))
         return table
 
     def point(self, name: str) -> PointSpec:

@@ -26,6 +26,7 @@ from dropper_jax.base.read import (
     refuse,
     section_keys,
 )
+from dropper_jax.base.records import without_keys, without_none
 from dropper_jax.scene.growth import GrowthSpec
 from dropper_jax.scene.length_in_time import LengthInTimeSpec, check_changing_lengths
 
@@ -210,12 +211,12 @@ def _read_axial(table: Plain, path: str, links: int) -> Table:
         tables = read_tables(table, path, links)
         if "EA" in table:
             raise SceneError(f"{path}.EA: cannot be combined with a table; allowed: `strain` and `tension`")
-        table = {key: value for key, value in table.items() if key not in ("strain", "tension")}
+        table = without_keys(table, ("strain", "tension"))
         table["EA"] = [t.stiffness for t in tables]
     values = read_fields(LAWS[law], table, path, {"link": links})
     found = {"axial_law": law, "tables": tables, "EA": values.pop("EA", None)}
     found["axial_damping"] = values.pop("damping", None)
-    return {**found, "constants": {key: value for key, value in values.items() if value is not None}}
+    return {**found, "constants": without_none(values)}
 
 
 def _per_link(value: Plain, links: int) -> np.ndarray:

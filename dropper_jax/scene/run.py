@@ -9,7 +9,7 @@ from dataclasses import field, replace
 from dropper_jax.base.errors import Check, SceneError, raise_first
 from dropper_jax.base.fields import option, parameter, section
 from dropper_jax.base.read import (
-    MOST,
+    MAX_COUNT,
     Plain,
     SectionValues,
     Table,
@@ -125,11 +125,11 @@ class RunSpec(SectionValues):
         if self.accuracy is None and self.save_interval is None:
             return self
         if self.accuracy is None:
-            return self._with_whole_steps(path)
+            return self._with_save_every(path)
         interval = self.save_interval or self.dt * self.save_every
         return replace(self, dt=None, source_dt=self.source_dt or self.dt, save_every=1, save_interval=interval)
 
-    def _with_whole_steps(self, path: str) -> RunSpec:
+    def _with_save_every(self, path: str) -> RunSpec:
         """The same with the steps between saved states counted.
 
         Raises:
@@ -154,9 +154,9 @@ class RunSpec(SectionValues):
             f"duration: {self.duration} is shorter than the step; allowed: at least one step, {shortest:g} s",
         )
         yield (
-            self.duration > MOST * shortest > 0.0,
+            self.duration > MAX_COUNT * shortest > 0.0,
             f"duration: {self.duration} takes {self.duration / (shortest or 1.0):.3g} steps of {shortest:g} s; "
-            f"allowed: at most {MOST} steps",
+            f"allowed: at most {MAX_COUNT} steps",
         )
         yield (
             self.dt is None and self.save_every != 1,

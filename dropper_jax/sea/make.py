@@ -11,22 +11,25 @@ import numpy as np
 from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import Table
+from dropper_jax.sea.bound_waves import bound_waves
 from dropper_jax.sea.current import Current, Level, Scalar
-from dropper_jax.sea.interpolated import GridWaves, bound_waves, on_grid
-from dropper_jax.sea.spec import CurrentSpec, LevelSpec, SeaSpec, WaveSpec
-from dropper_jax.sea.spectrum import (
-    Components,
+from dropper_jax.sea.current_spec import CurrentSpec, LevelSpec
+from dropper_jax.sea.dispersion import (
     action_factor,
-    components,
     effective_current,
     fenton,
     frequency,
     on_current,
     wave_number,
 )
-from dropper_jax.sea.steady import SteadyWave, fitting_theory, highest, stokes5
+from dropper_jax.sea.grid_waves import GridWaves, on_grid
+from dropper_jax.sea.spec import SeaSpec
+from dropper_jax.sea.spectrum import Components, components
+from dropper_jax.sea.steady import SteadyWave, fitting_theory, highest
+from dropper_jax.sea.stokes5 import stokes5
 from dropper_jax.sea.stream_function import NotSolved, stream_function
 from dropper_jax.sea.water import Sea
+from dropper_jax.sea.wave_spec import WaveSpec
 from dropper_jax.sea.waves import Waves
 
 

@@ -17,21 +17,21 @@ from dropper_jax.sea.steady import SteadyWave, cosine_series, eulerian_velocity,
 
 #: Numbers of harmonics that are tried in turn.
 ORDERS = (10, 14, 20, 28, 40, 56, 80)
-#: Error of the surface conditions between the points, over the height: below the first no more harmonics are tried,
-#: above the second the wave is not solved.
-ACCURATE = 1e-6
-UNUSABLE = 1e-3
-#: If Newton's method fails below this fraction of the highest wave, the number of harmonics is too small.
-TOO_FEW = 0.9
-#: Solutions above this multiple of the highest wave are spurious.
-SPURIOUS = 1.02
+#: Error of the surface conditions between the points, over the height [-], below which no more harmonics are tried.
+ENOUGH_HARMONICS_ERROR = 1e-6
+#: The same error above which the wave counts as not solved.
+MAX_ERROR = 1e-3
+#: If Newton's method fails below this height over that of the highest wave [-], the number of harmonics is too small.
+TOO_FEW_HARMONICS = 0.9
+#: Solutions above this height over that of the highest wave [-] are spurious.
+SPURIOUS_HEIGHT = 1.02
 #: Steps of the height from a low wave, relative to it: the first, the largest and the smallest one.
 FIRST_STEP = 0.125
 LARGEST_STEP = 0.25
 SMALLEST_STEP = 1.0 / 256.0
 #: Iterations of Newton's method, and its imaginary step: derivatives by complex steps are exact.
 ITERATIONS = 25
-TINY = 1e-30
+COMPLEX_STEP = 1e-30
 
 
 class NotSolved(ValueError):
@@ -44,7 +44,7 @@ class NotSolved(ValueError):
         super().__init__(f"no steady wave is found above {reached:.4g} m")
         self.reached = reached
         self.length = length
-        self.few = reached < TOO_FEW * highest(length, depth)
+        self.few = reached < TOO_FEW_HARMONICS * highest(length, depth)
 
 
 def stream_function(
@@ -75,7 +75,7 @@ def stream_function(
         length = length / depth
     problem = _Problem(depth, period, length, current / speed, criterion)
     found = _solve(problem, height / depth, order)
-    wave = _parts(found)
+    wave = _name_unknowns(found)
     eulerian = problem.eulerian(wave)
     celerity = wave.flow + eulerian
     return SteadyWave(
@@ -109,17 +109,17 @@ def _solve(problem: _Problem, height: float, order: int | None) -> np.ndarray:
     for n in orders:
         if n <= _order(found):
             continue
-        if order is None and problem.between(found) < ACCURATE:
+        if order is None and problem.between(found) < ENOUGH_HARMONICS_ERROR:
             break
         finer = _newton(problem, _refine_harmonics(found, n), height)
         if finer is not None:
             found = finer
     if order is None:
-        failed = problem.between(found) > UNUSABLE
+        failed = problem.between(found) > MAX_ERROR
     else:
         failed = _order(found) < order
     if failed:
-        raise problem.not_solved(height, _parts(found).number)
+        raise problem.not_solved(height, _name_unknowns(found).number)
     return found
 
 
@@ -134,7 +134,7 @@ class _Unknowns(NamedTuple):
     head: np.ndarray
 
 
-def _parts(x: np.ndarray) -> _Unknowns:
+def _name_unknowns(x: np.ndarray) -> _Unknowns:
     """The unknowns (2 n + 5, ...) by name."""
     n = _order(x)
     return _Unknowns(x[0], x[1 : n + 2], x[n + 2 : 2 * n + 2], *x[-3:])
@@ -164,7 +164,7 @@ class _Problem(NamedTuple):
 
     def surface(self, x: np.ndarray, eta: np.ndarray, angle: np.ndarray) -> np.ndarray:
         """Residual of both conditions (2, m, ...) at phases (m,) with the surface at eta (m, ...)."""
-        wave = _parts(x)
+        wave = _name_unknowns(x)
         j = np.arange(1, _order(x) + 1)
         jk = j[:, None] * wave.number
         up = np.exp(jk * eta[:, None])
@@ -180,7 +180,7 @@ class _Problem(NamedTuple):
 
     def residual(self, x: np.ndarray, height: float) -> np.ndarray:
         """Rows (2 n + 5, q) for unknowns (2 n + 5, q)."""
-        wave = _parts(x)
+        wave = _name_unknowns(x)
         eta = wave.surface
         n = _order(x)
         both = self.surface(x, eta, np.pi * np.arange(n + 1) / n).reshape(2 * n + 2, -1)
@@ -194,7 +194,7 @@ class _Problem(NamedTuple):
     def between(self, x: np.ndarray) -> float:
         """Maximum error of the conditions half-way between the points, over the height."""
         n = _order(x)
-        eta = _parts(x).surface
+        eta = _name_unknowns(x).surface
         angle = np.pi * (np.arange(n) + 0.5) / n
         found = cosine_series(angle, _cosines(eta))
         return float(np.max(np.abs(self.surface(x[:, None], found[:, None], angle))) / (eta[0] - eta[-1]))
@@ -217,11 +217,11 @@ def _newton(problem: _Problem, x: np.ndarray, height: float) -> np.ndarray | Non
         # one evaluation for all columns of the Jacobian
         shifts = np.eye(x.size, x.size + 1, 1)
         with np.errstate(all="ignore"):
-            rows = problem.residual(x[:, None] + 1j * TINY * shifts, height)
+            rows = problem.residual(x[:, None] + 1j * COMPLEX_STEP * shifts, height)
         if not np.all(np.isfinite(rows)):
             return None
         try:
-            change = np.linalg.solve(rows[:, 1:].imag / TINY, rows[:, 0].real)
+            change = np.linalg.solve(rows[:, 1:].imag / COMPLEX_STEP, rows[:, 0].real)
         except np.linalg.LinAlgError:
             return None
         x = x - change
@@ -229,7 +229,7 @@ def _newton(problem: _Problem, x: np.ndarray, height: float) -> np.ndarray | Non
             break
     else:
         return None
-    eta = _parts(x).surface
+    eta = _name_unknowns(x).surface
     if np.all(np.diff(eta) < 1e-9) and x[0] > 0.0 and eta[-1] > -1.0:
         return x
     return None
@@ -263,7 +263,7 @@ def _climb(problem: _Problem, height: float, order: int) -> np.ndarray:
                     number = past[-1][1][0]
                 raise problem.not_solved(done * height, number)
             continue
-        if share * height > SPURIOUS * highest(2.0 * np.pi / x[0], 1.0):
+        if share * height > SPURIOUS_HEIGHT * highest(2.0 * np.pi / x[0], 1.0):
             raise problem.not_solved(done * height, x[0])
         past = [*past[-1:], (share, x)]
         done = share
@@ -298,7 +298,7 @@ def _cosines(eta: np.ndarray) -> np.ndarray:
 
 def _refine_harmonics(x: np.ndarray, order: int) -> np.ndarray:
     """The same wave with more harmonics."""
-    wave = _parts(x)
+    wave = _name_unknowns(x)
     surface = cosine_series(np.pi * np.arange(order + 1) / order, _cosines(wave.surface))
     more = np.zeros(order - len(wave.harmonics))
     return np.concatenate([x[:1], surface, wave.harmonics, more, x[-3:]])

@@ -23,7 +23,7 @@ class Sea:
     depth: Scalar = parameter("depth of the water", unit="m", above=0.0)
     density: Scalar = parameter("density of the water", unit="kg/m^3", above=0.0, default=SEA_WATER)
     gravity: Scalar = parameter("acceleration of gravity", unit="m/s^2", above=0.0, default=GRAVITY)
-    waves: Any = None  # Waves or None; whoever asks for waves knows that the sea has some
+    waves: Any = None  # Waves or None; an effect that uses them has checked that the sea has some
     current: Current | None = None
     level: Level | None = None
 

@@ -135,7 +135,7 @@ def _read_csv(file: str | Path, path: str) -> tuple[list[str], np.ndarray]:
     rows = []
     for number, line in enumerate(lines[1:], start=2):
         try:
-            rows.append([float(cell) for cell in line])
+            rows.append(list(map(float, line)))
         except ValueError:
             raise SceneError(f"{path}: {str(file)!r} line {number}: {','.join(line)!r} is not all numbers") from None
         if len(line) != len(names) or not np.all(np.isfinite(rows[-1])):

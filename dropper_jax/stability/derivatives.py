@@ -21,7 +21,7 @@ from dropper_jax.stepping.stepper import make_stepper
 CHANGE = 1e-5
 STEPS = 40
 #: Derivatives below this are compared absolutely.
-SMALL = 1e-3
+SMALL_DERIVATIVE = 1e-3
 
 
 def against_differences(case: Case, short: bool) -> Outcome:
@@ -32,7 +32,7 @@ def against_differences(case: Case, short: bool) -> Outcome:
     above, below = (float(value(jnp.asarray(change))) for change in (CHANGE, -CHANGE))
     around = (above - below) / (2 * CHANGE)
     exact = float(_slope(stepper, model, s, case.dt))
-    return Outcome(abs(exact - around) / max(abs(around), SMALL), status_of(exact))
+    return Outcome(abs(exact - around) / max(abs(around), SMALL_DERIVATIVE), status_of(exact))
 
 
 def finite(case: Case, short: bool) -> Outcome:

@@ -31,7 +31,7 @@ BASELINES = (
 #: Maximum number of links for the dense systems of the baselines.
 BASELINE_LINKS = 20
 #: Energy balance error over the energy scale above which a completed run is marked as wrong.
-WRONG = 0.1
+WRONG_BALANCE = 0.1
 #: Below this energy scale [J] nothing moves: the drift over it is then large, not a division by zero.
 NO_ENERGY = 1e-300
 
@@ -115,4 +115,4 @@ def _baseline(case: Case, duration: float, scheme: Scheme) -> Table:
     if ran.status != "ok":
         return {"status": ran.status, "failed_at_s": (int(ran.rows.bad[-1]) + 1) * case.dt}
     share = ran.relative_drift
-    return {"status": "ok", "energy_drift_share": share, "wrong_energy": bool(share > WRONG)}
+    return {"status": "ok", "energy_drift_share": share, "wrong_energy": bool(share > WRONG_BALANCE)}

@@ -62,14 +62,14 @@ def _rise_of_energy(case: Case, run: CaseRun) -> float:
 
 
 #: A link with a dry joint has come to rest after this time [s].
-STILL = 20.0
+STILL_AFTER = 20.0
 
 
 def _late_movement(case: Case, short: bool) -> Outcome:
-    """Movement of the nodes after `STILL` [m]."""
-    rest = run_named(case.scene, case.dt, STILL)
+    """Movement of the nodes after `STILL_AFTER` [m]."""
+    rest = run_named(case.scene, case.dt, STILL_AFTER)
     run = run_named(case.scene, case.dt, case.span(short))
-    moved = np.linalg.norm(run.r[run.t >= STILL - 1e-9] - rest.r[-1], axis=-1)
+    moved = np.linalg.norm(run.r[run.t >= STILL_AFTER - 1e-9] - rest.r[-1], axis=-1)
     status = rest.status
     if status == "ok":
         status = run.status
@@ -89,7 +89,7 @@ def _too_large_step(case: Case, short: bool) -> Outcome:
 
 #: Members of a batch, and the one that is not a number.
 BATCH = 64
-BAD = 17
+BAD_MEMBER = 17
 
 
 def _bad_member(case: Case, short: bool) -> Outcome:
@@ -104,9 +104,9 @@ def _bad_member(case: Case, short: bool) -> Outcome:
     def last(v: Array) -> Array:
         return jax.vmap(lambda x: run(replace(s, v=x))[0].r)(v)
 
-    others = np.delete(np.arange(BATCH), BAD)
+    others = np.delete(np.arange(BATCH), BAD_MEMBER)
     good = np.asarray(last(v))[others]
-    with_bad_member = np.asarray(last(v.at[BAD].set(jnp.nan)))[others]
+    with_bad_member = np.asarray(last(v.at[BAD_MEMBER].set(jnp.nan)))[others]
     differ = np.sum(np.any(good != with_bad_member, axis=(1, 2)))
     return Outcome(float(differ), status_of(with_bad_member))
 
@@ -159,12 +159,12 @@ def _path(case: Case, t: np.ndarray, positions: np.ndarray) -> float:
 
 
 #: Time in which a weight sinks into the seabed [s].
-SINKING = 1.0
+SINKING_TIME = 1.0
 
 
 def _motion_after_sinking(case: Case, t: np.ndarray, positions: np.ndarray) -> float:
-    """Maximum distance [m] from the position at the time `SINKING`, after that time."""
-    late = positions[t >= SINKING]
+    """Maximum distance [m] from the position at the time `SINKING_TIME`, after that time."""
+    late = positions[t >= SINKING_TIME]
     return np.max(np.linalg.norm(late - late[0], axis=1))
 
 

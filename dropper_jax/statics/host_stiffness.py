@@ -10,8 +10,8 @@ from jax import Array
 
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.model import Model, State
-from dropper_jax.statics.bodies import stiffness_matrix
-from dropper_jax.statics.rest_problem import SMALLEST, name_of, rest, soft_scale
+from dropper_jax.statics.body_moves import stiffness_matrix
+from dropper_jax.statics.rest_problem import MIN_KAPPA, name_of, rest, soft_scale
 from dropper_jax.statics.tangent import UNSOLVABLE, NodeMoves, Tangent
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ def factor_softened(model: Model, matrix: csc_array) -> SuperLU:
     from scipy.sparse import eye_array  # noqa: PLC0415
     from scipy.sparse.linalg import splu  # noqa: PLC0415
 
-    return splu((matrix + SMALLEST * float(soft_scale(model, np)) * eye_array(matrix.shape[0])).tocsc())
+    return splu((matrix + MIN_KAPPA * float(soft_scale(model, np)) * eye_array(matrix.shape[0])).tocsc())
 
 
 #: Number of inverse iterations for the softest motion; of several soft ones any may result.

@@ -13,7 +13,7 @@ from dropper_jax.backend.programs import cached_jit
 from dropper_jax.model import Model, State, state
 from dropper_jax.residual import Unknowns
 from dropper_jax.solvers.dense import residual_matrix
-from dropper_jax.statics.bodies import moves_of, stiffness_matrix
+from dropper_jax.statics.body_moves import moves_of, stiffness_matrix
 from dropper_jax.statics.rest_problem import RestProblem, soft_scale
 
 
@@ -55,7 +55,7 @@ def _rows_by_unknowns(model: Model, s: State) -> Array:
 
 
 #: The check is too slow for more free nodes than this.
-MOST_CHECKED = 200
+MAX_CHECKED_NODES = 200
 
 
 def is_stable(model: Model, s: State) -> bool:
@@ -67,7 +67,7 @@ def is_stable(model: Model, s: State) -> bool:
     """
     if model.constant_force and np.all(np.asarray(s.tension) > 0.0):
         return True
-    if model.free_nodes > MOST_CHECKED:
+    if model.free_nodes > MAX_CHECKED_NODES:
         return True
     return softest_displacement(model, s)[0] > -_rounding(model)
 
@@ -86,15 +86,19 @@ def is_stable_or_planar(model: Model, s: State) -> bool:
     return normal is not None and softest_displacement(model, s, normal)[0] > -_rounding(model)
 
 
+#: Rounding error of a stiffness over the weight of a link per its length [-].
+STIFFNESS_ROUNDING = 1e-6
+
+
 def _rounding(model: Model) -> float:
-    """Rounding error of a stiffness [N/m]: this fraction of the weight of a link per its length."""
-    return 1e-6 * float(soft_scale(model, np))
+    """Rounding error of a stiffness [N/m]."""
+    return STIFFNESS_ROUNDING * float(soft_scale(model, np))
 
 
-#: Singular values of the links, over the largest one: the third below which they are in a plane, and the second up to
-#: which they are on one straight line.
-PLANAR = 1e-9
-STRAIGHT = 1e-6
+#: Third singular value of the links over the largest [-] below which they are in one plane.
+PLANAR_RATIO = 1e-9
+#: Second singular value of the links over the largest [-] up to which they are on one straight line.
+STRAIGHT_RATIO = 1e-6
 
 
 def plane_normal(model: Model, s: State) -> np.ndarray | None:
@@ -105,8 +109,8 @@ def plane_normal(model: Model, s: State) -> np.ndarray | None:
     _, size, directions = np.linalg.svd(links, full_matrices=False)
     if len(size) < 3:  # a single link is in many planes
         return None
-    is_planar = size[2] < PLANAR * size[0]
-    is_straight = size[1] <= STRAIGHT * size[0]
+    is_planar = size[2] < PLANAR_RATIO * size[0]
+    is_straight = size[1] <= STRAIGHT_RATIO * size[0]
     if is_planar and not is_straight:
         return directions[2]
     return None
@@ -141,7 +145,7 @@ def softest_displacement(model: Model, s: State, normal: np.ndarray | None = Non
 
 
 #: The first displacement from an unstable equilibrium, in lengths of a link.
-NUDGE = 0.1
+FIRST_DISPLACEMENT = 0.1
 
 
 def escape_unstable_equilibrium(
@@ -159,7 +163,7 @@ def escape_unstable_equilibrium(
     if is_stable(model, s):
         return s, residual
     stiffness, side = softest_displacement(model, s)
-    nudge = NUDGE * float(np.mean(np.asarray(model.line.length))) * side
+    nudge = FIRST_DISPLACEMENT * float(np.mean(np.asarray(model.line.length))) * side
     for start in (s.r + nudge, s.r - nudge):
         found, size = find(state(model, start, tension=s.tension, t=s.t), stiffness)
         if size <= tolerance and is_stable(model, found):

@@ -14,13 +14,14 @@ from jax import Array
 
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.numerics import trace_once
+from dropper_jax.base.records import names_of
 from dropper_jax.effects.seabed import Seabed
 from dropper_jax.model import Kinematics, Law, Model, State, state
 from dropper_jax.residual import GRAVITY_SCALE, Newton, Solver, StepProblem, Unknowns, largest_row, newton, subtract
 from dropper_jax.solvers import SOLVERS, Dense
 
 #: Minimum kappa over the weight per length: prevents drift of unconstrained parts (a float in calm water).
-SMALLEST = 1e-9
+MIN_KAPPA = 1e-9
 
 
 def rest(model: Model) -> Model:
@@ -145,7 +146,7 @@ def unbalanced_at(model: Model, s: State, loads: Array, x: Array) -> tuple[Array
 
 
 #: Maximum number of unknowns for LU of the full Jacobian.
-MOST_DENSE = 200
+MAX_DENSE_UNKNOWNS = 200
 
 
 def rest_solver(model: Model) -> Solver:
@@ -154,7 +155,7 @@ def rest_solver(model: Model) -> Solver:
         if model.node_reach > 0:
             return SOLVERS["dense"]
         return SOLVERS["network"]
-    if Dense().size(model) <= MOST_DENSE:
+    if Dense().size(model) <= MAX_DENSE_UNKNOWNS:
         return SOLVERS["dense"]
     return SOLVERS["banded"]
 
@@ -177,7 +178,7 @@ def polish(
 
 
 #: Fractions of a correction that are tried.
-FRACTIONS = (1.0, 0.5, 0.2, 0.05)
+CORRECTION_FRACTIONS = (1.0, 0.5, 0.2, 0.05)
 
 
 def _search_along_corrections(problem: RestProblem, solver: Solver, iterations: int) -> tuple[Unknowns, Array]:
@@ -188,7 +189,7 @@ def _search_along_corrections(problem: RestProblem, solver: Solver, iterations: 
     """
     guess = problem.guess()
     scale = problem.row_scale()
-    fractions = jnp.asarray(FRACTIONS, guess.x.dtype)
+    fractions = jnp.asarray(CORRECTION_FRACTIONS, guess.x.dtype)
     never = jnp.full((), jnp.inf, guess.x.dtype)
 
     def correct(now: tuple[Unknowns, ...], _: None) -> tuple[tuple[Unknowns, ...], None]:
@@ -203,7 +204,7 @@ def _search_along_corrections(problem: RestProblem, solver: Solver, iterations: 
             return jax.tree.map(partial(jnp.where, better), (moved, rows, size), best)
 
         # a loop, not a batch: one more copy of the rows in the program instead of three
-        u, rows, _ = jax.lax.fori_loop(0, len(FRACTIONS), try_fraction, (u, rows, never))
+        u, rows, _ = jax.lax.fori_loop(0, len(CORRECTION_FRACTIONS), try_fraction, (u, rows, never))
         return (u, rows), None
 
     (u, rows), _ = jax.lax.scan(correct, (guess, problem.residual(guess)), None, length=iterations)
@@ -212,10 +213,10 @@ def _search_along_corrections(problem: RestProblem, solver: Solver, iterations: 
 
 def solve_statics(model: Model, s: State, loads: Array) -> tuple[State, float]:
     """`polish` on the host."""
-    found, residual = polish(model, s, loads, SMALLEST * soft_scale(model, np))
+    found, residual = polish(model, s, loads, MIN_KAPPA * soft_scale(model, np))
     return found, float(residual)
 
 
 def name_of(model: Model, node: int) -> str:
     """The name of a free node: its point, or its line and number."""
-    return model.geometry.name_of_node(node, [point.name for point in model.points])
+    return model.geometry.name_of_node(node, names_of(model.points))

@@ -14,6 +14,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.records import names_of
 from dropper_jax.model import Model, State
 from dropper_jax.statics.rest_problem import rest
 from dropper_jax.statics.stiffness import FREEDOMS, Stiffness, forces_on_held, mooring_stiffness
@@ -33,7 +34,7 @@ def stiffness_of_group(
     Raises:
         SceneError: unknown or free points, rigid links.
     """
-    known = [point.name for point in model.points]
+    known = names_of(model.points)
     held = [known[i] for i in model.geometry.held_points]
     for name in names:
         if name not in known:
@@ -44,7 +45,7 @@ def stiffness_of_group(
                 f"points: {name!r} is free, and a rigid group consists of fixed points; allowed: {allowed}"
             )
     found = mooring_stiffness(model, pose, names)
-    forces = forces_on_held(rest(model), pose)[[held.index(name) for name in names]]
+    forces = forces_on_held(rest(model), pose)[list(map(held.index, names))]
     arms = np.array([model.points[known.index(name)].position for name in names]) - np.asarray(about, float)
     moves = np.concatenate([np.hstack([np.eye(3), -_cross(arm)]) for arm in arms])
     matrix = moves.T @ found.matrix @ moves

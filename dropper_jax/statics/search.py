@@ -22,17 +22,18 @@ from dropper_jax.effects.seabed_friction import SeabedFriction
 from dropper_jax.effects.weight import Weight
 from dropper_jax.model import Ends, Model, State, state
 from dropper_jax.residual import GRAVITY_SCALE
-from dropper_jax.statics.catenary import catenary_guess, hang
-from dropper_jax.statics.pose_stability import escape_unstable_equilibrium, is_stable, is_stable_or_planar
-from dropper_jax.statics.rest_problem import polish, rest, solve_statics, system_tolerance
-from dropper_jax.statics.static_friction import with_static_seabed_friction
-from dropper_jax.statics.system import (
+from dropper_jax.statics.catenary import catenary_guess
+from dropper_jax.statics.dead_loads import hang_under_loads
+from dropper_jax.statics.descent import (
     describe_unbalance,
     find_rest,
     find_softened,
     straight_guess,
     with_springs,
 )
+from dropper_jax.statics.pose_stability import escape_unstable_equilibrium, is_stable, is_stable_or_planar
+from dropper_jax.statics.rest_problem import polish, rest, solve_statics, system_tolerance
+from dropper_jax.statics.static_friction import with_static_seabed_friction
 
 
 @partial(
@@ -208,7 +209,7 @@ def _hang(model: Model, loads: Array, r: Array | None, t: float) -> State:
     flexibility = np.zeros(line.links)
     if line.axial.elastic:
         flexibility += 1.0 / line.axial.axial_stiffness()
-    nodes, tension = hang(*_host_ends(ends), np.asarray(line.length, float), total, flexibility)
+    nodes, tension = hang_under_loads(*_host_ends(ends), np.asarray(line.length, float), total, flexibility)
     return state(model, nodes, tension=tension, t=t)
 
 
@@ -226,7 +227,7 @@ def _forces(model: Model, r: Array | None, t: Array) -> tuple[Ends, Array]:
 FIRST_INCREMENT = 1.0 / 8
 MIN_INCREMENT = 1.0 / 1024
 #: Displacement of a node, over the length of the line, at which an increment may have jumped to another branch.
-JUMP = 0.5
+JUMP_DISPLACEMENT = 0.5
 
 
 def _continue(model: Model, loads: Array, t: float) -> tuple[State, float, float]:
@@ -240,7 +241,7 @@ def _continue(model: Model, loads: Array, t: float) -> tuple[State, float, float
     while residual <= tolerance and share < 1.0 and increment >= MIN_INCREMENT:
         step = min(increment, 1.0 - share)
         trial, trial_residual = solve_statics(model, s, (share + step) * loads)
-        jumps = jnp.max(jnp.abs(trial.r - s.r)) >= JUMP * jnp.sum(model.line.length)
+        jumps = jnp.max(jnp.abs(trial.r - s.r)) >= JUMP_DISPLACEMENT * jnp.sum(model.line.length)
         if trial_residual <= tolerance and not jumps:
             s = trial
             residual = trial_residual

@@ -25,7 +25,7 @@ from dropper_jax.residual import GRAVITY_SCALE
 from dropper_jax.statics.rest_problem import force_scale
 
 #: K over the axial stiffness of a link.
-GRIP = 100.0
+GRIP_RATIO = 100.0
 #: Minimum displacement [m] at which the friction of a node's weight is reached: a stiffer K would be lost in rounding.
 MIN_SLIP = 1e-7
 
@@ -65,7 +65,7 @@ def with_static_seabed_friction(model: Model, s: State, mu: Array) -> tuple[Mode
         laid = square > 0.0  # a line that hangs straight down, or a loop, has no laid position
         along = jnp.cumsum(length[span])[:-1, None]
         positions.append(jnp.where(laid, start + along * away / jnp.sqrt(jnp.where(laid, square, 1.0)), 0.0))
-        grips.append(jnp.where(laid, GRIP * stiffness[span][:-1], 0.0))
+        grips.append(jnp.where(laid, GRIP_RATIO * stiffness[span][:-1], 0.0))
     points = graph.free - graph.inner
     position = jnp.pad(jnp.concatenate(positions), ((0, points), (0, 0)))
     grip = jnp.pad(jnp.concatenate(grips), (0, points))

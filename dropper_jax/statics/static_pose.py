@@ -19,11 +19,11 @@ from jax.flatten_util import ravel_pytree
 from dropper_jax.base.errors import SceneError
 from dropper_jax.model import Model, State, state
 from dropper_jax.residual import Unknowns, largest_row
-from dropper_jax.statics.bodies import moves_of
-from dropper_jax.statics.rest_problem import SMALLEST, RestProblem, rest, rest_tolerance, soft_scale, system_tolerance
+from dropper_jax.statics.body_moves import moves_of
+from dropper_jax.statics.descent import descend, unbalance
+from dropper_jax.statics.rest_problem import MIN_KAPPA, RestProblem, rest, rest_tolerance, soft_scale, system_tolerance
 from dropper_jax.statics.search import Equilibrium, given_loads, outward, search
 from dropper_jax.statics.static_friction import with_static_seabed_friction
-from dropper_jax.statics.system import descend, unbalance
 from dropper_jax.statics.tangent import Linear, solve_linear
 
 
@@ -146,11 +146,11 @@ def equilibrium_near(model: Model, near: State, loads: Array, there: bool = Fals
     if not there:
         fixed, acting = jax.lax.stop_gradient((model, loads))
         tolerance = rest_tolerance(fixed)
-        found, size = descend(fixed, near, acting, tolerance, SMALLEST * soft_scale(fixed), NEAR_CORRECTIONS)
+        found, size = descend(fixed, near, acting, tolerance, MIN_KAPPA * soft_scale(fixed), NEAR_CORRECTIONS)
         near = replace(near, r=jnp.where(size <= tolerance, found.r, jnp.nan))
     moves = moves_of(model)
     near = replace(near, t=t)
     rows = partial(moves.rows, near, loads)
-    kappa = jax.lax.stop_gradient(SMALLEST * soft_scale(model))
+    kappa = jax.lax.stop_gradient(MIN_KAPPA * soft_scale(model))
     x = jax.lax.custom_root(rows, moves.zero_displacement, lambda _, x: x, partial(solve_linear, moves.tangent, kappa))
     return moves.move_pose(near, loads, x)

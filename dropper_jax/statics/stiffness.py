@@ -22,9 +22,10 @@ from jax import Array
 
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.records import names_of
 from dropper_jax.model import Ends, Model, State
 from dropper_jax.residual import Unknowns
-from dropper_jax.statics.bodies import BodyMoves
+from dropper_jax.statics.body_moves import BodyMoves
 from dropper_jax.statics.host_stiffness import factor_softened, free_motion, stiffness
 from dropper_jax.statics.rest_problem import RestProblem, name_of, rest
 from dropper_jax.statics.tangent import REFINEMENTS, UNSOLVABLE
@@ -81,7 +82,7 @@ def mooring_stiffness(model: Model, pose: State, names: Sequence[str], loads: Ar
 
 
 #: A link with a strain, and a tension over the maximum tension, below this is on the verge of going slack.
-VERGE = 1e-9
+VERGE_STRAIN = 1e-9
 
 
 def verges(model: Model, pose: State) -> tuple[str, ...]:
@@ -89,7 +90,7 @@ def verges(model: Model, pose: State) -> tuple[str, ...]:
     size = np.linalg.norm(np.asarray(model.links(pose.r, model.ends(pose.t))), axis=1)
     strain = size / np.asarray(model.line.length) - 1.0
     tension = np.abs(np.asarray(pose.tension))
-    on_verge = (np.abs(strain) <= VERGE) & (tension <= VERGE * max(np.max(tension), 1e-300))
+    on_verge = (np.abs(strain) <= VERGE_STRAIN) & (tension <= VERGE_STRAIN * max(np.max(tension), 1e-300))
     numbers = [str(i + 1) for i in np.flatnonzero(on_verge)]
     if not numbers:
         return ()
@@ -103,7 +104,7 @@ def _resolve_names(model: Model, names: Sequence[str]) -> dict[str, np.ndarray]:
     """Rows of K of each name: of a free or fixed point (3,), or of a body (6,)."""
     moves = BodyMoves(model) if model.constraints else None
     bodies = moves.constraint.names if moves else ()
-    points = [p.name for p in model.points[: len(model.points) - 4 * len(bodies)]]  # corners of bodies come last
+    points = names_of(model.points[: len(model.points) - 4 * len(bodies)])  # corners of bodies come last
     known = [*points, *bodies]
     rows: dict[str, np.ndarray] = {}
     for name in names:
@@ -207,7 +208,7 @@ def _condense(model: Model, pose: State, loads: Array, matrix: csc_array, picked
 
 
 def _of_bodies(model: Model, pose: State, loads: Array) -> csc_array:
-    """K in the coordinates of `statics.bodies`, with displacement and rotation of bodies about their reference
+    """K in the coordinates of `statics.body_moves`, with displacement and rotation of bodies about their reference
     points."""
     from scipy.sparse import csc_array  # noqa: PLC0415
 

@@ -10,7 +10,7 @@ import numpy as np
 from jax import Array
 
 from dropper_jax.base.numerics import safe_norm
-from dropper_jax.integrators.consistent import consistent
+from dropper_jax.integrators.consistent_velocities import make_consistent
 from dropper_jax.model import Frozen, Model, Parted, State, as_parted, state
 
 
@@ -32,7 +32,7 @@ def consistent_velocity(model: Model, s: State) -> Array:
     """
     if model.line.axial.elastic:
         return s.v
-    return consistent(model.kinematics(s.r, s.v, s.t))[0]
+    return make_consistent(model.kinematics(s.r, s.v, s.t))[0]
 
 
 def observe(

@@ -1,6 +1,6 @@
 """Between two steps of different length: rates along rigid links that suit the next one, and the energy that they take.
 
-See `integrators.consistent.after_change_of_step`.
+See `integrators.consistent_velocities.velocities_after_step_change`.
 """
 
 from __future__ import annotations

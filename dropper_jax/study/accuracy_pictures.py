@@ -12,9 +12,10 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from dropper_jax.base.read import Table
+from dropper_jax.base.records import rows_where
 from dropper_jax.plots import figures, style
 from dropper_jax.study.damping import THESIS_DT
-from dropper_jax.study.pictures import column, grouped, marks, save_titled
+from dropper_jax.study.pictures import grouped, marks, save_titled, series
 
 
 @style.plot_style()
@@ -22,7 +23,7 @@ def work_precision(report: Table, path: str | Path) -> Path:
     """RMS angle error against wall time and against the step, and energy drift against the step, log-log."""
     figure = figures.new_figure(12.0, 5.4)
     axes = figure.subplots(1, 3)
-    rows = [row for row in report["rows"] if row["status"] == "ok"]
+    rows = rows_where(report["rows"], "status", "ok")
     error = ("rms_angle_error_rad", "RMS angle error [rad]")
     step = ("dt", "step [s]")
     time = ("wall_s_per_simulated_s", "wall time per simulated second [s]")
@@ -33,7 +34,7 @@ def work_precision(report: Table, path: str | Path) -> Path:
         for i, (label, own) in enumerate(grouped(rows, itemgetter("label")).items()):
             shown = sorted((r for r in own if (r[y] or 0) > 0), key=itemgetter("dt"))
             if shown:
-                panel.plot(column(shown, x), column(shown, y), label=label, lw=1.0, **marks(i))
+                panel.plot(series(shown, x), series(shown, y), label=label, lw=1.0, **marks(i))
         panel.set(xscale="log", yscale="log", xlabel=across, ylabel=up)
     floor = report["reference"]["error_estimate_rad"]
     for panel in axes[:2]:
@@ -56,7 +57,7 @@ def _note(
 
 def _slopes(axes: Axes, rows: list[Table]) -> None:
     """Lines of order 1, 2 and 4 to compare with."""
-    dts = np.array(sorted({row["dt"] for row in rows}))
+    dts = np.array(sorted(set(series(rows, "dt"))))
     if len(dts) < 2:
         return
     for order, top in ((1, 0.5), (2, 2.0), (4, 0.3)):
@@ -111,10 +112,10 @@ def damping(report: Table, path: str | Path) -> Path:
     axes = figure.subplots()
     schemes = grouped(found["rows"], itemgetter("label"))
     for i, (label, rows) in enumerate(schemes.items()):
-        good = [r for r in rows if r["status"] == "ok"]
-        bad = column([r for r in rows if r["status"] != "ok"], "dt")
+        good = rows_where(rows, "status", "ok")
+        bad = series([r for r in rows if r["status"] != "ok"], "dt")
         look = marks(i)
-        axes.plot(column(good, "dt"), column(good, "equivalent_linear_damping"), label=label, lw=1.0, **look)
+        axes.plot(series(good, "dt"), series(good, "equivalent_linear_damping"), label=label, lw=1.0, **look)
         height = 0.35 * 1.12 ** (i - len(schemes) / 2)  # a row of crosses per scheme, so that they do not overlap
         axes.plot(bad, np.full_like(bad, height), ls="", marker="x", ms=5, color=look["color"])
     axes.axhline(found["thesis_b_l"], color=style.DARK, lw=0.9, ls=":")

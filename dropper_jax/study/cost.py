@@ -16,6 +16,7 @@ from jax import Array
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, parameter
 from dropper_jax.base.read import Table
+from dropper_jax.base.records import names_of
 from dropper_jax.effects import EFFECTS
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Effect, Kinematics, Model, State, state
@@ -160,20 +161,20 @@ class Variant:
         """Wall time per Newton correction [us]; None before they are counted, and without any."""
         return self.us_per_step / self.corrections if self.corrections else None
 
-    def row(self, whole: Variant) -> Table:
-        """Its numbers, with ratios to the whole scene."""
+    def row(self, full: Variant) -> Table:
+        """Its numbers, with ratios to the full scene."""
         one = self.us_per_correction
-        of = whole.us_per_correction
+        of = full.us_per_correction
         correction_ratio = None
         if one is not None and of is not None:
             correction_ratio = one / of
         return {
             "name": self.name,
-            "effects": [e.name for e in self.model.effects],
+            "effects": names_of(self.model.effects),
             "flops": self.counts.get("flops"),
             "bytes": self.counts.get("bytes accessed"),
             "us_per_step": self.us_per_step,
-            "ratio": self.us_per_step / whole.us_per_step,
+            "ratio": self.us_per_step / full.us_per_step,
             "corrections_per_step": self.corrections,
             "us_per_correction": one,
             "correction_ratio": correction_ratio,

@@ -7,6 +7,7 @@ from operator import itemgetter
 import numpy as np
 
 from dropper_jax.base.read import Table
+from dropper_jax.base.records import rows_where
 from dropper_jax.load.scene import load_scene
 from dropper_jax.model import Model, State
 from dropper_jax.run.build import build
@@ -71,7 +72,7 @@ LOSSES = ("energy_lost_j", "equivalent_linear_damping", "share_of_thesis")
 
 def _thesis(rows: list[Table]) -> Table:
     """The row of the thesis' scheme and step, and what it means in words; empty if it was not run."""
-    own = [row for row in rows if row["label"] == THESIS.label]
+    own = rows_where(rows, "label", THESIS.label)
     at = next((row for row in own if row["dt"] == THESIS_DT), None)
     if at is None:
         return {}
@@ -80,7 +81,7 @@ def _thesis(rows: list[Table]) -> Table:
         text = f"{where}: {100 * at['share_of_thesis']:.3g} % of b_l = {THESIS_B_L:g} kg/s is the scheme's own"
     else:
         text = f"{where}: {at['status']} at {at['failed_at_s']:.3g} s, so no share can be given"
-        good = [row for row in own if row["status"] == "ok"]
+        good = rows_where(own, "status", "ok")
         if good:
             largest = max(good, key=itemgetter("dt"))
             text += f"; at dt {largest['dt']:.4g} s, where it survives, {100 * largest['share_of_thesis']:.3g} %"

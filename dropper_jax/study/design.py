@@ -59,7 +59,7 @@ class Design:
 
 
 #: Relative miss above which a target counts as not reached; a root between two ends is as near as numbers allow.
-MISSED = 1e-6
+MAX_MISS = 1e-6
 
 
 def solve_design(
@@ -123,7 +123,7 @@ def solve_design(
 
 def _check_design(paths: list[str], names: list[str], lows: np.ndarray, highs: np.ndarray, goals: np.ndarray) -> None:
     """Reject numbers of values and targets that differ, repeated ones, and empty ranges."""
-    if len({len(given) for given in (paths, lows, highs, names, goals)}) > 1:
+    if len(set(map(len, (paths, lows, highs, names, goals)))) > 1:
         raise SceneError(
             f"design: {len(paths)} values for {len(names)} targets with {len(goals)} goals; allowed: as many"
         )
@@ -140,7 +140,7 @@ PER_POSE = 0.9
 #: Relative change of the value at which the search stops.
 VALUE_TOLERANCE = 1e-9
 #: Ratio of singular values below which derivatives with errors of 1e-10 determine no combination.
-UNDETERMINED = 1e-8
+UNDETERMINED_RATIO = 1e-8
 
 
 class _Pose(NamedTuple):
@@ -207,7 +207,7 @@ class _DesignSearch:
         reached = self.pose(x).reached
         miss = np.abs(reached - self.goals) / self.scale(reached)
         worst = int(np.argmax(miss))
-        if miss[worst] <= MISSED:
+        if miss[worst] <= MAX_MISS:
             return ""
         message = f"{self.names[worst]} reaches {reached[worst]:.6g} of {self.goals[worst]:g}"
         near = np.minimum(x - low, high - x) < 1e-6 * (high - low)
@@ -246,7 +246,7 @@ class _DesignSearch:
             gtol=1e-15,
         )
         rows, sizes, columns = np.linalg.svd(found.jac * (high - low))
-        if sizes[-1] <= UNDETERMINED * sizes[0]:
+        if sizes[-1] <= UNDETERMINED_RATIO * sizes[0]:
             targets = np.array(self.names)[np.abs(rows[:, -1]) > 0.1]
             values = np.array(self.paths)[np.abs(columns[-1]) > 0.1]
             raise SceneError(

@@ -49,7 +49,7 @@ print(json.dumps({"folder": None if folder is None else str(folder), "loaded": l
 
 @dataclass(frozen=True)
 class Check:
-    """A check against a known result: whether it holds, and what was found in words."""
+    """A check against an exact result: whether it holds, and what was found in words."""
 
     name: str
     ok: bool
@@ -105,7 +105,7 @@ def examine(repeats: int = 400) -> Installation:
         devices=[f"{device.platform}:{device.id} {device.device_kind}" for device in jax.devices()],
         float64=jnp.result_type(float) == jnp.float64,
         one_kernel=tags_enabled(),
-        compiler_options={name: _is_known(name) for name in OPTIONS},
+        compiler_options={name: _has_option(name) for name in OPTIONS},
         cache=cache(),
         checks=[check_tension(), known_product(), repeated_bits(repeats), loads_stored_programs()],
     )
@@ -136,7 +136,7 @@ def cache() -> Cache:
     return Cache(str(folder), len(sizes), sum(sizes))
 
 
-def _is_known(option: str) -> bool:
+def _has_option(option: str) -> bool:
     """Whether this version's compiler has an option."""
     lowered = jax.jit(lambda x: x + 1.0).lower(0.0)
     try:

@@ -16,7 +16,7 @@ from dropper_jax.study.work_precision import Each
 #: Default accuracies of the runs for the loads.
 LOAD_ACCURACIES = (0.1, 0.01, 1e-3, 1e-4)
 #: Maximum relative error of each load for the advice.
-WANTED = {"mean": 0.01, "deviation": 0.02, "window_maximum": 0.05, "maximum": 0.08}
+ADVISED_ERRORS = {"mean": 0.01, "deviation": 0.02, "window_maximum": 0.05, "maximum": 0.08}
 #: The reference over the finest run; errors of the second order: a quarter of the accuracy takes half of the step.
 FINER = {"accuracy": 0.25, "dt": 0.5}
 #: Maximum duration of the comparison of loads [s].
@@ -56,10 +56,12 @@ def load_convergence(
     if right is None:
         return found | {"skipped": finest_run.failure}
     found["rows"] = [run.row(right) for run in coarser]
-    for name, within in WANTED.items():
+    for name, within in ADVISED_ERRORS.items():
         found["advice"].append(_advice(found["rows"], name, within))
     for row in right:
-        found["loads"].append({"line": row["line"], "at_m": row["at_m"], **{name: row[name][0] for name in WANTED}})
+        found["loads"].append(
+            {"line": row["line"], "at_m": row["at_m"], **{name: row[name][0] for name in ADVISED_ERRORS}}
+        )
     return found
 
 
@@ -94,10 +96,10 @@ class _LoadRun:
 
     def row(self, right: list[Table] | None) -> Table:
         """Its errors relative to the loads of a finer run."""
-        errors: dict[str, float | None] = dict.fromkeys(WANTED)
+        errors: dict[str, float | None] = dict.fromkeys(ADVISED_ERRORS)
         loads = self.loads(right)
         if right is not None and loads is not None:
-            errors = {name: _worst(loads, right, name) for name in WANTED}
+            errors = {name: _worst(loads, right, name) for name in ADVISED_ERRORS}
         keys = ("accuracy", "dt", "status", "us_per_step")
         return {**{key: getattr(self, key) for key in keys}, "errors": errors}
 

@@ -27,7 +27,7 @@ EXTREMES = ("maximum", "minimum", "snaps")
 #: Factor on an estimated error so that the true one rarely exceeds it (Roache, J. Fluids Eng. 116 (1994) 405).
 GRID_SAFETY = 1.25
 #: Relative error of the maximum tension of a line above which it is not resolved.
-UNRESOLVED = 0.05
+UNRESOLVED_ERROR = 0.05
 #: Number of saved times below which a run has no statistics.
 MIN_TIMES = 4
 #: Number of parts of a record whose means give the standard error of the whole.
@@ -99,7 +99,9 @@ def load_errors(
         "loads": rows,
         "chaotic": chaotic,
         "horizon_s": horizon,
-        "not_resolved": [row["line"] for row in rows if row["maximum"]["error"] > UNRESOLVED * row["maximum"]["value"]],
+        "not_resolved": [
+            row["line"] for row in rows if row["maximum"]["error"] > UNRESOLVED_ERROR * row["maximum"]["value"]
+        ],
         "left_out": left_out,
     }
 

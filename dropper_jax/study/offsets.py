@@ -15,6 +15,7 @@ import numpy as np
 
 from dropper_jax.base.errors import Progress, SceneError, nearest, silent
 from dropper_jax.base.read import Table
+from dropper_jax.base.records import by_name
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model, State
 from dropper_jax.run.build import build_model
@@ -73,7 +74,7 @@ def offset_curves(
 
 def _check_points(scene: Scene, names: Sequence[str]) -> None:
     """Check that the names are those of different fixed points at which lines end."""
-    known = {point.name: point for point in scene.points}
+    known = by_name(scene.points)
     at_ends = {end for line in scene.lines for end in (line.start, line.end)}
     for i, name in enumerate(names):
         if name not in known:
@@ -81,7 +82,7 @@ def _check_points(scene: Scene, names: Sequence[str]) -> None:
         if name in names[:i]:
             raise SceneError(f"points: {name!r} is given twice; allowed: every point once")
         if known[name].is_free:
-            fixed = ", ".join(p.name for p in scene.points if not p.is_free)
+            fixed = ", ".join(scene.fixed_points)
             raise SceneError(f"points: {name!r} is free and finds its own position; allowed: fixed points: {fixed}")
         if name not in at_ends:
             raise SceneError(f"points: no line ends at {name!r}; allowed: ends of lines")

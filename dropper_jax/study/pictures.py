@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from dropper_jax import plots
 from dropper_jax.base.markdown import first_names
 from dropper_jax.base.read import Table
+from dropper_jax.base.records import column, rows_where
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model
 from dropper_jax.plots import figures, style, tension_colours, view
@@ -92,14 +93,14 @@ def responses(name: str, rows: Sequence[Table], path: str | Path) -> Path:
     higher."""
     figure = figures.new_figure(7.5, 6.2)
     panels = figure.subplots(3, 1, sharex=True)
-    period = column(rows, "period_s")
-    amplitude = column(rows, "amplitude_rad")
-    curves = {"amplitude": amplitude, "mean": column(rows, "mean_rad"), "phase": np.unwrap(column(rows, "phase_rad"))}
+    period = series(rows, "period_s")
+    amplitude = series(rows, "amplitude_rad")
+    curves = {"amplitude": amplitude, "mean": series(rows, "mean_rad"), "phase": np.unwrap(series(rows, "phase_rad"))}
     for axes, (label, values) in zip(panels, curves.items(), strict=True):
         axes.plot(period, values, label="as in the scene", **marks(0))
         axes.set_ylabel(f"{label} [rad]")
     if all(row.get("amplitude_10_percent_more") is not None for row in rows):
-        higher = amplitude * (1.0 + column(rows, "amplitude_10_percent_more"))
+        higher = amplitude * (1.0 + series(rows, "amplitude_10_percent_more"))
         panels[0].plot(period, higher, label="waves 10 % higher", **marks(1))
         figures.legend_above(panels[0], 2, borderaxespad=0.2)
     panels[-1].set_xlabel("period of the waves [s]")
@@ -116,14 +117,14 @@ def mussels(name: str, rows: Sequence[Table], path: str | Path) -> Path:
     ropes = grouped(rows, lambda row: tuple(row["lines"]))
     figure = figures.new_figure(max(3.6 * len(ropes), 5.0) + 0.8, 6.4)
     grid = figure.subplots(2, len(ropes), sharey=True, squeeze=False)
-    below = 0.2 * np.max(column(rows, "depth_m")) or 1.0
+    below = 0.2 * np.max(series(rows, "depth_m")) or 1.0
     for (layer, weight), (lines, own) in zip(grid.T, ropes.items(), strict=True):
         months = grouped(own, itemgetter("month"))
         for i, (month, shown) in enumerate(months.items()):
             depth = column(shown, "depth_m")
             colour = tension_colours.tension_map()(0.9 * i / max(len(months) - 1, 1))
             for axes, key, size in ((layer, "thickness_m", 1e3), (weight, "wet_weight_n_per_m", 1.0)):
-                values = size * column(shown, key)
+                values = size * series(shown, key)
                 axes.plot(values, depth, "o-", color=colour, ms=3.5, label=f"month {month:g}")
                 axes.plot(values[[-1, -1]], [depth[-1], depth[-1] + below], color=colour, ls="--")
         layer.set_title(first_names(lines, 1), loc="left", fontsize=9)
@@ -142,12 +143,12 @@ def tide(name: str, rows: Sequence[Table], path: str | Path) -> Path:
     """Current, level, excursion and force on the fixed points through a cycle."""
     figure = figures.new_figure(7.5, 6.2)
     water, moved, tension = figure.subplots(3, 1, sharex=True)
-    hours = column(rows, "t_s") / 3600.0
-    water.plot(hours, column(rows, "speed_m_per_s"), label="current [m/s]", **marks(0))
-    water.plot(hours, column(rows, "level_m"), label="level [m]", **marks(1))
-    moved.plot(hours, column(rows, "displacement_m"), **marks(0))
+    hours = series(rows, "t_s") / 3600.0
+    water.plot(hours, series(rows, "speed_m_per_s"), label="current [m/s]", **marks(0))
+    water.plot(hours, series(rows, "level_m"), label="level [m]", **marks(1))
+    moved.plot(hours, series(rows, "displacement_m"), **marks(0))
     moved.set_ylabel("moved [m]")
-    loads = column(rows, "held_load_n", dict)
+    loads = series(rows, "held_load_n", dict)
     for i, point in enumerate(loads[0]):
         tension.plot(hours, np.linalg.norm([load[point] for load in loads], axis=1) / 1e3, label=point, **marks(i))
     tension.set(xlabel="time [h]", ylabel="force [kN]")
@@ -157,9 +158,9 @@ def tide(name: str, rows: Sequence[Table], path: str | Path) -> Path:
     return save_titled(figure, f"{name}: through the tide", path)
 
 
-def column(rows: Sequence[Table], key: str, dtype: type = float) -> np.ndarray:
-    """The values of a key (k,)."""
-    return np.array([row[key] for row in rows], dtype)
+def series(rows: Sequence[Table], key: str, dtype: type = float) -> np.ndarray:
+    """The values of a key in all rows (k,)."""
+    return np.array(column(rows, key), dtype)
 
 
 def grouped(rows: Iterable[Table], key: Callable[[Table], Any]) -> dict[Any, list[Table]]:
@@ -213,9 +214,9 @@ def offsets(name: str, rows: Sequence[Table], path: str | Path) -> Path:
     figure = figures.new_figure(9.5, 4.4)
     restoring, tension = figure.subplots(1, 2, sharex=True)
     for i, (direction, own) in enumerate(grouped(rows, itemgetter("direction_deg")).items()):
-        shown = [row for row in own if row["status"] == "ok"]
+        shown = rows_where(own, "status", "ok")
         for axes, key in ((restoring, "restoring_n"), (tension, "max_tension_n")):
-            axes.plot(column(shown, "distance_m"), column(shown, key) / 1e3, label=f"{direction:g}", **marks(i))
+            axes.plot(series(shown, "distance_m"), series(shown, key) / 1e3, label=f"{direction:g}", **marks(i))
     restoring.set(xlabel="offset [m]", ylabel="restoring force [kN]")
     tension.set(xlabel="offset [m]", ylabel="maximum tension [kN]")
     figure.legend(*restoring.get_legend_handles_labels(), title="direction [deg]", loc="outside right upper")

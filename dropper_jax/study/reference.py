@@ -12,7 +12,7 @@ from jax import Array
 
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import SceneError
-from dropper_jax.integrators.consistent import instant
+from dropper_jax.integrators.consistent_velocities import solve_instant
 from dropper_jax.model import Model, State
 from dropper_jax.residual import Stepper
 from dropper_jax.stepping.stepper import make_stepper
@@ -85,16 +85,16 @@ def trusted_span(model: Model, s: State, duration: float, dt: float, grid: float
 
 #: Maximum number of steps of one reference run, and maximum counted operations of a refinement: long runs in waves are
 #: expensive.
-MOST_STEPS = 150_000
-MOST_WORK = 1e11
+MAX_STEPS = 150_000
+MAX_WORK = 1e11
 #: One run of the first scheme, and those of the second with the step, its half and its quarter.
 RUNS_OF_SECOND = 7
 #: Target error of the reference [rad]: 1e-4 of the minimum target error of the advice.
-TARGET = 1e-9
+TARGET_ERROR = 1e-9
 
 
 def reference(model: Model, s: State, grid: float, saves: int, exponent: float) -> Reference:
-    """Refine two schemes together until they agree to `TARGET` [rad], or neither can be refined further.
+    """Refine two schemes together until they agree to `TARGET_ERROR` [rad], or neither can be refined further.
 
     The first is the fourth-order composition, the second RATTLE extrapolated to step zero (Romberg, three steps; its
     error has even powers only, so sixth order remains). Elastic lines use rk4 and rk2. If a scheme cannot run the
@@ -106,7 +106,9 @@ def reference(model: Model, s: State, grid: float, saves: int, exponent: float) 
     every = max(4, int(np.ceil(grid * 256)))
     evaluation = evaluation_work(model, s)
     per_step = step_work(model, first, evaluation) + RUNS_OF_SECOND * step_work(model, second, evaluation)
-    while best is None or (every * saves <= MOST_STEPS and best[0] > TARGET and every * saves * per_step <= MOST_WORK):
+    while best is None or (
+        every * saves <= MAX_STEPS and best[0] > TARGET_ERROR and every * saves * per_step <= MAX_WORK
+    ):
         fine = grid_run(first, model, s, grid, every, saves)
         check = _extrapolate(second, model, s, grid, every, saves)
         error = rms_angle(fine.links, link_vectors(model, check, fine.t))
@@ -167,7 +169,7 @@ def _tensions(model: Model, r: Array, v: Array, t: Array) -> Array:
         k = model.instant(r, v, t)
         if model.line.axial.elastic:  # accelerations are not needed
             return model.tension_by_law(k)
-        return instant(k, model.end_acceleration(t))[1]
+        return solve_instant(k, model.end_acceleration(t))[1]
 
     return jax.vmap(one)(r, v, t)
 

@@ -15,7 +15,7 @@ from dropper_jax.run.build import build_model
 from dropper_jax.run.simulate import Solution, simulate
 
 #: Fraction of a run, at its end, for the evaluation of the response.
-TAKEN = 1.0 / 3.0
+EVALUATED_SHARE = 1.0 / 3.0
 #: Increase of the wave height for the additional curve.
 HIGHER_WAVES = 1.1
 
@@ -40,7 +40,7 @@ def responses(
     waves = None if scene.sea is None else scene.sea.waves
     if waves is None or waves.kind != "regular" or waves.period is None:
         raise SceneError("sea.waves: a response needs regular waves with a period; allowed: kind 'regular', `period`")
-    least = max(periods) / TAKEN
+    least = max(periods) / EVALUATED_SHARE
     if scene.run.duration < least:
         raise SceneError(
             f"run.duration: {scene.run.duration:g} s is too short for these periods; allowed: >= {least:g} s"
@@ -66,7 +66,7 @@ def _response(solution: Solution, period: float) -> Table:
     sea = model.sea
     if sea is None or model.line.diameter is None:
         raise SceneError("line.0.diameter: missing; a response needs it, > 0 m")
-    span = np.floor(TAKEN * solution.t[-1] / period) * period
+    span = np.floor(EVALUATED_SHARE * solution.t[-1] / period) * period
     last = solution.t > solution.t[-1] - span
     t = solution.t[last]
     nodes = solution.positions[last]

@@ -30,7 +30,7 @@ class Scheme:
     dtype: str = "float64"
 
     @classmethod
-    def named(cls, name: str) -> Scheme:
+    def with_default_weight(cls, name: str) -> Scheme:
         """An integrator with the first of its default weights."""
         return cls(name, SCHEME_WEIGHTS.get(name, (None,))[0])
 
@@ -52,7 +52,7 @@ def parse(text: str) -> Scheme:
     if name not in INTEGRATORS:
         raise SceneError(f"--integrators: {name!r} is unknown; allowed: {', '.join(INTEGRATORS)}, with :GAMMA")
     if not weight:
-        return Scheme.named(name)
+        return Scheme.with_default_weight(name)
     try:
         return Scheme(name, float(weight))
     except ValueError:
@@ -65,7 +65,7 @@ def default_schemes(model: Model, quick: bool = False) -> list[Scheme]:
     In waves one of each kind: a step costs 50 times as much there, and the others are known from calm scenes.
     """
     if model.sea is not None and model.sea.waves is not None:
-        return [Scheme.named(name) for name in IN_WAVES]
+        return list(map(Scheme.with_default_weight, IN_WAVES))
     found = []
     for name in INTEGRATORS:
         plain = [Scheme(name, gamma) for gamma in SCHEME_WEIGHTS.get(name, (None,))]

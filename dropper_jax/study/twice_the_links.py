@@ -32,7 +32,7 @@ def twice_the_links(scene: Scene) -> Scene:
     if "joint_friction" in scene.effects:
         raise SceneError("effects.joint_friction: depends on the number of joints. Use a scene without it")
     table = scene.to_dict()
-    table["line"] = [_refine_line(line) for line in table["line"]]
+    table["line"] = list(map(_refine_line, table["line"]))
     table["effects"] = {name: _refine_effect(name, values) for name, values in table["effects"].items()}
     table["start"] = _refine_start(table["start"], scene.lines)
     for failure in table.get("failure", ()):

@@ -16,6 +16,7 @@ from jax.typing import ArrayLike
 
 from dropper_jax.base.errors import Progress, silent
 from dropper_jax.base.read import Table
+from dropper_jax.base.records import column
 from dropper_jax.model import Model, State
 from dropper_jax.residual import Embedded, Stepper
 from dropper_jax.study.counted_work import evaluation_work, step_work
@@ -186,7 +187,7 @@ def _walls(run: Callable[[], object], repeats: int, before: float) -> list[float
 
 
 #: Minimum ratio of a measured error to that of the reference.
-RESOLVED = 100.0
+RESOLVED_RATIO = 100.0
 
 
 def row_errors(run: GridRun, target: Reference) -> Table:
@@ -203,7 +204,7 @@ def row_errors(run: GridRun, target: Reference) -> Table:
         "rms_tension_error_n": rms(_tension_errors(run, target.tension)),
         "energy_drift_j": np.max(np.abs(loss)),
         "equivalent_linear_damping": damping,
-        "resolved": bool(RESOLVED * target.error <= angle < math.inf),
+        "resolved": bool(RESOLVED_RATIO * target.error <= angle < math.inf),
     }
 
 
@@ -220,7 +221,7 @@ def _tension_errors(run: GridRun, reference: np.ndarray) -> Rows:
 def orders(rows: list[Table]) -> dict[str, float]:
     """Slope of log error over log step of each scheme, through its finest three resolved steps below 0.1 rad."""
     found = {}
-    for label in dict.fromkeys(row["label"] for row in rows):
+    for label in dict.fromkeys(column(rows, "label")):
         good = []
         for r in rows:
             fine = r["status"] == "ok" and r["resolved"] and r["rms_angle_error_rad"] < 0.1

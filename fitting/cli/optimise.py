@@ -71,16 +71,16 @@ def run(args: argparse.Namespace) -> int:
 
 def text(found: Optimum) -> str:
     """The design as text: before, after, active constraints, sensitivity to assumptions."""
-    from fitting.farm.optimise.run import ACTIVE, HELD, along_text
+    from fitting.farm.optimise.run import ACTIVE_FROM, MIN_BALANCED, along_text
 
     rows = [("", "before", "after", "bounds")]
     for variable, before, after in zip(found.variables, found.before, found.after, strict=True):
         rows.append(text_row("{0.name}|{1:.4g}|{2:.4g}|{0.low:g} to {0.high:g}", variable, before, after))
     rows.append(text_row("objective ({0.of})|{0.objective[0]:.5g}|{0.objective[1]:.5g}|{1:+.1%}", found, -found.gain))
-    known = found.held >= HELD
+    known = found.held >= MIN_BALANCED
     limits = [("constraint, limit 1", "before", "after", "effect of 1 % more of it")]
     for label, (before, after) in found.constraints.items():
-        price = "active" if after >= ACTIVE else ""
+        price = "active" if after >= ACTIVE_FROM else ""
         if known and label in found.prices:
             price = f"{found.prices[label]:+.3g}"
         limits.append((label, f"{before:.3f}", f"{after:.3f}", price))

@@ -131,12 +131,12 @@ def start_positions(nodes: list[str] | None) -> list[tuple[float, float]] | None
 
 def report_ambiguous(error: AmbiguousOrderError, args: argparse.Namespace, picture: Path) -> int:
     """Draw the orders that are compatible with the film; no trace is written."""
-    from fitting.films.alternatives import SHOWN, write_alternatives
+    from fitting.films.alternatives import MAX_SHOWN, write_alternatives
 
     write_alternatives(error, args.video, picture)
     shown = "they"
-    if len(error.orders) > SHOWN:
-        shown = f"the first {SHOWN}"
+    if len(error.orders) > MAX_SHOWN:
+        shown = f"the first {MAX_SHOWN}"
     failure = ("ambiguous_order", f"{error}; {shown} are drawn in {picture}")
     orders = [positions.round(1) for positions in error.orders]
     found = {"frame": error.frame, "orders": orders, "picture": str(picture)}

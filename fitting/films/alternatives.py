@@ -11,7 +11,7 @@ from fitting.films.overlay import BRIDGED, TEXT, draw_links, write_sheet, write_
 from fitting.films.video import Video, opencv
 
 #: Maximum number of orders that are drawn.
-SHOWN = 6
+MAX_SHOWN = 6
 #: Width of the picture of one order [pixel].
 TILE_WIDTH = 560
 
@@ -19,7 +19,7 @@ TILE_WIDTH = 560
 def write_alternatives(error: AmbiguousOrderError, video: str | Path, path: str | Path) -> Path:
     """The frame once for each order, side by side in rows of three, as a `.png`."""
     image = next(Video(video).frames(error.frame, error.frame + 1))
-    tiles = [_tile(image, positions, i) for i, positions in enumerate(error.orders[:SHOWN])]
+    tiles = [_tile(image, positions, i) for i, positions in enumerate(error.orders[:MAX_SHOWN])]
     return write_sheet(tiles, min(3, len(tiles)), Path(path))
 
 

@@ -9,7 +9,7 @@ from fitting.films.detection import Circles, MarkerAppearance, detect, learn_app
 from fitting.films.video import Video
 
 #: Maximum number of frames from which the appearance is learned.
-MOST_IMAGES = 16
+MAX_IMAGES = 16
 
 
 def scan(
@@ -38,7 +38,7 @@ def _learn_appearance(
     for i, image in enumerate(film.frames(*span)):
         if i % stride == 0:
             images.append(image)
-        if len(images) > MOST_IMAGES:
+        if len(images) > MAX_IMAGES:
             images = images[::2]
             stride = 2 * stride
     if not images:

@@ -17,7 +17,7 @@ from dropper_jax.base.errors import SceneError
 from fitting.films.video import opencv, read_image
 
 #: Minimum number of pictures with the board: fewer do not determine both focal length and distortion.
-FEWEST_PICTURES = 4
+MIN_PICTURES = 4
 #: Largest reprojection error [pixel] of a calibration that may be used; the thesis reached 0.15.
 LARGEST_ERROR = 1.0
 #: Focal length [image widths] above which the calibration has diverged.
@@ -118,10 +118,10 @@ def calibrate(pictures: Sequence[str | Path], board: tuple[int, int] = (9, 6)) -
     if len(sizes) > 1:
         raise SceneError(f"calibration: pictures of different sizes, {sorted(sizes)}; allowed: one size, the video's")
     found = [there for _, image in images if (there := corners(image, board)) is not None]
-    if len(found) < FEWEST_PICTURES:
+    if len(found) < MIN_PICTURES:
         raise SceneError(
             f"calibration: a board of {board[0]} x {board[1]} inner corners found in {len(found)} of {len(images)} "
-            f"pictures, fewer than {FEWEST_PICTURES}. Use more pictures, or --board with the number of corners"
+            f"pictures, fewer than {MIN_PICTURES}. Use more pictures, or --board with the number of corners"
         )
     size = images[0][1].shape[::-1]
     lens = _lens(found, board, size)

@@ -23,9 +23,9 @@ from fitting.traces.trace import FEWEST
 LENGTH_CHANGE = 0.05
 #: Maximum share of marked frames. Right films show up to 0.01.
 MARKED_SHARE = 0.2
-#: Maximum ratio off/s of a node that moves by more than `MOVES` mean links; one node at least must be below it.
-JERK = 0.25
-MOVES = 0.15
+#: Maximum ratio off/s of a node that moves by more than `MOVES_BY` mean links; one node at least must be below it.
+MAX_JERK = 0.25
+MOVES_BY = 0.15
 #: Maximum standard error of an angle [rad]. Larger ones are left empty.
 LARGEST_ERROR = 0.2
 
@@ -72,9 +72,9 @@ def _why_jerky(positions: np.ndarray, length: float) -> str:
             continue
         ratio = float(np.median(off[near])) / spread
         low, high = np.percentile(here, (2, 98), axis=0)
-        if ratio > JERK and np.linalg.norm(high - low) > MOVES * length:
+        if ratio > MAX_JERK and np.linalg.norm(high - low) > MOVES_BY * length:
             return f"node {k} jumps from frame to frame"
         ratios.append(ratio)
-    if min(ratios, default=0.0) > JERK:
+    if min(ratios, default=0.0) > MAX_JERK:
         return "no node moves"
     return ""

@@ -21,12 +21,13 @@ RAY_STEP = 0.5
 #: Radii [pixel] that are tried by default.
 RADII = tuple(map(float, np.geomspace(2.5, 40.0, 14)))
 #: Radius of the disc to which the difference of two Gaussians responds best, in radii of `_spots`.
-RESPONDING = 1.15
+RESPONSE_RADIUS = 1.15
 #: Minimum fraction of rays that show an edge.
 SHOWN_RAYS = 0.55
-#: Maximum radius of a circle as a multiple of the usual one; minimum contrast as a fraction of the usual one.
+#: Maximum radius of a circle over the usual one [-].
 LARGEST_RADIUS = 1.35
-WEAKEST = 0.85
+#: Minimum contrast of a circle over the usual one [-].
+MIN_CONTRAST = 0.85
 
 
 @dataclass(frozen=True)
@@ -66,11 +67,11 @@ def learn_appearance(
     """The radius and shade at which the `nodes` strongest spots of a picture stand out most."""
     best = MarkerAppearance(radius or RADII[0], bool(bright), 0.0)
     shades = (True, False) if bright is None else (bright,)
-    sizes = RADII if radius is None else (radius / RESPONDING,)
+    sizes = RADII if radius is None else (radius / RESPONSE_RADIUS,)
     for shade, size in product(shades, sizes):
         answers = _spots(image, size, shade)[1]
         if len(answers) >= nodes and answers[nodes - 1] > best.answer:
-            best = MarkerAppearance(RESPONDING * size, shade, float(answers[nodes - 1]))
+            best = MarkerAppearance(RESPONSE_RADIUS * size, shade, float(answers[nodes - 1]))
     if best.answer < 2.0:  # grey levels above the noise
         return replace(best, answer=0.0)
     for _ in range(3):  # the search radius for the rim depends on the radius
@@ -129,7 +130,7 @@ def _spots(image: np.ndarray, radius: float, bright: bool) -> tuple[np.ndarray, 
     if shrink > 1:
         small = cv2.resize(small, None, fx=1 / shrink, fy=1 / shrink, interpolation=cv2.INTER_AREA)
     r = radius / shrink
-    # widths of the Gaussians [radius]; their difference responds best to discs `RESPONDING` times as large
+    # widths of the Gaussians [radius]; their difference responds best to discs `RESPONSE_RADIUS` times as large
     answer = cv2.GaussianBlur(small, (0, 0), 0.6 * r) - cv2.GaussianBlur(small, (0, 0), 1.2 * r)
     if not bright:
         answer = -answer
@@ -149,7 +150,7 @@ def _fit(image: np.ndarray, seeds: np.ndarray, appearance: MarkerAppearance) -> 
     edge, contrast = _edges(_brightness(image, seeds, ray, along), along, appearance)
     centre, radius, error, used = _circle(edge, ray, appearance.radius)
     size = radius / appearance.radius
-    good = (used >= SHOWN_RAYS) & (size > WEAKEST) & (size < LARGEST_RADIUS)
+    good = (used >= SHOWN_RAYS) & (size > MIN_CONTRAST) & (size < LARGEST_RADIUS)
     good &= (np.hypot(*centre.T) < appearance.radius) & (contrast > 0.6 * appearance.contrast)
     return Circles(seeds + centre, error, radius, used, contrast).pick(good)
 

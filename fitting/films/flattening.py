@@ -27,11 +27,11 @@ USUAL_FOCUS = 1.25
 #: Maximum values of pan [rad], pitch [rad], k1 and log(focus / usual).
 LIMITS = np.array([0.6, 0.6, 0.6, 0.9])
 #: Minimum noise of a circle's centre [pixel].
-LEAST_NOISE = 0.03
+MIN_NOISE = 0.03
 #: Standard deviation of normal numbers over the median of their absolute values.
-ROBUST = 1.4826
+MEDIAN_TO_DEVIATION = 1.4826
 #: Duration of a block [s], over which deviations persist.
-BLOCK = 0.25
+BLOCK_DURATION = 0.25
 
 
 @dataclass(frozen=True)
@@ -149,7 +149,7 @@ def flatten(pixels: np.ndarray, flat: Flat, fps: float) -> Flat:
         )
         found = result.x
         left = np.where(both, np.abs(off(found)), np.nan)
-        noise = np.maximum(ROBUST * np.nanmedian(left, axis=0), LEAST_NOISE / size)
+        noise = np.maximum(MEDIAN_TO_DEVIATION * np.nanmedian(left, axis=0), MIN_NOISE / size)
         noise = np.where(np.isfinite(noise), noise, np.nanmedian(noise))
     return replace(flat, parameters=found, covariance=_covariance(off, found, noise, spread, keep, fps))
 
@@ -180,7 +180,7 @@ def robust_lengths(positions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.nd
     lengths = link_lengths(positions)
     known = np.where(np.isfinite(lengths).any(axis=0), lengths, 0.0)
     usual = np.nanmedian(known, axis=0)
-    return lengths, usual, ROBUST * np.nanmedian(np.abs(known - usual), axis=0)
+    return lengths, usual, MEDIAN_TO_DEVIATION * np.nanmedian(np.abs(known - usual), axis=0)
 
 
 def level_error(flat: Flat, others: list[Flat], pixels: np.ndarray) -> float:
@@ -211,7 +211,7 @@ def _covariance(
     left = np.clip(off(found) / noise, -5.0, 5.0)
     prior = np.diag(1 / spread**2)
     bread = np.linalg.inv(np.einsum("kja,kjb->ab", slopes, slopes) + prior)
-    block = (keep / (BLOCK * fps)).astype(int)
+    block = (keep / (BLOCK_DURATION * fps)).astype(int)
     score = np.zeros((block.max() + 1, len(found)))
     np.add.at(score, block, np.einsum("kja,kj->ka", slopes, left))
     return bread @ (score.T @ score + prior) @ bread

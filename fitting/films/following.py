@@ -34,7 +34,7 @@ from fitting.films.ordering import (
 #: Changes [tolerances] up to which another order is equally good.
 AS_GOOD = 3.0
 #: Maximum number of orders that are looked for.
-MOST_ORDERS = 50
+MAX_ORDERS = 50
 #: Change of a length [pixel] up to which a row of markers is one line of links.
 LINE_CHANGE = 1.0
 #: Maximum distance of a given position from its circle [radius].
@@ -108,7 +108,7 @@ def _confirmed(found: np.ndarray, positions: np.ndarray) -> np.ndarray:
 
 def map_centres(centres: list[np.ndarray], to: Callable[[np.ndarray], np.ndarray]) -> list[np.ndarray]:
     """The centres of the circles (m, 2) of each frame, mapped by `to`: points (m, 2) to points (m, 2)."""
-    return np.split(to(np.concatenate(centres)), np.cumsum([len(each) for each in centres])[:-1])
+    return np.split(to(np.concatenate(centres)), np.cumsum(list(map(len, centres)))[:-1])
 
 
 def _of_nodes(values: list[np.ndarray], found: np.ndarray) -> np.ndarray:
@@ -162,7 +162,7 @@ def _orders(tracks: np.ndarray, still: np.ndarray) -> list[np.ndarray]:
     own = float(np.median(np.diagonal(change, 1)))
     # tolerance [pixel, fraction, deviations of the chain's own links] once the plane is known
     ratio = change / np.maximum(2.0 * min(own, 1.0), np.hypot(0.05, 0.0005 * mean))
-    return [path for _, path in paths(ratio, still, len(still), AS_GOOD, MOST_ORDERS)]
+    return [path for _, path in paths(ratio, still, len(still), AS_GOOD, MAX_ORDERS)]
 
 
 def _check_order(tracks: np.ndarray, pixels: np.ndarray, still: np.ndarray, straight: bool) -> bool:
@@ -180,7 +180,7 @@ def _check_order(tracks: np.ndarray, pixels: np.ndarray, still: np.ndarray, stra
     frame = int(np.argmax(np.isfinite(tracks[..., 0]).sum(axis=1)))
     orders = [pixels[frame, path] for path in (own, *others)]
     count = "many orders"
-    if len(orders) < MOST_ORDERS:
+    if len(orders) < MAX_ORDERS:
         count = f"{len(orders)} orders"
     raise AmbiguousOrderError(
         f"the order of the nodes is not known: in {count} of the {nodes} circles all links keep their lengths; "
@@ -196,7 +196,7 @@ def chain_in_line(centres: list[np.ndarray], nodes: int) -> Chain:
     Raises:
         SceneError: otherwise.
     """
-    counts = [len(each) for each in centres]
+    counts = list(map(len, centres))
     if nodes in counts:
         at = counts.index(nodes)
         tracks = follow_unnamed(centres, at)

@@ -19,9 +19,9 @@ from fitting.films.identity import bridge, length_errors
 from fitting.films.ordering import Chain, distances, fast_step
 
 #: Standard deviations of position and length up to which a circle is the missed node.
-ACCEPTED = 3.0
+ACCEPTED_DEVIATIONS = 3.0
 #: Deviations beyond this number of standard deviations count as much as one there.
-OUTLYING = 3.0
+OUTLYING_DEVIATIONS = 3.0
 
 
 @dataclass
@@ -120,7 +120,7 @@ def _take(found: TrackedChain, there: Callable[[int], tuple[np.ndarray, Circles]
                     miss = np.linalg.norm(flat - found.flat[i, other], axis=1) - found.chain.length[j]
                     cost = np.maximum(cost, np.abs(miss) / error[j])
             best = int(np.argmin(cost))
-            if cost[best] < ACCEPTED:
+            if cost[best] < ACCEPTED_DEVIATIONS:
                 found.flat[i, k] = flat[best]
                 found.pixels[i, k] = circles.centre[best]
                 found.error[i, k] = circles.error[best]
@@ -191,7 +191,7 @@ def exposure_share(positions: np.ndarray) -> float:
         share = float(np.sum(weight * x * y) / np.sum(weight * x**2))
         off = np.abs(y - share * x)
         scale = 1.4826 * float(np.median(off)) + 1e-9
-        weight = np.minimum(1.0, OUTLYING * scale / np.maximum(off, 1e-12))
+        weight = np.minimum(1.0, OUTLYING_DEVIATIONS * scale / np.maximum(off, 1e-12))
     error = scale / np.sqrt(np.sum(weight * x**2))
     if not share > 4.0 * error:  # standard errors; true for NaN as well
         return 0.0

@@ -25,7 +25,7 @@ STEP_SHARE = 0.05
 #: Fraction of the last change of a step by which a node may be off.
 CHANGE_SHARE = 0.7
 #: Maximum distance of a circle from a node's expected position [pixel].
-REACH = 12.0
+MAX_DISTANCE = 12.0
 #: Additional distance for every frame that the node was lost, in fastest steps.
 REACH_PER_FRAME = 1.5
 #: Maximum cost of a length between two nodes: a wrong neighbour must not reject a right node.
@@ -44,7 +44,7 @@ LENGTH_SHARE = 0.008
 #: Maximum variation of a length as a fraction of it.
 LARGEST_SPREAD = 0.25
 #: Maximum number of shared circles that are denied to one of two nodes in turn.
-MOST_DENIED = 8
+MAX_DENIED = 8
 
 
 class Follower:
@@ -116,7 +116,7 @@ class Follower:
         if not len(centre):
             return np.full(len(guess), -1)
         unary = (distances(guess, centre) / self._errors()[:, None]) ** 2
-        reach = np.where(self.held, 0.0, REACH + REACH_PER_FRAME * self.lost * self.fastest)
+        reach = np.where(self.held, 0.0, MAX_DISTANCE + REACH_PER_FRAME * self.lost * self.fastest)
         away = distances(self.last_positions, centre) < reach[:, None]
         far = (self.lost > 0)[:, None] & away & (unary >= RETURN_COST)
         unary[far] = RETURN_COST
@@ -192,7 +192,7 @@ def _without_doubles(unary: np.ndarray, pair: np.ndarray, depth: int = 0) -> tup
     cost, states = _viterbi(unary, pair)
     circles, counts = np.unique(states[states < unary.shape[1] - 1], return_counts=True)
     double = circles[counts > 1]
-    if not len(double) or depth >= MOST_DENIED:
+    if not len(double) or depth >= MAX_DENIED:
         return cost, states
     tries = []
     owners = np.flatnonzero(states == double[0])

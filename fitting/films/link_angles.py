@@ -30,7 +30,7 @@ def angle_errors(positions: np.ndarray, error: np.ndarray) -> np.ndarray:
 
 
 #: Minimum number of valid samples of a link that show its scatter; with fewer, all detected samples are used.
-FEWEST_VALID = 10
+MIN_VALID = 10
 #: Number of iterations for the further variance of a link.
 ITERATIONS = 20
 #: Minimum factor on the errors of edges that scatter more than the lengths.
@@ -57,7 +57,7 @@ def estimate_angle_errors(positions: np.ndarray, fit_error: np.ndarray, used: np
     for link in range(length.shape[1]):
         detected = np.isfinite(length[:, link])
         good = detected & used[:, link]
-        if good.sum() < FEWEST_VALID:
+        if good.sum() < MIN_VALID:
             good = detected
         if good.sum() < 2:
             continue

@@ -28,9 +28,9 @@ LENGTH_SHARE = 0.015
 #: Distance [links] below which two nodes may have either name.
 EITHER_NAME = 0.05
 #: The largest jumps are removed and the others checked again, at most this number of times.
-MOST_JUMPS = 6
+MAX_JUMPS = 6
 #: Deviation from the neighbouring frames beyond which a node has jumped, in usual deviations.
-JUMP = 8.0
+JUMP_DEVIATIONS = 8.0
 #: Minimum deviation of a jump, as a fraction of a link.
 SMALLEST_JUMP = 0.15
 #: Number of samples before and after, which give the usual deviation of a position from its neighbours in time.
@@ -128,13 +128,13 @@ def _jumps(positions: np.ndarray, length: float) -> np.ndarray:
     detected = np.isfinite(positions[..., 0])
     result = np.zeros_like(detected)
     for k in range(detected.shape[1]):
-        for _ in range(MOST_JUMPS):
+        for _ in range(MAX_JUMPS):
             frames = np.flatnonzero(detected[:, k] & ~result[:, k])
             if len(frames) < 2 * NEIGHBOURS:
                 break
             off, apart = off_cubic(frames, positions[frames, k])
             usual = median_filter(off, 2 * NEIGHBOURS + 1, mode="nearest")
-            limit = np.maximum(JUMP * usual, SMALLEST_JUMP * length * (apart / 2) ** 2)
+            limit = np.maximum(JUMP_DEVIATIONS * usual, SMALLEST_JUMP * length * (apart / 2) ** 2)
             # if neighbouring samples all look wrong, the worst one is: the others are checked without it
             worst = maximum_filter(off / limit, 5, mode="nearest")
             now = (off > limit) & (off / limit >= worst) & (apart <= 8)

@@ -16,7 +16,7 @@ from scipy.optimize import linear_sum_assignment
 from fitting.films.flattening import spread_out
 
 #: Maximum number of steps in the search for paths.
-MOST_PATH_STEPS = 40_000
+MAX_PATH_STEPS = 40_000
 #: Maximum step of a spot beyond its last one [pixel]: it may have any rate at first, if no other is nearer.
 FASTEST_SPOT = 8.0
 #: Maximum step of a spot as a fraction of the distance to the next one, and in pixels.
@@ -25,11 +25,11 @@ FARTHEST_SPOT = 60.0
 #: Fraction of a hidden spot's rate that is kept in every frame: it is no longer where its rate would have carried it.
 RATE_DECAY = 0.8
 #: Fraction of frames in which a marker is seen; spots that are missing more often are reflections.
-OFTEN = 0.5
+OFTEN_SEEN = 0.5
 #: The same if there are too few others.
-SELDOM = 0.1
+SELDOM_SEEN = 0.1
 #: Tolerance of a change of a length [pixel], and as a fraction of it: a slanting camera changes it by some per cent.
-CHANGE = 0.5
+LENGTH_CHANGE = 0.5
 CHANGE_SHARE = 0.01
 #: Durations [s] of the stretches of the film in which a chain is looked for, one after the other.
 DURATIONS = (1.0, 2.0, 4.0)
@@ -37,7 +37,7 @@ DURATIONS = (1.0, 2.0, 4.0)
 CLEARLY_BEST = 9.0
 #: Motion [radius] below which a marker hangs on a fixed end or on the wall. The second is used if the first leaves too
 #: few moving ones: the noise of a centre is 1 % of a radius.
-STILL = 0.5
+STILL_MOTION = 0.5
 VERY_STILL = 0.12
 #: Markers lie on a line to within this fraction of its extent.
 ON_A_LINE = 0.03
@@ -131,13 +131,13 @@ def best_chain(tracks: np.ndarray, nodes: int, radius: float, at: int = 0) -> tu
     """
     share = np.isfinite(tracks[..., 0]).mean(axis=0)
     often = np.argsort(-share, kind="stable")[:13]
-    enough = (share[often] >= OFTEN) | ((np.arange(len(often)) < nodes) & (share[often] >= SELDOM))
+    enough = (share[often] >= OFTEN_SEEN) | ((np.arange(len(often)) < nodes) & (share[often] >= SELDOM_SEEN))
     tracks = tracks[:, often[enough]]
     if tracks.shape[1] < nodes:
         return None, 0.0
     change, mean = changes(tracks)
     still = resting(tracks, radius, nodes)
-    ratio = change / np.hypot(CHANGE, CHANGE_SHARE * mean)
+    ratio = change / np.hypot(LENGTH_CHANGE, CHANGE_SHARE * mean)
     # changes [tolerances] up to which a step may be a link, tried in this order
     for worst in (2.0, 4.0, 8.0):
         found = paths(ratio, still, nodes, worst)
@@ -164,7 +164,7 @@ def clearest_chain(frames: list[np.ndarray], nodes: int, radius: float, fps: flo
     """The chain of the stretch of the film that determines it most clearly, with its frame in `at`."""
     best = None
     clear = -np.inf
-    counts = np.array([len(centres) for centres in frames])
+    counts = np.array(list(map(len, frames)))
     for duration in DURATIONS:
         size = min(len(frames), max(20, round(duration * fps)))
         for start in spread_out(len(frames) - size + 1, 16):
@@ -200,9 +200,9 @@ def resting(tracks: np.ndarray, radius: float, nodes: int) -> np.ndarray:
     known = np.where(np.isfinite(tracks).any(axis=0), tracks, 0.0)
     low, high = np.nanpercentile(known, (2, 98), axis=0)
     size = np.linalg.norm(high - low, axis=1) / radius
-    if (size >= STILL).sum() < nodes - 2:
+    if (size >= STILL_MOTION).sum() < nodes - 2:
         return size < VERY_STILL
-    return size < STILL
+    return size < STILL_MOTION
 
 
 def paths(
@@ -219,7 +219,7 @@ def paths(
         near.append([int(j) for j in np.argsort(row) if row[j] <= worst and j != i])
     found: list[tuple[float, tuple[int, ...]]] = []
     stack: list[tuple[float, tuple[int, ...]]] = [(0.0, (i,)) for i in reversed(range(len(ratio)))]
-    for _ in range(MOST_PATH_STEPS):
+    for _ in range(MAX_PATH_STEPS):
         if not stack:
             break
         cost, path = stack.pop()

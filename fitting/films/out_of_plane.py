@@ -18,9 +18,9 @@ from fitting.films.flattening import link_lengths
 #: Relative standard deviation of a link's length that is reported as motion out of the plane: a swing of 0.1 rad.
 OUT_OF_PLANE = 0.003
 #: Relative standard deviation of a link's length that is reported where a camera may explain it.
-CHANGING = 0.03
+CHANGING_LENGTH = 0.03
 #: Minimum number of pairs of frames from which motion out of the plane is detected.
-FEWEST_PAIRS = 30
+MIN_PAIRS = 30
 
 
 def changing_lengths(flat: np.ndarray, used: np.ndarray) -> tuple[str, ...]:
@@ -40,7 +40,7 @@ def changing_lengths(flat: np.ndarray, used: np.ndarray) -> tuple[str, ...]:
     mean, deviation = length_statistics(flat, used)
     change = np.nan_to_num(deviation / mean)
     worst = int(np.argmax(change))
-    if change[worst] > CHANGING:
+    if change[worst] > CHANGING_LENGTH:
         return (
             f"link {worst + 1} changes its length by {100 * change[worst]:.2g} %: motion out of the plane, a slanting "
             "camera (--plane) or an uncalibrated lens (--calibration)",
@@ -63,7 +63,7 @@ def out_of_plane(flat: np.ndarray, used: np.ndarray) -> np.ndarray:
     for j in range(len(found)):
         link = np.diff(flat[:, j : j + 2], axis=1)[:, 0] @ [1.0, 1j]
         keep = used[:, j] & (link != 0)
-        if keep.sum() < FEWEST_PAIRS:
+        if keep.sum() < MIN_PAIRS:
             continue
         middle = flat[keep, j : j + 2].mean(axis=1)
         middle = middle - middle.mean(axis=0)
@@ -76,6 +76,6 @@ def out_of_plane(flat: np.ndarray, used: np.ndarray) -> np.ndarray:
         rest[keep] = log.real - columns @ np.linalg.lstsq(columns, log.real, rcond=None)[0]
         pairs = rest[1:] * rest[:-1]
         pairs = pairs[np.isfinite(pairs)]
-        if len(pairs) >= FEWEST_PAIRS:
+        if len(pairs) >= MIN_PAIRS:
             found[j] = np.sqrt(max(float(pairs.mean()), 0.0))
     return found

@@ -19,7 +19,7 @@ DETECTED = (115, 158, 0)
 BRIDGED = (0, 94, 213)
 TEXT = (40, 40, 40)
 #: Maximum number of pictures of a sheet, those of a row, and the width of one [pixel].
-PICTURES = 12
+MAX_PICTURES = 12
 PER_ROW = 4
 PICTURE_WIDTH = 420
 
@@ -36,7 +36,7 @@ def write_overlay(tracked: Tracked, video: str | Path, path: str | Path) -> Path
     scale = PICTURE_WIDTH / (right - left)
     size = (PICTURE_WIDTH, round((bottom - top) * scale))
     tiles = []
-    for picture in _draw_frames(tracked, film, scale, spread_out(len(frames), PICTURES)):
+    for picture in _draw_frames(tracked, film, scale, spread_out(len(frames), MAX_PICTURES)):
         tiles.append(cv2.resize(picture[top:bottom, left:right], size, interpolation=cv2.INTER_CUBIC))
     return write_sheet(tiles, PER_ROW, path)
 

@@ -24,7 +24,7 @@ PLATE = 105.0
 POST = 60.0
 #: Minimum number of pictures averaged over an exposure. They are at most 1 pixel apart: a moving disc becomes a streak,
 #: not a row of discs.
-FEWEST_PICTURES = 5
+MIN_PICTURES = 5
 
 
 @dataclass(frozen=True)
@@ -119,7 +119,7 @@ def film(motion: Motion, view: View, fps: float, seed: int = 0) -> Iterator[np.n
         hidden = [node for node, first, last in view.hidden if first <= i <= last]
         now = motion.t[0] + i / fps
         streak = view.exposure * np.linalg.norm(at(now, 1), axis=1).max() * view.pixels_per_metre
-        count = max(FEWEST_PICTURES, int(np.ceil(streak)))
+        count = max(MIN_PICTURES, int(np.ceil(streak)))
         parts = np.linspace(-0.5, 0.5, 2 * count + 1)[1::2] * view.exposure
         shots = [_shot(view, at(now + part), hidden, i / fps + part) for part in parts]
         yield _develop(np.mean(shots, axis=0), view, rng)

@@ -30,7 +30,7 @@ LONGEST_GAP = 0.5
 #: Meaning of the marks.
 WORDS = {"swapped": "swapped", "jumped": "jumped", "length": "off the lengths of their links"}
 #: Fraction of the announced frames below which a film breaks off: files announce a few too many.
-WHOLE = 0.95
+COMPLETE_FILM = 0.95
 
 
 @dataclass(frozen=True)
@@ -169,7 +169,7 @@ def track(
     if frames < FEWEST:
         raise SceneError(f"{film.path.name}: {message or 'only'} {frames} frames; allowed: at least {FEWEST}")
     t = (offset + np.arange(frames)) / film.fps
-    if not message and end is None and span[0] + len(circles) < WHOLE * film.announced:
+    if not message and end is None and span[0] + len(circles) < COMPLETE_FILM * film.announced:
         message = f"the video breaks off after {t[-1]:.3g} s of {film.announced / film.fps:.3g} s"
     metres = _metres(chain, scale, distance)
     row_error = 0.0

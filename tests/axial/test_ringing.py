@@ -10,7 +10,7 @@ import pytest
 from hard_scenes import hung_weight
 
 import dropper_jax as dj
-from dropper_jax.axial.elastic import UNRESOLVED
+from dropper_jax.axial.elastic import UNRESOLVED_FREQUENCY
 from dropper_jax.model import state
 
 LENGTH, WEIGHT, G = 10.0, 100.0, 10.0
@@ -47,7 +47,7 @@ def test_a_resolved_mode_of_unresolved_links_has_the_damping_ratio_of_third_orde
     lost = np.log(np.max(swing[:window]) / np.max(swing[-window:]))
     # of the lower link: the upper half of its mass is at a free node, of half a link's mass on either side
     highest = 2.0 * EA / (LENGTH / 2.0) * (1.0 / (0.01 * LENGTH / 2.0))
-    weight = (1.0 - UNRESOLVED**2 / (highest * h**2)) ** 2
+    weight = (1.0 - UNRESOLVED_FREQUENCY**2 / (highest * h**2)) ** 2
     assert lost == pytest.approx(weight * turn**3 / 48.0 * turn * (steps - window), rel=0.1)
 
 

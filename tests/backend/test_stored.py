@@ -18,7 +18,7 @@ from jax.experimental.compilation_cache.compilation_cache import reset_cache
 
 import dropper_jax as dj
 from dropper_jax.backend import stored
-from dropper_jax.backend.program_files import ABANDONED, UNFINISHED, Folder, open_folder
+from dropper_jax.backend.program_files import ABANDONED_AGE, UNFINISHED, Folder, open_folder
 from dropper_jax.backend.programs import compile_program, store_programs
 from dropper_jax.backend.stable_text import NoStableText, stable_text
 from dropper_jax.backend.stored import StoredPrograms
@@ -106,7 +106,7 @@ def test_unfinished_files_of_stopped_processes_are_removed_after_a_while(tmp_pat
     old, new = tmp_path / f"old{UNFINISHED}", tmp_path / f"new{UNFINISHED}"
     for file in (old, new):
         file.write_bytes(b"half")
-    then = time.time() - 2 * ABANDONED
+    then = time.time() - 2 * ABANDONED_AGE
     os.utime(old, (then, then))
     Folder(tmp_path).write("a", b"program")
     assert not old.exists()

@@ -7,7 +7,7 @@ import pytest
 from hard_scenes import hung_line, single_line
 
 import dropper_jax as dj
-from dropper_jax.effects.drag_velocity import SMALL, excess
+from dropper_jax.effects.drag_velocity import SERIES_BELOW, excess
 
 
 def loose(effects, dt, speed, steps, mass=0.05):
@@ -34,7 +34,7 @@ def pendulum(effects, dt, steps):
 
 
 def test_excess_is_its_closed_form_on_both_sides_of_the_series():
-    z = np.array([1e-6, 1e-3, 0.9 * SMALL, 1.1 * SMALL, 1.0, 7.0, 40.0, 2e4])
+    z = np.array([1e-6, 1e-3, 0.9 * SERIES_BELOW, 1.1 * SERIES_BELOW, 1.0, 7.0, 40.0, 2e4])
     long = z.astype(np.longdouble)
     expected = 2.0 * (-1.0 / np.expm1(-long) - 1.0 / long) - 1.0
     np.testing.assert_allclose(excess(jnp.asarray(z)), expected.astype(float), rtol=2e-8, atol=1e-11)

@@ -10,7 +10,7 @@ import pytest
 from hard_scenes import rods
 
 import dropper_jax as dj
-from dropper_jax.integrators.stop_held import stop_held_joints
+from dropper_jax.integrators.stop_stuck import stop_stuck_joints
 
 G = 9.81
 
@@ -156,7 +156,7 @@ def test_joints_stopped_on_their_bounds_are_solved_with_any_rounding():
     before = np.cumsum(np.cross([0.0, 1.0, 0.0], link) * rates, axis=1)
 
     def stop(v):
-        return stop_held_joints(model, (jnp.asarray(z)[:, None],), middle, model.kinematics(s.r, v, s.t), h)
+        return stop_stuck_joints(model, (jnp.asarray(z)[:, None],), middle, model.kinematics(s.r, v, s.t), h)
 
     after, work = jax.jit(jax.vmap(stop))(before)
     assert np.all(np.isfinite(after))

@@ -209,7 +209,11 @@ def test_a_body_that_falls_on_a_line_bounces_and_keeps_all_energy():
     ("more", "message"),
     [
         ({"pairs": [["low", "hgh"]]}, "line_contact.pairs.0.1: 'hgh' is not a line; did you mean 'high'"),
-        ({"pairs": [["low", "low"]]}, "'low' is paired with itself"),
+        ({"pairs": [["low", "low"]]}, "line_contact.pairs.0: 'low' and 'low' are the same line; allowed: two lines"),
+        (
+            {"pairs": [["low", "high"], ["high", "low"]]},
+            "line_contact.pairs.1: is listed before; allowed: each pair once",
+        ),
         ({"pairs": []}, "effects.line_contact.pairs: missing"),
         ({"pairs": [["low"]]}, "effects.line_contact.pairs.0: ['low'] has 1 entries; allowed: two names"),
         ({"pairs": "low"}, "effects.line_contact.pairs: 'low' is not a list"),
@@ -219,6 +223,28 @@ def test_a_body_that_falls_on_a_line_bounces_and_keeps_all_energy():
 )
 def test_pairs_that_make_no_sense_are_refused(more, message, refusal):
     assert message in refusal(dj.load_scene, crossing(**more))
+
+
+@pytest.mark.parametrize(
+    ("pairs", "message"),
+    [
+        ([["high", "high-1"]], "line_contact.pairs.0: 'high' and 'high-1' are the same line"),
+        ([["low", "high"], ["high-1", "low"]], "line_contact.pairs.1: is listed before"),
+    ],
+)
+def test_a_piece_of_a_line_touches_others_once(pairs, message, refusal):
+    table = crossing(pairs=pairs)
+    table["line"][1]["attach"] = [{"point": "middle", "at": SPAN}]
+    assert message in refusal(dj.load_scene, table)
+
+
+def test_a_line_touches_a_buoy_once(refusal):
+    buoy = {"name": "float", "point": "d", "mass": 2.0, "diameter": 0.2, "height": 0.4, "attachment": 0.4}
+    table = beside(buoy=[buoy])
+    table["point"].append(free("d", 0.05, 0.1, 0.4))
+    table["effects"] |= {"weight": {}}
+    table["effects"]["line_contact"]["bodies"] *= 2
+    assert "line_contact.bodies.1: is listed before" in refusal(dj.load_scene, table)
 
 
 @pytest.mark.check

@@ -8,8 +8,9 @@ from scipy.integrate import solve_ivp
 
 import dropper_jax as dj
 from dropper_jax import SceneError
-from dropper_jax.explain.answers import LineFacts, explain
+from dropper_jax.explain.answers import explain
 from dropper_jax.explain.catenary import Hanging, offset_until_uplift, solve
+from dropper_jax.explain.line_facts import LineFacts
 
 
 def laid_out(line, horizontal, vertical):

@@ -31,7 +31,9 @@ from dropper_jax.scene import (
     StartSpec,
     VesselSpec,
 )
-from dropper_jax.sea.spec import CurrentSpec, LevelSpec, SeaSpec, WaveSpec
+from dropper_jax.sea.current_spec import CurrentSpec, LevelSpec
+from dropper_jax.sea.spec import SeaSpec
+from dropper_jax.sea.wave_spec import WaveSpec
 
 GROWTH = {"depth": [0.0, 20.0], "thickness": [0.02, 0.03], "density": 1200.0}
 SEASON = {"lines": ["leg"], "month": 2.0, "months": [0.0, 4.0], "depth": [0.0, 20.0], "density": 1200.0}

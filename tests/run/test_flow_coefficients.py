@@ -9,7 +9,7 @@ import pytest
 from scene_parts import free_at, line_of, scene_of
 
 import dropper_jax as dj
-from dropper_jax.effects.cylinder import amplification, rough_added_mass, rough_drag, steady_drag
+from dropper_jax.effects.rough_cylinder import amplification, rough_added_mass, rough_drag, steady_drag
 from dropper_jax.run.flow_coefficients import VISCOSITY, flow_table, link_flow
 
 ROUGH = {
@@ -118,6 +118,10 @@ BAD = [
     (
         {**TABLE, "table_kc": [0.0, 90.0], "table_cdn": [1.0, 1.0], "table_re": [1e5, 1e6]},
         "morison_drag.table_re: Re = ",
+    ),
+    (
+        {"cdn": 1.0, "table_cdn": [1.0, 1.0]},
+        "morison_drag.table_cdn: [1.0, 1.0] is not used by coefficients 'given'; allowed: with 'table'",
     ),
     ({}, "morison_drag.cdn: missing; needed: drag coefficient across the link"),
     ({"coefficients": "rough_cylinder", "roughness": -0.1}, "morison_drag.roughness: -0.1 is out of range"),

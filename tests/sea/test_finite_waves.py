@@ -13,7 +13,8 @@ from dropper_jax.cli import main
 from dropper_jax.load.checks_water import sea_warnings
 from dropper_jax.sea.make import finite_wave, make_sea
 from dropper_jax.sea.spec import SeaSpec
-from dropper_jax.sea.steady import fitting_theory, highest, stokes5
+from dropper_jax.sea.steady import fitting_theory, highest
+from dropper_jax.sea.stokes5 import stokes5
 from dropper_jax.sea.stream_function import NotSolved, stream_function
 
 #: Solutions of Fenton's program FOURIER with its current criterion, as people published its file Solution.res, in

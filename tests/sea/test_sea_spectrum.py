@@ -9,8 +9,9 @@ import pytest
 
 from dropper_jax.load.checks_water import repeat_time
 from dropper_jax.sea import Current
+from dropper_jax.sea.dispersion import action_factor, effective_current, on_current, wave_number
 from dropper_jax.sea.make import waves_on
-from dropper_jax.sea.spectrum import action_factor, components, effective_current, on_current, shape, wave_number
+from dropper_jax.sea.spectrum import components, shape
 
 G = 9.81
 

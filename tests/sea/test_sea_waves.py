@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from dropper_jax.sea import Sea, Waves
+from dropper_jax.sea.dispersion import fenton, frequency, wave_number
 from dropper_jax.sea.make import waves_on
-from dropper_jax.sea.spectrum import Components, fenton, frequency, wave_number
+from dropper_jax.sea.spectrum import Components
 
 G = 9.81
 PLACES = np.random.default_rng(0).uniform([-50, -50, -29], [50, 50, -0.5], (40, 3))

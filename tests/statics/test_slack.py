@@ -12,9 +12,9 @@ from scipy.optimize import brentq, fsolve
 import dropper_jax as dj
 from dropper_jax import build_model
 from dropper_jax.statics import rest
+from dropper_jax.statics.descent import find_rest, straight_guess
 from dropper_jax.statics.host_stiffness import stiffness
 from dropper_jax.statics.rest_problem import system_tolerance, unbalanced
-from dropper_jax.statics.system import find_rest, straight_guess
 
 G, RHO = 9.81, 1025.0
 CHAIN = {"mass": 10.91, "diameter": 0.042, "EA": 48.884e6, "cdn": 1.4, "cdt": 0.2}

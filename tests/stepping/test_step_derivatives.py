@@ -10,7 +10,7 @@ from jax.flatten_util import ravel_pytree
 
 import dropper_jax as dj
 from dropper_jax import INTEGRATORS, build_model, load_scene, make_stepper, state
-from dropper_jax.integrators.projected import ProjectedRungeKutta
+from dropper_jax.integrators.projected_runge_kutta import ProjectedRungeKutta
 from dropper_jax.residual import Implicit
 from dropper_jax.stepping.progress import begin
 

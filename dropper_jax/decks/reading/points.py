@@ -76,7 +76,7 @@ def read_ends(deck: Deck) -> Ends:
 
 def wet_floats_note(floats: Sequence[str]) -> str:
     """What differs for points whose volume lifts them, by name."""
-    names = first_names([repr(name) for name in floats], 3)
+    names = first_names(list(map(repr, floats)), 3)
     return f"points that float ({names}): MoorDyn treats their full volume as submerged, also above the surface"
 
 

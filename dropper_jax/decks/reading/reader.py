@@ -15,7 +15,8 @@ from dropper_jax.base.read import Plain, Table
 from dropper_jax.base.references import find_referenced
 from dropper_jax.base.toml_text import parse_toml_text
 from dropper_jax.decks.reading.joints import DeckLine, Part, join_lines
-from dropper_jax.decks.reading.options import Options, read_options, read_seafloor, read_types
+from dropper_jax.decks.reading.line_types import read_types
+from dropper_jax.decks.reading.options import Options, read_options, read_seafloor
 from dropper_jax.decks.reading.points import Ends, line_columns, read_ends, wet_floats_note
 from dropper_jax.decks.reading.sections import Deck, read_input, split_file
 from dropper_jax.decks.reading.water import read_current, read_waves

@@ -16,7 +16,7 @@ from typing import NoReturn
 
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.files import read_lines
-from dropper_jax.base.read import MOST
+from dropper_jax.base.read import MAX_COUNT
 
 #: Headers of both versions, and the section that they start.
 HEADERS = {
@@ -166,8 +166,8 @@ class Row:
     def integer(self, at: int, what: str, low: int = 1) -> int:
         """The whole number of a word, at least `low`."""
         value = self.value(at, what, low)
-        if value > MOST:
-            self.refuse(f"{what}: {self.words[at]!r} is out of range; allowed: at most {MOST}")
+        if value > MAX_COUNT:
+            self.refuse(f"{what}: {self.words[at]!r} is out of range; allowed: at most {MAX_COUNT}")
         if value != int(value):
             self.refuse(f"{what}: {self.words[at]!r} is not a whole number")
         return int(value)

@@ -10,7 +10,7 @@ from dropper_jax.base.read import Table
 from dropper_jax.decks.reading.sections import Row
 
 #: Moment of inertia [kg m^2] above which a body counts as one that does not rotate.
-UPRIGHT = 1e10
+UPRIGHT_INERTIA = 1e10
 #: Number of segments of a rod that represents a buoy.
 SEGMENTS = 10
 #: Coefficients in the order of a rod type.
@@ -38,7 +38,7 @@ def spar(body: Row, rod: Row) -> Table | None:
     loads = [*body.values(5, 8, "r0, p0, y0"), body.value(11, "Volume"), *body.parts(12, "CdA", BODY_PARTS), mass]
     *base, height = rod.values(3, 9, "Xa to Zb")
     free = body.words[1].lower() == "free"
-    if not free or inertia < UPRIGHT or any(loads) or any(base) or height <= 0.0:
+    if not free or inertia < UPRIGHT_INERTIA or any(loads) or any(base) or height <= 0.0:
         return None
     own = {"mass": body.value(8, "Mass", above=0.0), "height": height}
     return {"name": rod.name("buoy"), "row": rod.number, **own, **shape}

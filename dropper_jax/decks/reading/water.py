@@ -13,6 +13,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import read_lines
 from dropper_jax.base.read import Table
+from dropper_jax.base.records import column
 from dropper_jax.sea.wave_files import elevation_components
 
 FREQUENCIES = "wave_frequencies.txt"
@@ -77,7 +78,7 @@ def read_current(folder: Path) -> Table:
     rows = sorted(_rows(folder / CURRENT, 4, 3))
     if len(rows) == 1:
         rows = [[rows[0][0] - 1.0, *rows[0][1:]], rows[0]]
-    return {"kind": "table", "heights": [row[0] for row in rows], "velocities": [row[1:4] for row in rows]}
+    return {"kind": "table", "heights": column(rows, 0), "velocities": [row[1:4] for row in rows]}
 
 
 def _largest(found: dict[str, np.ndarray], notes: list[str]) -> dict[str, np.ndarray]:
@@ -110,7 +111,7 @@ def _rows(path: Path, least: int, skip: int) -> list[list[float]]:
         if at <= skip or not line.strip():
             continue
         try:
-            row = [float(word) for word in line.split()]
+            row = list(map(float, line.split()))
         except ValueError:
             raise SceneError(f"{path}:{at}: {line.strip()!r} is not all numbers") from None
         if len(row) < least or not np.all(np.isfinite(row)):

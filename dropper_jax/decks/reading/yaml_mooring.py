@@ -11,6 +11,7 @@ from types import ModuleType
 from dropper_jax.base.constants import GRAVITY, SEA_WATER
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.read import Plain, Table, read_number
+from dropper_jax.base.records import column
 from dropper_jax.decks.reading.reader import DEFAULT_DURATION, DEFAULT_STEP, read_moordyn
 from dropper_jax.decks.reading.sections import is_number, read_input
 
@@ -106,13 +107,13 @@ def _scene(table: Table, depth: float | None) -> Table:
     types = _entries_by_name(mooring, "line_types", partial(_type, notes=notes))
     points = _entries_by_name(mooring, "points", partial(_point, notes=notes))
     lines = _entries_by_name(mooring, "lines", partial(_line, types=types, points=points, notes=notes))
-    ends = {line["from"] for line in lines.values()} | {line["to"] for line in lines.values()}
+    ends = set(column(lines.values(), "from")) | set(column(lines.values(), "to"))
     notes += [f"point {name!r} is not represented: no line ends there" for name in points if name not in ends]
     notes.append(
         f"the file has no links, time step or duration: {LINKS_PER_LINE} links per line, {DEFAULT_STEP:g} s and "
         f"{DEFAULT_DURATION:g} s are used"
     )
-    used = {line["type"] for line in lines.values()}
+    used = set(column(lines.values(), "type"))
     return {
         "description": "",
         "run": {"dt": DEFAULT_STEP, "duration": DEFAULT_DURATION},

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from dropper_jax.base.errors import Check, raises_first
-from dropper_jax.decks.reading.spars import SEGMENTS, UPRIGHT
+from dropper_jax.decks.reading.spars import SEGMENTS, UPRIGHT_INERTIA
 from dropper_jax.load.scene import Scene
 from dropper_jax.scene import BodySpec
 
@@ -61,7 +61,9 @@ def body_tables(scene: Scene) -> list[str]:
     for i, b in enumerate(scene.buoys, start=1):
         types.append(words_of(f"buoy{i}", b.diameter, 0.0, b.cdn, b.can, b.cdt, b.cat))
         base = scene.point(b.point).position  # in MoorDyn lines end at the base
-        bodies.append(words_of(i, "Free", *base, "0 0 0", b.mass, "0", 100 * UPRIGHT, "0 0 0", f" ! name: {b.point}"))
+        bodies.append(
+            words_of(i, "Free", *base, "0 0 0", b.mass, "0", 100 * UPRIGHT_INERTIA, "0 0 0", f" ! name: {b.point}")
+        )
         rods.append(words_of(i, f"buoy{i}", f"Body{i}", "0 0 0 0 0", b.height, SEGMENTS, "-", f" ! name: {b.name}"))
     for number, body in enumerate(scene.bodies, start=len(bodies) + 1):
         bodies.append(_body(number, body))

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from dropper_jax.base.read import Values, declared_fields
+from dropper_jax.base.records import names_of
 from dropper_jax.decks.reading.points import wet_floats_note
 from dropper_jax.decks.writing.pieces import detachment, stretches
 from dropper_jax.effects import EFFECTS
@@ -73,7 +74,7 @@ def _effects(scene: Scene) -> Iterator[str]:
 
 def moved_points(scene: Scene) -> set[str]:
     """Names of the points moved by effects or vessels."""
-    vessels = {vessel.name for vessel in scene.vessels}
+    vessels = set(names_of(scene.vessels))
     found = {point.name for point in scene.points if point.carrier in vessels}
     for name in MOTIONS.keys() & scene.effects.keys():
         found |= set(_named_points(scene.effects[name], MOTIONS[name]))

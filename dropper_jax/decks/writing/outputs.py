@@ -11,6 +11,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import atomic_write
+from dropper_jax.base.records import names_of
 from dropper_jax.decks.reading.joints import Part
 from dropper_jax.decks.reading.points import read_ends
 from dropper_jax.decks.reading.reader import line_parts
@@ -58,8 +59,8 @@ class Numbers(NamedTuple):
     @classmethod
     def of_scene(cls, solution: Solution) -> Numbers:
         """From 1 in the order of the scene."""
-        points = enumerate((point.name for point in solution.scene.points), start=1)
-        lines = enumerate((line.name for line in solution.scene.lines), start=1)
+        points = enumerate(names_of(solution.scene.points), start=1)
+        lines = enumerate(names_of(solution.scene.lines), start=1)
         parts = {line.name: Part(line.name, 0, line.links, False) for line in solution.scene.lines}
         return cls(dict(points), dict(lines), parts)
 

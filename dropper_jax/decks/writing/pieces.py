@@ -77,7 +77,7 @@ def stretches(scene: Scene) -> list[Stretch]:
         rows = np.stack(columns, axis=1)
         tables = [None] * line.links
         if line.tables is not None:
-            tables = [_rows(table) for table in line.tables]
+            tables = list(map(_rows, line.tables))
         same = np.all(np.abs(rows[1:] - rows[:-1]) <= 10.0**-DIGITS * np.abs(rows[1:]), axis=1)
         same = same & np.array([a == b for a, b in pairwise(tables)], bool)
         cuts = [0, *(np.flatnonzero(~same) + 1).tolist(), line.links]
@@ -85,7 +85,7 @@ def stretches(scene: Scene) -> list[Stretch]:
         if len(cuts) > 2:
             names = [f"{line.name}-{i}" for i in range(1, len(cuts))]
         ends = [line.start, *names[: len(cuts) - 2], line.end]
-        rows[:, 1] = [short(mass) for mass in rows[:, 1]]
+        rows[:, 1] = list(map(short, rows[:, 1]))
         for i, (a, b) in enumerate(pairwise(cuts)):
             kind = Kind(tuple(rows[a, :-1].tolist()), tables[a])
             length = short(np.sum(line.length[a:b]))

@@ -13,6 +13,7 @@ import numpy as np
 from dropper_jax.base.errors import Check, SceneError, raises_first
 from dropper_jax.base.files import atomic_write
 from dropper_jax.base.read import Plain, Table, Values
+from dropper_jax.base.records import names_of
 from dropper_jax.decks.reading.water import CURRENT, FREQUENCIES
 from dropper_jax.decks.writing.bodies import body_numbers, body_tables, check_bodies, rule, section, words_of
 from dropper_jax.decks.writing.differences import differences, moved_points
@@ -20,8 +21,8 @@ from dropper_jax.decks.writing.pieces import Stretch, detachment, line_types, sh
 from dropper_jax.effects.buoyancy import displaced_diameter
 from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.run.growth import overgrown
+from dropper_jax.sea.current_spec import CurrentSpec
 from dropper_jax.sea.make import make_current, wave_components
-from dropper_jax.sea.spec import CurrentSpec
 
 
 def write_moordyn(
@@ -168,7 +169,7 @@ def _points(scene: Scene) -> Iterator[tuple[str, str]]:
 
 def _joints(scene: Scene, parts: list[Stretch]) -> Iterator[tuple[str, str]]:
     """Name and row of each free point between stretches of a line, on the straight line between its ends."""
-    taken = {point.name for point in scene.points}
+    taken = set(names_of(scene.points))
     for part, after in pairwise(parts):
         if part.line is not after.line:
             continue

@@ -9,10 +9,12 @@ from pathlib import Path
 import numpy as np
 
 from dropper_jax.base.read import Table
+from dropper_jax.base.records import column
 from dropper_jax.evaluation.fatigue import YEAR, damage
+from fitting.farm.cases.case_run import Found
 from fitting.farm.cases.case_store import CaseStore
-from fitting.farm.cases.flags import FINAL_SEEDS, characteristic, exceeds_uplift, flags_of
-from fitting.farm.cases.one import Found
+from fitting.farm.cases.characteristic import characteristic
+from fitting.farm.cases.flags import FINAL_SEEDS, exceeds_uplift, flags_of
 from fitting.farm.site import Anchor, Part, Site, Storm
 
 #: Below 1 % of its mean a load has no defined direction.
@@ -103,11 +105,11 @@ def _position_results(site: Site, storm: Storm, runs: CaseStore, good: Sequence[
         values = np.array([run[f"quantity:{name}"] for run in good])
         found.setdefault("quantities", {})[name] = asdict(characteristic(values, kind))
     if site.exclusion is not None:
-        rows = [site.lines.index(name) for name in site.matching(site.exclusion.lines)]
+        rows = list(map(site.lines.index, site.matching(site.exclusion.lines)))
         excursion = np.array([run["excursion"][rows].max() for run in good])
         found["excursion_m"] = asdict(characteristic(excursion, own))
     if site.backbone is not None:
-        rows = [site.lines.index(name) for name in site.matching(site.backbone.lines)]
+        rows = list(map(site.lines.index, site.matching(site.backbone.lines)))
         depth = good[0]["depth"][rows]
         found["depth_m"] = [float(depth[:, 0].min()), float(depth[:, 1].max())]
     return found
@@ -206,7 +208,7 @@ def _assess_point(name: str, anchor: Anchor | None, rows: list[Table]) -> Table:
         "anchor": None,
         "cases": rows,
         "worst": max(rows, key=load, default=None),
-        "uplift_deg": max((row["uplift_deg"] for row in rows), default=None),
+        "uplift_deg": max(column(rows, "uplift_deg"), default=None),
         "allowed_uplift_deg": None,
     }
     if anchor is not None:
@@ -238,7 +240,7 @@ def _fatigue(part: Part, rows: list[Table], site: Site) -> Table:
     intact = [row for row in rows if storms[row["case"]].broken is None]
     found = {
         "curve": asdict(part.curve),
-        "largest_damage_per_hour": max((row["damage_per_hour"] for row in rows), default=None),
+        "largest_damage_per_hour": max(column(rows, "damage_per_hour"), default=None),
         "damage_per_year": None,
         "life_years": None,
     }
@@ -290,9 +292,9 @@ def _backbone(site: Site, cases: list[Table]) -> Table | None:
 
 
 def _passes(found: Table) -> bool:
-    """Whether every limit holds in every case, no run failed, and seeds and step size suffice for the conclusion."""
+    """Whether every limit holds in every case and no run failed; `flags` report seeds and steps that do not suffice."""
     parts = [part["worst"] for part in found["parts"] if part["worst"] is not None]
-    anchors = [anchor["worst"] for anchor in found["anchors"]]
+    anchors = column(found["anchors"], "worst")
     limits = all((row["utilisation"] or 0.0) <= 1.0 for row in (*parts, *anchors, found["exclusion"]) if row)
     backbone = found["backbone"] is None or found["backbone"]["holds"]
     uplift = not any(map(exceeds_uplift, found["anchors"]))

@@ -46,7 +46,7 @@ Labels = dict[int, str]
 WITHIN_COLOUR = "#C9DAEA"
 BEYOND_COLOUR = "#F0C9B0"
 #: Maximum number of load cases in the page's table; the CSV has all.
-MOST_CASES = 12
+MAX_CASES = 12
 
 
 def write_page(found: Table, folder: str | Path) -> dict[str, Path]:
@@ -100,7 +100,7 @@ def page_text(found: Table) -> str:
         "## Load cases",
         _worst_cases(found, labels),
     ]
-    return "\n\n".join(part for part in parts if part) + "\n"
+    return "\n\n".join(filter(None, parts)) + "\n"
 
 
 def _standard(found: Table) -> str:
@@ -245,10 +245,10 @@ def _worst_cases(found: Table, labels: Labels) -> str:
             used = (row["utilisation"], part["part"])
             by_case[row["case"]] = max(before, used)
     ordered = sorted(by_case.items(), key=lambda item: -item[1][0])
-    rows = [[str(n), labels[n], name, f"{utilisation:.2f}"] for n, (utilisation, name) in ordered[:MOST_CASES]]
+    rows = [[str(n), labels[n], name, f"{utilisation:.2f}"] for n, (utilisation, name) in ordered[:MAX_CASES]]
     text = markdown_table(["case", "", "part used most", "utilisation"], *rows)
-    if len(ordered) > MOST_CASES:
-        text += f"\n\n{len(ordered) - MOST_CASES} more in cases.csv."
+    if len(ordered) > MAX_CASES:
+        text += f"\n\n{len(ordered) - MAX_CASES} more in cases.csv."
     return text
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from dropper_jax.base.errors import Progress
 from dropper_jax.base.read import Table
+from dropper_jax.base.records import column
 from fitting.farm.cases.case_store import CaseStore
 from fitting.farm.cases.run import run_cases
 from fitting.farm.site import Case, Site
@@ -38,10 +39,10 @@ def step_errors(
     if not site.run.halvings:
         return {part["part"]: {"skipped": "run.halvings is 0"} for part in found["parts"]}
     worst = {part["part"]: part["worst"] for part in found["parts"] if part["worst"] is not None}
-    numbers = dict.fromkeys(row["case"] for row in worst.values())
+    numbers = dict.fromkeys(column(worst.values(), "case"))
     seeds = site.seeds[: site.run.step_seeds]
     cases = [Case(site.storms[number], seed) for number in numbers for seed in seeds]
-    sites = [site, *(site.finer(k) for k in range(1, min(site.run.halvings, 2) + 1))]
+    sites = [site, *map(site.finer, range(1, min(site.run.halvings, 2) + 1))]
     for finer in sites[1:]:
         run_cases(finer, folder, cases=cases, workers=workers, scheduler=scheduler, progress=progress)
     return {name: _error(sites, folder, row, seeds) for name, row in worst.items()}

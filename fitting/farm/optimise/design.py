@@ -15,24 +15,28 @@ import numpy as np
 
 from dropper_jax.base.errors import Progress, SceneError
 from dropper_jax.base.parallel_runs import run_parallel
+from dropper_jax.base.records import names_of
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import State
 from dropper_jax.scene import whole_lines
 from dropper_jax.scene.run import DEFAULT_ACCURACY
 from fitting.farm.optimise.broken_link import link_of, masked_still
+from fitting.farm.optimise.equilibria import Rest, solve_rest
 from fitting.farm.optimise.full_storm import Storms, full_storm
 from fitting.farm.optimise.goals import DepthUtilisation, Goals, check_depths
 from fitting.farm.optimise.maxima_weights import check_seeds, weights
 from fitting.farm.optimise.models import ASSUMPTIONS, Still, idle, sea_of, shifted_designs, still
-from fitting.farm.optimise.storm import WINDOW_RAMP, Peaks, Settings, WindowRun, check_windows, peaks, slopes
-from fitting.farm.optimise.values import Rest, RunStart, Values, Window, rest
+from fitting.farm.optimise.settings import WINDOW_RAMP, Settings
+from fitting.farm.optimise.storm import Peaks, WindowRun, check_windows, peaks, slopes
+from fitting.farm.optimise.values import Values
 from fitting.farm.optimise.variables import Variable, with_design
+from fitting.farm.optimise.windows import RunStart, Window
 from fitting.farm.site import Case, Part, Site, Storm
 from fitting.farm.site.site import LONGEST_INTERVAL
 
 #: Change of a variable up and down in derivatives of windows, relative to its range, and of the assumptions.
 #: Differences to one side are not enough: near a leg that is almost taut they are off by more than half.
-CHANGE = 2e-3
+DIFFERENCE_STEP = 2e-3
 
 
 @dataclass(frozen=True)
@@ -137,7 +141,7 @@ class Design:
 
     def _rest(self, found: Still, key: object) -> Rest:
         """The equilibrium, solved from the last one under this key."""
-        own = rest(found, self._near.get(key))
+        own = solve_rest(found, self._near.get(key))
         self._near[key] = own.state
         return own
 
@@ -188,7 +192,7 @@ class Design:
         """Derivatives of the soft peaks of windows (q, p + a) by the variables, and by the assumptions if wanted, else
         0."""
         spans = [v.span for v in self.variables]
-        sizes = CHANGE * np.array([*spans, *[float(assumptions)] * len(ASSUMPTIONS)])
+        sizes = DIFFERENCE_STEP * np.array([*spans, *[float(assumptions)] * len(ASSUMPTIONS)])
         return slopes(found, sizes, lambda done, of: say(done / of, f"derivatives: {done} of {of}"))
 
     def measure(self, x: np.ndarray, say: Progress) -> tuple[tuple[Window, ...], Values]:
@@ -311,7 +315,7 @@ class Design:
         """The objective if it depends on storms: the maximum of all cases."""
         of = self.goals.objective
         # a motion is the last quantity
-        q = -1 if of.of == "motion" else [part.name for part in self.site.parts].index(of.part)
+        q = -1 if of.of == "motion" else names_of(self.site.parts).index(of.part)
         intact = [i for i, case in enumerate(self.cases) if case.storm.broken is None]
         worst = max(intact, key=lambda i: hard[i][q])
         return float(hard[worst][q]), slope[worst][q]

@@ -17,10 +17,10 @@ from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model, State, state
 from dropper_jax.run.build import build_model, stepper_of
 from dropper_jax.run.chunks import compile_run, first_carry, run_chunks
+from fitting.farm.optimise.equilibria import near_rest
 from fitting.farm.optimise.models import in_waves, sea_of, still_scene
 from fitting.farm.optimise.quantities import LimitedSignal, Steps
 from fitting.farm.optimise.storm import highest_signals
-from fitting.farm.optimise.values import near_rest
 from fitting.farm.site import Case, Site
 
 

@@ -19,13 +19,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
-from itertools import groupby, pairwise, product
+from itertools import chain, groupby, pairwise, product
 from typing import NamedTuple
 
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import Plain, Values, check_keys, read_list, read_number, read_table, read_text, refuse
+from dropper_jax.base.records import names_of
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model
 from dropper_jax.run.arrays import bare_model
@@ -42,7 +43,13 @@ from fitting.farm.optimise.quantities import (
 from fitting.farm.site import Site
 from fitting.farm.site.case import match_names, read_patterns
 
-OBJECTIVES = ("material", "load", "motion")
+#: Keys of `[objective]` by the quantity to minimise.
+OBJECTIVES = {
+    "material": ("of", "price", "float_price"),
+    "load": ("of", "part"),
+    "motion": ("of", "lines"),
+}
+#: Keys of a `[[constraint]]` by its kind.
 KINDS = {
     "depth": ("kind", "points", "lines", "shallowest", "deepest"),
     "clearance": ("kind", "lines", "minimum"),
@@ -92,7 +99,7 @@ class DepthRange:
 
     def nodes(self, model: Model) -> np.ndarray:
         """Numbers of the free nodes that it applies to."""
-        names = [point.name for point in model.points]
+        names = names_of(model.points)
         point_nodes = [model.geometry.point_node[names.index(name)] for name in self.points]
         return np.concatenate([point_nodes, *line_nodes(model, self.lines).values()]).astype(int)
 
@@ -209,7 +216,7 @@ def read_goals(site: Site) -> Goals:
         SceneError: an unknown objective, line, point or part, or contradicting bounds.
     """
     line_names = site.lines
-    free_points = [p.name for p in site.scene.points if p.is_free]
+    free_points = site.scene.free_points
     objective = _objective(read_table(site.raw.get("objective", {}), "objective"), site)
     depths = []
     limits = []
@@ -261,15 +268,19 @@ def _match_lines(given: Plain, path: str, site: Site) -> tuple[str, ...]:
 
 def _objective(table: Values, site: Site) -> Objective:
     """`[objective]` of a site."""
-    check_keys(table, ("of", "price", "float_price", "part", "lines"), "objective")
+    check_keys(table, chain.from_iterable(OBJECTIVES.values()), "objective")
     of = read_text(table.get("of", "material"), "objective.of", OBJECTIVES)
+    for key in table:
+        if key not in OBJECTIVES[of]:
+            used = ", ".join(OBJECTIVES[of])
+            raise SceneError(f"objective.{key}: is not used to minimise {of!r}; allowed: {used}")
     price = read_table(table.get("price", {}), "objective.price")
     for pattern in price:
         match_names([pattern], site.lines, "objective.price")
     prices = tuple((k, read_number(v, f"objective.price.{k}", {"low": 0.0})) for k, v in price.items())
     part = ""
     if of == "load":
-        part = read_text(table.get("part"), "objective.part", [p.name for p in site.parts])
+        part = read_text(table.get("part"), "objective.part", names_of(site.parts))
     lines = _match_lines(table.get("lines", "*"), "objective.lines", site)
     per_float = read_number(table.get("float_price", 1.0), "objective.float_price", {"low": 0.0})
     return Objective(of, prices, per_float, part, lines)

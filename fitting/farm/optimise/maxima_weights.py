@@ -15,7 +15,7 @@ from __future__ import annotations
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.evaluation.extremes import EULER, LEAST_RUNS
+from dropper_jax.evaluation.extremes import EULER_CONSTANT, MIN_RUNS
 from fitting.farm.site.sections import RunValues
 
 
@@ -31,7 +31,7 @@ def weights(maxima: np.ndarray, run: RunValues) -> np.ndarray:
     if run.characteristic == "mean":
         return mean
     slope = (2.0 * np.arange(n) / (n - 1) - 1.0) / (n * np.log(2.0))
-    ordered = 1.0 / n + (np.log(run.storm / (run.duration - run.skip)) - EULER) * slope
+    ordered = 1.0 / n + (np.log(run.storm / (run.duration - run.skip)) - EULER_CONSTANT) * slope
     rank = np.argsort(np.argsort(maxima, axis=0, kind="stable"), axis=0)
     largest = np.abs(maxima).max(axis=0)
     spread = np.abs(slope @ np.sort(maxima, axis=0)) > 1e-9 * largest
@@ -45,8 +45,8 @@ def check_seeds(run: RunValues) -> None:
     Raises:
         SceneError: with the given and the required number.
     """
-    if run.characteristic == "most_probable" and run.seeds < LEAST_RUNS:
+    if run.characteristic == "most_probable" and run.seeds < MIN_RUNS:
         raise SceneError(
-            f"run.seeds: {run.seeds} for the most probable largest value of a storm. Use {LEAST_RUNS} or more, or "
+            f"run.seeds: {run.seeds} for the most probable largest value of a storm. Use {MIN_RUNS} or more, or "
             'run.characteristic = "mean"'
         )

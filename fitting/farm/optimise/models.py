@@ -16,6 +16,7 @@ import numpy as np
 from jax import Array
 
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.records import without_keys
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model
 from dropper_jax.run.build import build_model
@@ -52,7 +53,7 @@ def still_scene(site: Site, scene: Scene, storm: Storm) -> Scene:
     still = {**site.still_changes(storm), **site.break_changes(storm)}
     base = site.prepared(scene).with_values(still)
     table = base.as_written()
-    table["sea"] = {k: v for k, v in table["sea"].items() if k not in ("waves", "ramp", "interpolation")}
+    table["sea"] = without_keys(table["sea"], ("waves", "ramp", "interpolation"))
     return Scene.from_dict(table, base.name)
 
 

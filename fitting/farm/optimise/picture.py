@@ -9,22 +9,22 @@ import numpy as np
 from dropper_jax.plots.figures import new_figure
 from dropper_jax.plots.figures import save as save_figure
 from dropper_jax.plots.style import DARK, FAINT, FIRST, SECOND, plot_style
+from fitting.farm.optimise.equilibria import near_rest
 from fitting.farm.optimise.models import still_model
 from fitting.farm.optimise.run import Optimum
-from fitting.farm.optimise.values import near_rest
 from fitting.farm.site import Site
 
 #: Maximum number of constraints that are drawn.
-MOST_BARS = 14
+MAX_BARS = 14
 
 
 @plot_style()
 def design_picture(site: Site, found: Optimum, file: Path) -> Path:
-    """Write the picture, with at most `MOST_BARS` constraints, the most used ones."""
+    """Write the picture, with at most `MAX_BARS` constraints, the most used ones."""
     figure = new_figure(10.0, 7.4)
     above, below = figure.subplots(2, 1, height_ratios=(1.2, 1.0))
     storm = site.cases[0].storm
-    rows = sorted(found.constraints.items(), key=lambda item: -max(item[1]))[:MOST_BARS][::-1]
+    rows = sorted(found.constraints.items(), key=lambda item: -max(item[1]))[:MAX_BARS][::-1]
     row = np.arange(len(rows))
     used = np.reshape([both for _, both in rows], (-1, 2)).T
     designs = (("before", found.before, FAINT, 0.2), ("after", found.after, FIRST, -0.2))

@@ -19,6 +19,7 @@ from jax import Array
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.numerics import horizontal_norm, safe_norm
+from dropper_jax.base.records import names_of
 from dropper_jax.model import Model
 from dropper_jax.run.end_links import load_on_fixed_point
 from dropper_jax.run.quantities import Quantity
@@ -105,7 +106,7 @@ class AnchorLoad(LimitedSignal):
 
 
 #: Distance of two nodes over the required one below which the signal no longer grows: it stays finite if nodes meet.
-CLOSEST = 1e-3
+CLOSEST_SHARE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -118,7 +119,7 @@ class Clearance(LimitedSignal):
     def signal(self, model: Model, steps: Steps) -> Array:
         one, other = np.array(self.pairs).T
         distance = safe_norm(steps.r[:, one] - steps.r[:, other])
-        return self.required_distance / jnp.maximum(distance, CLOSEST * self.required_distance)
+        return self.required_distance / jnp.maximum(distance, CLOSEST_SHARE * self.required_distance)
 
 
 @dataclass(frozen=True)
@@ -198,7 +199,7 @@ def anchor_loads(model: Model, anchor: Anchor, kind: str) -> list[AnchorLoad]:
     graph = model.geometry
     factor = anchor.factor[kind]
     horizontal, upward, any_direction = anchor.table.capacities
-    names = [point.name for point in model.points]
+    names = names_of(model.points)
     for name in anchor.points:
         node = graph.point_node[names.index(name)]
         first = np.flatnonzero(graph.first == node).tolist()

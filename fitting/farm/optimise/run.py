@@ -18,22 +18,23 @@ from dropper_jax.study.gradient_check import NOT_TRUSTED, TRUSTED, GradientCheck
 from fitting.farm.optimise.design import Design
 from fitting.farm.optimise.goals import read_goals
 from fitting.farm.optimise.models import ASSUMPTIONS
-from fitting.farm.optimise.prices import prices
-from fitting.farm.optimise.search import RESIDUAL, Search, Start, constraints_by_name, programme, run_search
-from fitting.farm.optimise.storm import Settings
-from fitting.farm.optimise.values import Dominated, Values, Window, dominated_slopes
+from fitting.farm.optimise.search import MAX_RESIDUAL, Search, Start, constraints_by_name, programme, run_search
+from fitting.farm.optimise.settings import Settings
+from fitting.farm.optimise.shadow_prices import shadow_prices
+from fitting.farm.optimise.values import Dominated, Values, dominated_slopes
 from fitting.farm.optimise.variables import Variable, bounds, read_variables
+from fitting.farm.optimise.windows import Window
 from fitting.farm.site import Site
 
 #: Value above which a constraint is called active.
-ACTIVE = 0.97
+ACTIVE_FROM = 0.97
 #: Meaning of `run.characteristic`, in words.
 CHARACTERISTIC = {
     "mean": "mean of the seeds' maxima",
     "most_probable": "most probable largest value of a storm by the seeds' maxima",
 }
 #: Minimum fraction of the objective's slope that the constraints of an optimum balance.
-HELD = 0.9
+MIN_BALANCED = 0.9
 
 
 @dataclass(frozen=True)
@@ -160,7 +161,7 @@ def _mark(design: Design) -> str:
 
 
 def _resume_search(file: Path | None, mark: str, design: Design) -> tuple[Search, GradientCheck]:
-    """The search of a state's file, with its check of derivatives; a new one if there is none.
+    """The search of a state's file, with its check of derivatives; a new one without a file.
 
     Raises:
         SceneError: a file that is not a state, or belongs to other inputs.
@@ -203,8 +204,8 @@ def _optimum(design: Design, search: Search, before: Start, along: GradientCheck
     limit = 1.0 - design.settings.margin
     low, high = bounds(design.variables)
     fixed = np.zeros(p, bool) if search.fixed is None else np.asarray(search.fixed, bool)
-    price = prices(here, search.x, low, high, fixed, limit)
-    costs = here.slope[p:] + price.of @ here.slopes[:, p:]
+    price = shadow_prices(here, search.x, low, high, fixed, limit)
+    costs = here.slope[p:] + price.by_constraint @ here.slopes[:, p:]
     dominated = dominated_slopes(here, high - low, limit)
     rows = []
     for one in dominated:
@@ -218,17 +219,17 @@ def _optimum(design: Design, search: Search, before: Start, along: GradientCheck
         of=design.goals.objective.of,
         objective=(before.objective, found.objective),
         constraints={n: (before.constraints[n], after) for n, after in constraints_by_name(found).items()},
-        prices={n: -0.01 * float(by) for n, by in zip(here.names, price.of, strict=True) if by > 0},
+        prices={n: -0.01 * float(by) for n, by in zip(here.names, price.by_constraint, strict=True) if by > 0},
         assumptions={n: 0.01 * float(c) for n, c in zip(ASSUMPTIONS, costs, strict=True)},
         feasible=feasible,
         residual=residual,
-        held=1.0 - price.left,
+        held=1.0 - price.unbalanced,
         rounds=search.round,
         runs=len(search.history),
         history=search.history,
         characteristic=CHARACTERISTIC[design.site.run.characteristic],
         along=along,
-        warnings=tuple(design_warnings(residual, 1.0 - price.left, search.reach, dominated, along)),
+        warnings=tuple(design_warnings(residual, 1.0 - price.unbalanced, search.reach, dominated, along)),
         dominated=tuple(rows),
     )
 
@@ -243,15 +244,15 @@ def design_warnings(
     """Reasons to doubt a design's numbers, one line each; `reach` is that of the last steps."""
     reasons = [
         (
-            residual > RESIDUAL,
+            residual > MAX_RESIDUAL,
             f"windows and whole runs differed by {residual:.1%} of a limit where the design was found (limit "
-            f"{RESIDUAL:.0%}); its constraints are those of whole runs, but the search used others. Use a longer "
+            f"{MAX_RESIDUAL:.0%}); its constraints are those of whole runs, but the search used others. Use a longer "
             "optimise.window, a smaller optimise.renew or more seeds to reduce the difference",
         ),
         (
-            held < HELD,
+            held < MIN_BALANCED,
             f"active constraints and bounds balance {max(held, 0.0):.0%} of the objective's slope (an optimum: at "
-            f"least {HELD:.0%}): effects of 1 % changes are unreliable. Use more optimise.rounds",
+            f"least {MIN_BALANCED:.0%}): effects of 1 % changes are unreliable. Use more optimise.rounds",
         ),
         (
             reach < 0.01,  # such as after the snap of a slack rope

@@ -20,20 +20,22 @@ import numpy as np
 from dropper_jax.base.errors import Progress, SceneError
 from dropper_jax.base.read import Table
 from fitting.farm.optimise.design import Design, WindowRuns
-from fitting.farm.optimise.values import Values, Window
+from fitting.farm.optimise.values import Values
 from fitting.farm.optimise.variables import bounds
+from fitting.farm.optimise.windows import Window
 
 #: Penalty of a violation, in objectives at the start.
-PRICE = 10.0
-#: Minimum reach of a step; that at the start of a round, as a fraction of the first one.
+PENALTY_AT_START = 10.0
+#: Minimum reach of a step, in ranges of the variables.
 SMALLEST_REACH = 2e-3
-LEAST_REACH = 0.25
+#: Reach at the start of a round, as a fraction of the first one.
+START_REACH_SHARE = 0.25
 #: Permitted excess of constraints of the best design over 1: rounding.
 PERMITTED_EXCESS = 1e-9
 #: Reason why a design is not taken.
 FAILED = "steps of a window fail"
 #: Difference of windows from whole runs, in limits, above which windows are updated after every step.
-RESIDUAL = 0.02
+MAX_RESIDUAL = 0.02
 
 
 @dataclass(frozen=True)
@@ -93,7 +95,7 @@ def programme(values: Values, low: np.ndarray, high: np.ndarray, scale: float, l
 
     p = len(low)
     m = len(values.value)
-    cost = np.concatenate([values.slope[:p] / scale, np.full(m, PRICE)])
+    cost = np.concatenate([values.slope[:p] / scale, np.full(m, PENALTY_AT_START)])
     rows = np.hstack([values.slopes[:, :p], -np.eye(m)])
     bounds = [*zip(low, high, strict=True), *[(0.0, None)] * m]
     found = linprog(cost, A_ub=rows, b_ub=limit - values.value, bounds=bounds, method="highs")
@@ -118,8 +120,8 @@ def run_round(
     one = _Round(search, design, windows, save, say, design.run_windows(search.x, windows, say))
     if not one.differentiate(one.runs):
         return replace(one.here, solved=False)
-    renew = settings.renew if (search.residual or 0.0) <= RESIDUAL else 1
-    search.reach = max(search.reach, LEAST_REACH * settings.reach)
+    renew = settings.renew if (search.residual or 0.0) <= MAX_RESIDUAL else 1
+    search.reach = max(search.reach, START_REACH_SHARE * settings.reach)
     taken = 0
     while taken < renew and one.tried < 3 * settings.renew and search.reach > SMALLEST_REACH:
         last = one.attempt_corrected()
@@ -204,7 +206,7 @@ class _Round:
 
     def merit(self, values: Values) -> float:
         """The objective in those at the start, with penalties for violations."""
-        return values.objective / self.search.scale + PRICE * violation(values, self.limit)
+        return values.objective / self.search.scale + PENALTY_AT_START * violation(values, self.limit)
 
     def attempt_corrected(self) -> _Attempt | None:
         """The step of the linear programme, corrected where constraints are curved; None if it predicts no gain."""
@@ -230,7 +232,7 @@ class _Round:
         most = np.minimum(high - search.x, reach)
         step = programme(model, least, most, search.scale, self.limit)
         merit = self.merit(self.here)
-        gain = merit - (step.objective / search.scale + PRICE * step.violation)
+        gain = merit - (step.objective / search.scale + PENALTY_AT_START * step.violation)
         if gain < 1e-4 * settings.enough + 1e-9:
             return None
         self.tried += 1
@@ -295,7 +297,7 @@ def snap_to_catalogue(search: Search, design: Design, values: Values) -> np.ndar
             sizes = np.array(variable.sizes(x[k]))
             d = sizes - x[k]
             over = np.maximum(values.value[:, None] + values.slopes[:, k, None] * d - limit, 0.0)
-            x[k] = sizes[np.argmin(values.slope[k] * d / search.scale + PRICE * over.sum(axis=0))]
+            x[k] = sizes[np.argmin(values.slope[k] * d / search.scale + PENALTY_AT_START * over.sum(axis=0))]
     return x
 
 

@@ -13,7 +13,7 @@ peaks were wrong by up to ten times where ropes snap.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from typing import NamedTuple
@@ -23,11 +23,8 @@ import numpy as np
 from jax import Array
 
 from dropper_jax.backend.programs import cached_jit
-from dropper_jax.base.errors import Check, SceneError, raises_first
-from dropper_jax.base.fields import parameter
+from dropper_jax.base.errors import SceneError
 from dropper_jax.base.parallel_runs import run_parallel
-from dropper_jax.base.read import DeclaredSection
-from dropper_jax.base.read import count as whole_number
 from dropper_jax.model import Model, State
 from dropper_jax.residual import Stepper
 from dropper_jax.run.model_slopes import shift_model
@@ -39,11 +36,10 @@ from dropper_jax.stepping.stepper import make_stepper
 from dropper_jax.study.march import spare_rows
 from fitting.farm.optimise.models import in_waves, numbered_slopes
 from fitting.farm.optimise.quantities import LimitedSignal, Steps
-from fitting.farm.optimise.values import RunStart
+from fitting.farm.optimise.settings import WINDOW_RAMP
+from fitting.farm.optimise.windows import RunStart
 from fitting.sensitivity.own_steps import find_own_lengths
 
-#: Time [s] in which the waves of a window rise; it is not counted.
-WINDOW_RAMP = 10.0
 #: Part of a window before a line breaks.
 INTACT_PART = 1.0 / 3.0
 
@@ -235,31 +231,3 @@ def _soft(quantities: tuple[LimitedSignal, ...], model: Model, heights: Array, s
 def highest_signals(quantities: tuple[LimitedSignal, ...], model: Model, steps: Steps) -> list[Array]:
     """The maximum of each quantity at every time (q lists of k)."""
     return [jnp.max(q.signal(model, steps), axis=1) for q in quantities]
-
-
-@dataclass(frozen=True)
-class Settings(DeclaredSection):
-    """Values of `[optimise]`, settings of the search for a design.
-
-    window = 60.0           [s] of each storm with derivatives; `before` = 45.0 of it before the peak load
-    renew = 3               steps after which windows and factors are updated from whole runs
-    rounds = 8              maximum number of such rounds; the search ends if a round gains less than `enough` = 0.003
-    reach = 0.15            fraction of its range that a variable may move in the first step
-    margin = 0.01           distance of constraints from their limits
-    """
-
-    window: float = parameter("length of a window", unit="s", above=0.0, default=60.0)
-    before: float = parameter("part of it before the peak load", unit="s", low=0.0, default=45.0)
-    renew: int = whole_number("steps until windows are updated", default=3)
-    rounds: int = whole_number("maximum number of rounds", default=8)
-    enough: float = parameter("minimum relative gain of a round", unit="-", low=0.0, default=0.003)
-    reach: float = parameter("first reach of a step", unit="-", above=0.0, high=1.0, default=0.15)
-    margin: float = parameter("below the limits", unit="-", low=0.0, high=0.5, default=0.01)
-
-    @raises_first
-    def check(self, path: str) -> Iterator[Check]:
-        yield (
-            not WINDOW_RAMP < self.before <= self.window,
-            f"{path}.before: {self.before:g} s; allowed: more than the {WINDOW_RAMP:g} s in which waves rise, up to "
-            f"the window of {self.window:g} s",
-        )

@@ -10,6 +10,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import Table
+from dropper_jax.base.records import without_keys
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.build import build_model
 from dropper_jax.run.growth import overgrown
@@ -49,10 +50,10 @@ def scene_at_rest(site: Site, month: str, water: Water, points: dict[str, Table]
         if growth is not None:
             line["growth"] = dict(growth)
     table["point"] = [points.get(point["name"], point) for point in table["point"]]
-    sea = {key: value for key, value in table["sea"].items() if key not in ("waves", "wave_current", "ramp")}
+    sea = without_keys(table["sea"], ("waves", "wave_current", "ramp"))
     sea["level"] = {"offset": water.level}
     if water.speed is not None:
-        current = {key: value for key, value in sea.get("current", {}).items() if key not in CHANGING}
+        current = without_keys(sea.get("current", {}), CHANGING)
         sea["current"] = {**current, "speed": water.speed}
         if site.lists.current_direction is not None:
             sea["current"]["direction"] = float(np.radians(site.lists.current_direction))
@@ -65,7 +66,7 @@ def bare_points(site: Site, names: Sequence[str]) -> dict[str, Table]:
     found = {}
     for point in site.scene.as_written()["point"]:
         if point["name"] in names:
-            found[point["name"]] = {key: value for key, value in point.items() if key not in BODY}
+            found[point["name"]] = without_keys(point, BODY)
     return found
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from dropper_jax.base.markdown import bullets, cell, markdown_table
 from dropper_jax.base.read import Table
+from dropper_jax.base.records import column
 from dropper_jax.plots import figures, style
 from fitting.farm.site.report_files import write_report
 
@@ -52,7 +53,7 @@ def page(found: Table) -> str:
         markdown_table([*head, "to sinking [m]", "to lifting [m]"], *map(_month_cells, found["months"])),
         "![Floats and their bounds](season.png)",
     ]
-    return "\n\n".join(part for part in parts if part) + "\n"
+    return "\n\n".join(filter(None, parts)) + "\n"
 
 
 def _month_cells(row: Table) -> list[str]:
@@ -77,7 +78,7 @@ def _month_cells(row: Table) -> list[str]:
 #: Height up to which an unlimited number of floats is drawn, over the maximum of all others.
 UNLIMITED_HEIGHT = 1.5
 #: Maximum number of months whose names fit next to one another.
-MOST_UPRIGHT = 6
+MAX_UPRIGHT = 6
 
 
 @style.plot_style()
@@ -87,9 +88,9 @@ def draw(found: Table, path: Path) -> Path:
     number = range(len(months))
     figure = figures.new_figure(7.5, 4.6)
     upper, lower = figure.subplots(2, 1, sharex=True)
-    floats = np.array([row["floats"] for row in months])
-    minimum = np.array([row["least"] for row in months])
-    maximum = np.array([row["most"] for row in months])
+    floats = np.array(column(months, "floats"))
+    minimum = np.array(column(months, "least"))
+    maximum = np.array(column(months, "most"))
     # no limit on floats is UNLIMITED: cut at 1.5 times the others
     highest = int(UNLIMITED_HEIGHT * max(floats.max(), minimum.max())) + 1
     top = np.clip(maximum, minimum, np.maximum(minimum, highest))
@@ -111,7 +112,7 @@ def draw(found: Table, path: Path) -> Path:
     lower.set(ylabel="backbone, depth [m]", xlim=(-0.4, len(months) - 0.6))
     lower.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4, borderaxespad=0.2)
     rotation = 0
-    if len(months) > MOST_UPRIGHT:
+    if len(months) > MAX_UPRIGHT:
         rotation = 30
     lower.set_xticks(list(number), [row["month"] for row in months], rotation=rotation)
     return figures.save(figure, path)

@@ -20,9 +20,9 @@ from fitting.farm.site.sections import SeasonValues
 #: Visits, moved floats, and the floats of each month so far.
 Plan = tuple[int, int, list[int]]
 #: Maximum number of times that the bounds on the number of floats are tightened.
-MOST_TIGHTENED = 4
+MAX_TIGHTENED = 4
 #: Maximum number of floats of a month where nothing limits it.
-UNLIMITED = 10**6
+UNLIMITED_FLOATS = 10**6
 
 
 @dataclass(frozen=True)
@@ -115,14 +115,14 @@ def season(site: Site, progress: Progress | None = None) -> Table:
         raise SceneError("season: missing; needed: [season] with `points` and `volume`")
     if not site.growth:
         raise SceneError("growth: missing; needed: [[growth]] tables, one or more for each month")
-    points = list(match_names(season.points, [p.name for p in site.scene.points if p.is_free], "season.points"))
+    points = list(match_names(season.points, site.scene.free_points, "season.points"))
     farm = _Farm(site, season, points, _lift(site, season), list_waters(site, season))
     say = progress or silent
     step = 0.5 / len(site.growth)
     rows = [farm.month(month, part_of(say, i * step, (i + 1) * step)) for i, month in enumerate(site.growth)]
     low = [row.least for row in rows]
     high = [row.most for row in rows]
-    for _ in range(MOST_TIGHTENED):
+    for _ in range(MAX_TIGHTENED):
         on_floats = []
         is_tightened = False
         for i, (row, floats) in enumerate(zip(rows, schedule(low, high, season.start), strict=True)):
@@ -179,7 +179,7 @@ class _Farm:
             force, weights = find_float_loads(self.site, month, water, self.points)
             forces.append(force)
         total = np.sum(forces, axis=1)
-        most = UNLIMITED
+        most = UNLIMITED_FLOATS
         if season.least_share > 0.0:
             most = math.floor(max(total.min(), 0.0) / (season.least_share * self.lift) + 1e-9)
         return Month(

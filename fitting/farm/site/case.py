@@ -10,6 +10,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.read import Plain, Table, read_list, read_text, refuse
+from dropper_jax.base.records import names_of
 from dropper_jax.load.scene import Scene
 from dropper_jax.scene import LineSpec, whole_lines
 from fitting.farm.site.sections import AnchorTable, Curve, Factors, SeaState
@@ -22,7 +23,7 @@ NEVER = 1e9
 #: Fields of a current that cases keep: its profile over depth, but not its change in time.
 PROFILE = ("kind", "exponent", "reference", "veer")
 #: Maximum number of names in an error message.
-MOST_NAMES = 6
+MAX_NAMES = 6
 
 
 @dataclass(frozen=True)
@@ -83,8 +84,8 @@ def read_patterns(given: Plain, path: str) -> list[str]:
 
 def short(names: Sequence[str]) -> str:
     """The first names of a long list."""
-    text = ", ".join(names[:MOST_NAMES]) or "none"
-    if len(names) > MOST_NAMES:
+    text = ", ".join(names[:MAX_NAMES]) or "none"
+    if len(names) > MAX_NAMES:
         text += f", ... ({len(names)} in total)"
     return text
 
@@ -185,7 +186,7 @@ def breaks(scene: Scene, states: tuple[str, ...], path: str) -> tuple[Break | No
     Raises:
         SceneError: an unknown line or link, or a duplicate state.
     """
-    lines = [line.name for line in whole_lines(scene)]
+    lines = names_of(whole_lines(scene))
     found: list[Break | None] = []
     names = []
     for i, state in enumerate(states):

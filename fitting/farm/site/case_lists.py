@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import option, parameter
 from dropper_jax.base.read import Plain, Table, Values, plain, read_list, read_number, read_text, refuse
+from dropper_jax.base.records import column
 from fitting.farm.site.sections import Section, read_years, standards
 
 
@@ -41,14 +42,14 @@ class CaseLists(Section):
         for key in ("directions", "levels"):
             if len(found[key]) == 0:
                 raise refuse(f"{path}.{key}", [], "is empty", "at least one; or leave the key out")
-            found[key] = [float(x) for x in found[key]]
+            found[key] = list(map(float, found[key]))
             if len(set(found[key])) < len(found[key]):
                 raise refuse(f"{path}.{key}", found[key], "has a duplicate value", "every value once")
         found["current_direction"] = heading
         allowed = "a list of speeds [m/s], or of tables as [sea.current]"
         currents = read_list(currents, f"{path}.currents", None, allowed)
         tables = [_current(item, f"{path}.currents.{i}") for i, item in enumerate(currents)]
-        names = [item["name"] for item in tables]
+        names = column(tables, "name")
         if len(set(names)) < len(names):
             raise refuse(f"{path}.currents", names, "has a duplicate current", "every current once")
         return found | {"currents": tuple(tables), "standard": standard}

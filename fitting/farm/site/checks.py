@@ -1,6 +1,8 @@
-"""Checks of a site's values against each other: times of runs, currents of one kind, seas that do not break."""
+"""Checks of a site's values against each other: times of runs, hours of a year, currents of one kind, breaking seas."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import refuse
@@ -8,7 +10,7 @@ from dropper_jax.load.checks_water import SHALLOW_HEIGHT, mean_period, steepest_
 from dropper_jax.sea.make import make_sea
 from dropper_jax.sea.spec import SeaSpec
 from fitting.farm.site.case_lists import CaseLists
-from fitting.farm.site.sections import RunValues
+from fitting.farm.site.sections import HOURS_PER_YEAR, RunValues, SeaState
 from fitting.farm.site.site import Site
 
 
@@ -19,6 +21,13 @@ def check_times(run: RunValues, lists: CaseLists, broken: bool) -> None:
     if broken and lists.break_time is not None and not run.skip <= lists.break_time < run.duration:
         why = "is outside the counted part of the run"
         raise refuse("cases.break_time", lists.break_time, why, f"{run.skip:g} to less than {run.duration:g} s")
+
+
+def check_hours(states: Sequence[SeaState]) -> None:
+    """Reject sea states that last longer than a year together: their damages of a year are added."""
+    total = sum(state.hours or 0.0 for state in states)
+    if total > HOURS_PER_YEAR:
+        raise refuse("sea_state.hours", total, "of all sea states is more than a year", f"<= {HOURS_PER_YEAR:g} h")
 
 
 def check_currents(site: Site) -> None:

@@ -23,6 +23,7 @@ from dropper_jax.base.read import (
     read_text,
     refuse,
 )
+from dropper_jax.base.records import names_of, without_keys
 from dropper_jax.load.packaged import find_scene, is_packaged, parse_toml
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.arrays import bare_model
@@ -42,7 +43,7 @@ from fitting.farm.site.case import (
     short,
 )
 from fitting.farm.site.case_lists import CaseLists
-from fitting.farm.site.checks import check_breaking, check_currents, check_times
+from fitting.farm.site.checks import check_breaking, check_currents, check_hours, check_times
 from fitting.farm.site.sections import (
     AnchorTable,
     Backbone,
@@ -66,8 +67,8 @@ PASSED = ("variable", "objective", "constraint", "optimise")
 OPTIONAL = {"exclusion": Exclusion, "backbone": Backbone, "season": SeasonValues}
 #: Values of a number of `[crop]`, in order.
 CROP_LEVELS = ("low", "expected", "high")
-#: Tables of a scene that are set as a whole.
-WHOLE = ("sea.waves", "sea.current", "sea.level")
+#: Tables of a scene that are set as one value.
+REPLACED_TABLES = ("sea.waves", "sea.current", "sea.level")
 
 
 def read_site(source: str | Path | Values) -> Site:
@@ -89,11 +90,12 @@ def read_site(source: str | Path | Values) -> Site:
     check_keys(table, (*SITE_KEYS, *PASSED), "")
     scene = _scene(table, (file or Path()).parent)
     water_of(scene)
-    lines = tuple(line.name for line in whole_lines(scene))
+    lines = tuple(names_of(whole_lines(scene)))
     run = RunValues.read(table.get("run", {}), "run")
     lists = CaseLists.read(table.get("cases", {}), "cases")
     states = read_items(SeaState.read, table.get("sea_state", []), "sea_state", needed=True)
-    _unique("sea_state", [state.name for state in states])
+    _unique("sea_state", names_of(states))
+    check_hours(states)
     broken = breaks(scene, lists.states, "cases.states")
     kinds = kinds_of(broken)
     check_times(run, lists, BROKEN in kinds)
@@ -135,8 +137,7 @@ def _optional_sections(table: Values, scene: Scene, lines: tuple[str, ...]) -> T
     sections: Table = {name: cls.read(table[name], name) for name, cls in OPTIONAL.items() if name in table}
     for name, section in sections.items():
         if name == "season":
-            free = [point.name for point in scene.points if point.is_free]
-            match_names(section.points, free, "season.points", "free point")
+            match_names(section.points, scene.free_points, "season.points", "free point")
         else:
             match_names(section.lines, lines, f"{name}.lines")
     return sections
@@ -208,7 +209,7 @@ def _flat(table: Values, path: str = "") -> Table:
     found: Table = {}
     for key, value in table.items():
         inner = f"{path}.{key}" if path else key
-        if isinstance(value, Mapping) and inner not in WHOLE:
+        if isinstance(value, Mapping) and inner not in REPLACED_TABLES:
             found |= _flat(value, inner)
         else:
             found[inner] = value
@@ -264,7 +265,7 @@ def _parts(
         own = _complete_factors(part.factor, factors, kinds, f"{path}.factor")
         capacity = np.array([_capacity(part, specs[name].breaking_load, name, path) for name in names])
         found.append(Part(part.name, names, capacity, own, part.curve, part.capacity is None))
-    _unique("part.name", [part.name for part in found])
+    _unique("part.name", names_of(found))
     owners = find_owners(groups, "line")
     left = [name for name in lines if name not in owners]
     if left:
@@ -287,7 +288,7 @@ def _capacity(part: PartTable, capacity: np.ndarray | None, line: str, path: str
 def _complete_factors(given: Factors | None, table: Factors, kinds: Sequence[str], path: str) -> Factors:
     """The factors of a part, with those of `[factors]` for kinds of states that it does not give."""
     given = given or table
-    common = {kind: x for kind, x in table.by_kind.items() if kind not in given.by_kind}
+    common = without_keys(table.by_kind, given.by_kind)
     sources = [given.source, *(f"{kind}: {table.source}, {table.edition}, {table.clause}" for kind in common)]
     found = replace(given, **common, source="; ".join(sources))
     for kind in sorted(kinds):
@@ -307,5 +308,5 @@ def _anchors(table: Values, scene: Scene, factors: Factors, kinds: Sequence[str]
         own = _complete_factors(anchor.factor, factors, kinds, f"{path}.factor")
         found.append(Anchor(anchor.name or ", ".join(anchor.points), points, anchor, own.by_kind))
     find_owners(groups, "point")
-    _unique("anchor.name", [anchor.name for anchor in found])
+    _unique("anchor.name", names_of(found))
     return tuple(found)

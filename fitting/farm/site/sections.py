@@ -27,8 +27,12 @@ from dropper_jax.base.read import (
     section_keys,
 )
 from dropper_jax.base.read import count as whole_number
+from dropper_jax.base.records import select_keys, without_keys, without_none
 from dropper_jax.scene import AnchorSpec, GrowthSpec
-from dropper_jax.sea.spec import WaveSpec
+from dropper_jax.sea.wave_spec import WaveSpec
+
+#: Hours of a year of 365.25 days.
+HOURS_PER_YEAR = 8766.0
 
 
 def standards(what: str) -> dict[str, Table]:
@@ -100,7 +104,7 @@ class SeaState(Section):
     """`[[sea_state]]`: an irregular sea; Hs = 0 is calm water."""
 
     name: str = option("name", type=str)
-    hours: float | None = parameter("hours of it in a year", unit="h", low=0.0, high=8766.0, default=None)
+    hours: float | None = parameter("hours of it in a year", unit="h", low=0.0, high=HOURS_PER_YEAR, default=None)
     return_period: str | None = option("years, or `associated`", type=str, default=None)
     sea: WaveSpec = field(kw_only=True)
 
@@ -129,8 +133,8 @@ class GrowthTable(Section):
 
     @classmethod
     def values_of(cls, table: Values, path: str) -> Table:
-        where = {key: value for key, value in table.items() if key in ("month", "lines")}
-        mussels = {key: value for key, value in table.items() if key not in where}
+        where = select_keys(table, ("month", "lines"))
+        mussels = without_keys(table, where)
         return super().values_of(where, path) | {"growth": GrowthSpec.read(mussels, path)}
 
 
@@ -163,7 +167,7 @@ class Factors(Section):
     def by_kind(self) -> dict[str, float]:
         """The factors that are given, by kind of state."""
         found = {"intact": self.intact, "broken": self.broken}
-        return {kind: factor for kind, factor in found.items() if factor is not None}
+        return without_none(found)
 
     @classmethod
     def of(cls, value: Plain, path: str) -> Factors:

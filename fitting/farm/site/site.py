@@ -12,6 +12,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import Table
+from dropper_jax.base.records import names_of, select_keys, without_keys
 from dropper_jax.load.scene import Scene
 from dropper_jax.scene import whole_lines
 from dropper_jax.sea.spec import SeaSpec
@@ -76,7 +77,7 @@ class Site:
     @cached_property
     def lines(self) -> tuple[str, ...]:
         """Names of the scene's lines as specified."""
-        return tuple(line.name for line in whole_lines(self.scene))
+        return tuple(names_of(whole_lines(self.scene)))
 
     def matching(self, patterns: Iterable[str]) -> tuple[str, ...]:
         """Lines that match the patterns."""
@@ -125,8 +126,8 @@ class Site:
         table = {}
         own = self.sea.current
         if own is not None and "kind" not in given:
-            table = {key: value for key, value in own.table().items() if key in PROFILE}
-        table |= {key: value for key, value in given.items() if key not in ("name", "return_period")}
+            table = select_keys(own.table(), PROFILE)
+        table |= without_keys(given, ("name", "return_period"))
         heading = self.lists.current_direction
         if heading is not None:
             direction = float(np.radians(heading))
@@ -135,7 +136,7 @@ class Site:
 
     def portable(self) -> Table:
         """Plain values for `read_site`, independent of files: they contain the scene's values instead of its name."""
-        own = {key: value for key, value in self.table.items() if key not in ("parameters", "set")}
+        own = without_keys(self.table, ("parameters", "set"))
         return {**own, "name": self.name, "scene": self.scene.as_written()}
 
     @property
@@ -204,7 +205,7 @@ class Site:
         """
         scene = scene or self.scene
         table = scene.as_written()
-        run = {key: value for key, value in table["run"].items() if key not in STEP_KEYS}
+        run = without_keys(table["run"], STEP_KEYS)
         if "accuracy" in self.steps:
             run["save_interval"] = min(scene.run.interval, LONGEST_INTERVAL)
         table["run"] = {**run, "duration": self.run.duration, **self.steps}

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dropper_jax import SceneError
-from fitting.farm.cases.flags import characteristic
+from fitting.farm.cases.characteristic import characteristic
 from fitting.farm.optimise.maxima_weights import check_seeds, weights
 from fitting.farm.site.sections import RunValues
 

@@ -15,15 +15,17 @@ from dropper_jax.scene import line_slices
 from dropper_jax.statics.rest_problem import unbalanced
 from dropper_jax.study.gradient_check import GradientCheck
 from fitting.farm.optimise.broken_link import link_of, with_link_mask
-from fitting.farm.optimise.design import CHANGE, WindowRuns
+from fitting.farm.optimise.design import DIFFERENCE_STEP, WindowRuns
+from fitting.farm.optimise.equilibria import near_rest, solve_rest
 from fitting.farm.optimise.goals import read_goals
 from fitting.farm.optimise.models import still, still_model
 from fitting.farm.optimise.quantities import Steps
 from fitting.farm.optimise.run import optimise, read_problem
 from fitting.farm.optimise.search import Search, programme
 from fitting.farm.optimise.storm import Peaks, check_windows
-from fitting.farm.optimise.values import Values, Window, near_rest, rest
+from fitting.farm.optimise.values import Values
 from fitting.farm.optimise.variables import read_variables
+from fitting.farm.optimise.windows import Window
 from fitting.farm.site import read_site
 
 LOOPS = packaged_scene("looped-longline")
@@ -84,6 +86,8 @@ HEMP = {**LOOPS, "line": [{**row, "type": "library:rope-hemp-0.03"} for row in L
         ({"variable": []}, "variable: none is given"),
         ({"objective": {"of": "load", "part": "line"}}, "objective.part.*'line' is unknown"),
         ({"objective": {"of": "beauty"}}, "objective.of.*'beauty' is unknown"),
+        ({"objective": {"part": "legs"}}, "objective.part: is not used to minimise 'material'"),
+        ({"objective": {"of": "load", "lines": "leg*"}}, "objective.lines: is not used to minimise 'load'"),
         (
             constraint("depth", points="p*", shallowest=5.0, deepest=4.0),
             "constraint.0.deepest: 4 m contradicts shallow",
@@ -222,7 +226,7 @@ def test_models_and_poses_follow_the_variables_as_differences_say(site):
     design = read_problem(site)
     case, x = design.cases[0], design.start
     found = still(design.site, design.variables, x, case.storm)
-    own = rest(found)
+    own = solve_rest(found)
     for k, variable in enumerate(design.variables):
         step = np.zeros(len(x))
         step[k] = 1e-5 * variable.span
@@ -315,8 +319,8 @@ def test_slopes_of_windows_are_those_of_designs_built_and_brought_to_rest_again(
     (slopes,) = design.slopes([found], silent)
     spans = np.array([variable.span for variable in design.variables])
     by_range = []
-    for change in np.diag(CHANGE * spans):
+    for change in np.diag(DIFFERENCE_STEP * spans):
         ends = [peaks(design.start + sign * change, height=found.hard).soft for sign in (1.0, -1.0)]
-        by_range.append((ends[0] - ends[1]) / (2.0 * CHANGE))
+        by_range.append((ends[0] - ends[1]) / (2.0 * DIFFERENCE_STEP))
     slopes = slopes[:, : len(spans)] * spans
     np.testing.assert_allclose(np.transpose(by_range), slopes, rtol=0.02, atol=0.01 * np.max(np.abs(slopes)))

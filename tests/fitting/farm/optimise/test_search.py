@@ -11,7 +11,7 @@ from dropper_jax.base.errors import silent
 from dropper_jax.base.parallel_runs import run_parallel
 from fitting.farm.optimise import run
 from fitting.farm.optimise.run import design_warnings
-from fitting.farm.optimise.search import RESIDUAL, Search, measure, run_round, run_search
+from fitting.farm.optimise.search import MAX_RESIDUAL, Search, measure, run_round, run_search
 from fitting.farm.optimise.values import Values, dominated_slopes
 
 
@@ -31,7 +31,7 @@ def test_the_residual_is_that_of_windows_before_they_are_renewed():
 
 
 def test_large_residuals_and_designs_that_are_no_optimum_are_reported():
-    assert design_warnings(RESIDUAL, 0.95, 0.01) == []
+    assert design_warnings(MAX_RESIDUAL, 0.95, 0.01) == []
     assert design_warnings(float("nan"), 1.0, 0.2) == []
     assert "differed by 3.0% of a limit" in design_warnings(0.03, 1.0, 0.2)[0]
     assert "balance 40% of the objective's slope" in design_warnings(0.0, 0.4, 0.2)[0]

@@ -100,6 +100,10 @@ def test_parts_take_capacity_and_factor_of_their_own_or_of_the_tables(site):
 @pytest.mark.parametrize(
     ("sections", "message"),
     [
+        (
+            {"sea_state": [{"name": n, "hs": 1.0, "tp": 6.0, "hours": 5000.0} for n in ("calm", "swell")]},
+            "sea_state.hours: 10000.0 of all sea states is more than a year; allowed: <= 8766 h",
+        ),
         ({"seastate": []}, "seastate: unknown key; did you mean 'sea_state'?"),
         ({"scene": "dropper-fram"}, "is not a packaged scene; did you mean 'dropper-farm'?"),
         ({"parameters": {"dropers": 2}}, "parameters.dropers: unknown parameter; did you mean 'droppers'?"),

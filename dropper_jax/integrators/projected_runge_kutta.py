@@ -3,8 +3,8 @@
     k_i = f(t + c_i h, y + h sum_j a_ij k_j),    y1 = P(y + h sum_i b_i k_i),    error = h sum_i e_i k_i
 
 y contains positions, velocities and the work done. Stable while h b/m stays below `stable`, b/m the rate at which
-damping stops a node. f is the motion of the line as an ordinary differential equation (`moving`): its tensions are
-those of lengths that do not accelerate,
+damping stops a node. f is the motion of the line as an ordinary differential equation (`solve_motion`): its tensions
+are those of lengths that do not accelerate,
 
     M a = F(r, v, t) + G' T,    d . d'' + |d'|^2 = 0 of every link
 
@@ -13,7 +13,7 @@ With u = d/L they follow from one symmetric tridiagonal system with a row per li
     (G M^-1 G') T = u . (difference of F/m over the link, of prescribed points their acceleration) + |d'|^2/L
 
 Lengths and their rates are then invariants of the motion, from which a scheme drifts by its error. The projection P
-(`on_links`) restores both, each by the smallest change in the mass metric.
+(`project_on_links`) restores both, each by the smallest change in the mass metric.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from dropper_jax.residual import Embedded, point_masses_only
 from dropper_jax.solvers.condensed import solve_multipliers
 
 
-class Moving(NamedTuple):
+class Instant(NamedTuple):
     """One instant: accelerations (nodes, 3) [m/s^2], tensions (n,) [N], powers (w,) [W] in the order of
     `work_names`."""
 
@@ -44,7 +44,7 @@ class Moving(NamedTuple):
     power: Array
 
 
-def moving(model: Model, r: Array, v: Array, t: Array, track: bool) -> Moving:
+def solve_motion(model: Model, r: Array, v: Array, t: Array, track: bool) -> Instant:
     """Accelerations and tensions of the line at one instant, and powers (empty unless `track`)."""
     k = model.instant(r, v, t)
     unit = k.links / model.line.length[:, None]
@@ -58,10 +58,10 @@ def moving(model: Model, r: Array, v: Array, t: Array, track: bool) -> Moving:
         power = powers(model, k, tension, a)
     else:
         power = jnp.zeros(0, r.dtype)
-    return Moving(a, tension, power)
+    return Instant(a, tension, power)
 
 
-def on_links(model: Model, r: Array, v: Array, t: Array) -> tuple[Array, Array]:
+def project_on_links(model: Model, r: Array, v: Array, t: Array) -> tuple[Array, Array]:
     """Positions after one Newton correction of the lengths, and velocities (nodes, 3) that stretch no link there."""
     length = model.line.length
     inverse = 1.0 / model.node_mass
@@ -109,7 +109,7 @@ class ProjectedRungeKutta(Embedded):
     def begin(self, model: Model, s: State) -> State:
         t = time_just_after(s.t)
         v = apply_jump(model, s.r, s.v, t)[0]
-        now = moving(model, s.r, v, t, False)
+        now = solve_motion(model, s.r, v, t, False)
         return replace(s, v=v, acceleration=now.acceleration, tension=now.tension)
 
     def advance_with_error(self, model: Model, s: State, h: Array, tolerance: Array) -> tuple[State, Array]:
@@ -129,7 +129,7 @@ class ProjectedRungeKutta(Embedded):
 
         def end(y: Array) -> Array:
             r, v, work = split(y)
-            return ravel_pytree((*on_links(model, r, v, high), work))[0]
+            return ravel_pytree((*project_on_links(model, r, v, high), work))[0]
 
         def stage(i: Array, carry: tuple[Array, ...]) -> tuple[Array, ...]:
             slopes = carry[0]
@@ -137,7 +137,7 @@ class ProjectedRungeKutta(Embedded):
             y = jax.lax.cond(i == stages, end, lambda y: y, y)
             # a jump at the start of the step has already happened, one at its end happens after it
             r, v, _ = split(y)
-            now = moving(model, r, v, jnp.clip(s.t + times[i] * h, low, high), track)
+            now = solve_motion(model, r, v, jnp.clip(s.t + times[i] * h, low, high), track)
             rate, _ = ravel_pytree((v, now.acceleration, now.power))
             return jax.lax.dynamic_update_index_in_dim(slopes, rate, i, axis=0), y, now.tension
 

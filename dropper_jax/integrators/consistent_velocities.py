@@ -1,12 +1,12 @@
-"""Velocities that are consistent with rigid links: the smallest change, in the mass metric, with the rates wanted.
+"""Velocities that are consistent with rigid links: the smallest change, in the mass metric, to given rates of stretch.
 
-    M x = G' y,    d/L . (rate of the links at v + x) = aim  (y = 0 of links that stretch)
+    M x = G' y,    d/L . (rate of the links at v + x) = stretch_rate  (y = 0 of links that stretch)
 
-y are the impulses [N s] that cause the change. A midpoint scheme enforces lengths, not their rates. A velocity along a
-link, caused by a jump of a prescribed point (its velocity or acceleration), therefore changes sign at every step and
-never decays, and tensions alternate by `2 m w/h`. Steps that contain a jump end with this projection. A
-smooth motion of the scheme has `d . d' = h^2 d' . d''/4` at the ends of its steps, which `w1 = -w0 + h^2 d' . d''/2`
-leaves unchanged. The wanted rate `aim` of the links is this value rather than zero.
+y are the impulses [N s] that cause the change, positive in tension. A midpoint scheme enforces lengths, not their
+rates. A velocity along a link, caused by a jump of a prescribed point (its velocity or acceleration), therefore changes
+sign at every step and never decays, and tensions alternate by `2 m w/h`. Steps that contain a jump end with this
+projection. A smooth motion of the scheme has `d . d' = h^2 d' . d''/4` at the ends of its steps, which `w1 = -w0 + h^2
+d' . d''/2` leaves unchanged. The rate `stretch_rate` of the links is this value rather than zero.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from dropper_jax.solvers import SOLVERS
 
 #: Step [s] over which the inertia of added mass is evaluated at an instant, because it is a difference over a step. The
 #: truncation error is of second order, the rounding error is 1e-12 of its inverse.
-INSTANT = 1e-4
+INERTIA_STEP = 1e-4
 
 
 class ProjectionProblem(StepProblem):
@@ -33,23 +33,23 @@ class ProjectionProblem(StepProblem):
         self.h = jnp.ones((), k.r.dtype)
         self.k = k
         self.added = added
-        #: Accelerations (held, 3) [m/s^2] of the fixed points; None at rest.
-        self.moved: Array | None = None
+        #: Accelerations (held, 3) [m/s^2] of the fixed points; None if they do not accelerate.
+        self.end_acceleration: Array | None = None
         self.force: Array | float = 0.0
         if added:
-            self.k = k.over(INSTANT)
+            self.k = k.over(INERTIA_STEP)
             self.force = self.model.inertia(self.k, jnp.zeros_like(k.r))
         self.link_direction = k.links / k.line.length[:, None]
         self.rigid = k.line.axial.rigid(k.line.links)
-        #: Wanted rate of stretch per length of rigid links, and impulses of others.
-        self.aim = jnp.zeros((), k.r.dtype)
+        #: Rate of stretch per length [1/s] of rigid links after the change, and impulses [N s] of others.
+        self.stretch_rate = jnp.zeros((), k.r.dtype)
         self.law = jnp.zeros((), k.r.dtype)
 
     def node_rows(self, x: Array, z: PerLaw) -> NodeRows:
         if self.added:
-            inertia = self.model.inertia(self.k, x, self.moved)
+            inertia = self.model.inertia(self.k, x, self.end_acceleration)
         else:
-            inertia = self.model.nodal_inertia(x, self.moved)
+            inertia = self.model.nodal_inertia(x, self.end_acceleration)
         return inertia - self.force, ()
 
     def link_vectors(self, x: Array) -> Array:
@@ -57,7 +57,7 @@ class ProjectionProblem(StepProblem):
         return self.model.geometry.differences(self.k.v + x, self.k.ends.velocities)
 
     def link_rows(self, d: Array, y: Array) -> tuple[Array, Array]:
-        rows = jnp.sum(self.link_direction * d, axis=-1) - self.aim
+        rows = jnp.sum(self.link_direction * d, axis=-1) - self.stretch_rate
         if not self.rigid.all():
             rows = jnp.where(self.rigid, rows, self.law - y)
         return y[:, None] * self.link_direction, rows
@@ -72,33 +72,33 @@ class InstantProblem(ProjectionProblem):
     def __init__(self, k: Kinematics, end_acceleration: Array | None) -> None:
         super().__init__(k, bool(k.model.having(AddedMass)))
         line = k.line
-        self.moved = end_acceleration
+        self.end_acceleration = end_acceleration
         self.force = k.model.force(k)
-        self.aim = -jnp.sum(k.link_velocities**2, axis=-1) / line.length
+        self.stretch_rate = -jnp.sum(k.link_velocities**2, axis=-1) / line.length
         if not self.rigid.all():
             self.law = line.axial.tension(k.links, k.link_velocities, line.length)
             self.link_direction = jnp.where(self.rigid[:, None], self.link_direction, k.tangents)
 
     def link_vectors(self, x: Array) -> Array:
-        return self.model.geometry.differences(x, self.moved)
+        return self.model.geometry.differences(x, self.end_acceleration)
 
 
-def consistent(k: Kinematics, added: bool = False, aim: Array | None = None) -> tuple[Array, Array]:
+def make_consistent(k: Kinematics, added: bool = False, stretch_rate: Array | None = None) -> tuple[Array, Array]:
     """Velocities (nodes, 3) [m/s] on the constraints, and the impulses (n,) [N s] that lead there.
 
     Args:
         k: positions, velocities and fixed points of one instant; with `added` prepared, as added mass requires.
         added: whether added mass is included.
-        aim: wanted rate of stretch per length of rigid links, (n,) [1/s]; default zero.
+        stretch_rate: rate of stretch per length of rigid links after the change, (n,) [1/s]; default zero.
     """
     problem = ProjectionProblem(k, added and bool(k.model.having(AddedMass)))
-    if aim is not None:
-        problem.aim = aim
+    if stretch_rate is not None:
+        problem.stretch_rate = stretch_rate
     change, impulse, _ = _solve_projection(problem)
     return k.v + change, impulse
 
 
-def instant(k: Kinematics, end_acceleration: Array | None = None) -> tuple[Array, Array]:
+def solve_instant(k: Kinematics, end_acceleration: Array | None = None) -> tuple[Array, Array]:
     """Accelerations (nodes, 3) [m/s^2] and tensions (n,) [N] at one instant, without laws that have their own unknowns.
 
     Args:
@@ -123,7 +123,7 @@ def _solve_projection(problem: ProjectionProblem) -> Unknowns:
     return Unknowns(-found.x, -found.y)
 
 
-def jumps(model: Model, t: Array, h: Array) -> Array | None:
+def points_jump(model: Model, t: Array, h: Array) -> Array | None:
     """Whether prescribed points jump in a step from t: within it or at either end; None if they never do."""
     kinks = model.kinks
     if kinks is None or model.line.axial.elastic:
@@ -146,15 +146,15 @@ def sawtooth_grows(model: Model) -> Array | None:
     return jnp.any(jnp.stack([e.gains() for e in turning]))
 
 
-def after_jump(k: Kinematics, end_acceleration: Array | None, h: Array) -> tuple[Array, Array]:
+def velocities_after_jump(k: Kinematics, end_acceleration: Array | None, h: Array) -> tuple[Array, Array]:
     """Velocities (nodes, 3) [m/s] from which midpoint steps of h continue smoothly, and impulses (n,) [N s] to them."""
-    v, first = consistent(k, added=True)
+    v, first = make_consistent(k, added=True)
     k = k.with_velocity(v)
-    v, second = after_change_of_step(k, instant(k, end_acceleration)[0], end_acceleration, h)
+    v, second = velocities_after_step_change(k, solve_instant(k, end_acceleration)[0], end_acceleration, h)
     return v, first + second
 
 
-def after_change_of_step(
+def velocities_after_step_change(
     k: Kinematics, acceleration: Array, end_acceleration: Array | None, h: Array
 ) -> tuple[Array, Array]:
     """The same after a step of another length.
@@ -168,11 +168,11 @@ def after_change_of_step(
         end_acceleration: of moving ends (held, 3) [m/s^2].
     """
     bend = jnp.sum(k.link_velocities * k.model.geometry.differences(acceleration, end_acceleration), axis=-1)
-    return consistent(k, True, 0.25 * h**2 * bend / k.line.length)
+    return make_consistent(k, True, 0.25 * h**2 * bend / k.line.length)
 
 
 def initial_velocity(model: Model, r: Array, v: Array, t: Array) -> Array:
     """Velocities (nodes, 3) [m/s] at the start of a run: if ends move at once, velocities that the links can have."""
     if model.line.axial.elastic:
         return v
-    return consistent(model.instant(r, v, t), added=True)[0]
+    return make_consistent(model.instant(r, v, t), added=True)[0]

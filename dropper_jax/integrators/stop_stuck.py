@@ -34,7 +34,7 @@ BEYOND_ROUNDING = 1e-9
 OUTWARDS = 2.0
 
 
-def stop_held_joints(model: Model, z: PerLaw, middle: Kinematics, after: Kinematics, h: Array) -> tuple[Array, Array]:
+def stop_stuck_joints(model: Model, z: PerLaw, middle: Kinematics, after: Kinematics, h: Array) -> tuple[Array, Array]:
     """End velocities (nodes, 3) [m/s] with stuck joints at rest, and the work of that (<= 0) [J].
 
     Args:
@@ -43,24 +43,24 @@ def stop_held_joints(model: Model, z: PerLaw, middle: Kinematics, after: Kinemat
         h: the step [s].
     """
     held = tuple(law.holding(middle, torque, h) for law, torque in zip(model.laws, z, strict=True))
-    some = jnp.any(jnp.stack([jnp.any(one) for one in held]))
+    any_held = jnp.any(jnp.stack(list(map(jnp.any, held))))
     # a copy of the end: what the branch computes must not be kept for uses outside of it
     stopped = partial(_stop_nodes, model, held, z, after.with_velocity(after.v), h)
     # most steps have no stuck joint, and then none of this is executed
-    return jax.lax.cond(some, stopped, lambda: (after.v, jnp.zeros((), after.v.dtype)))
+    return jax.lax.cond(any_held, stopped, lambda: (after.v, jnp.zeros((), after.v.dtype)))
 
 
 def _stop_nodes(model: Model, held: PerLaw, z: PerLaw, after: Kinematics, h: Array) -> tuple[Array, Array]:
-    """The results of `stop_held_joints` where a joint is stuck; `held` are these of each law (joints, 1)."""
+    """The results of `stop_stuck_joints` where a joint is stuck; `held` are these of each law (joints, 1)."""
     # neither solution nor factors are differentiated: one more correction with differentiated rows has the exact
     # derivative of the solution, at the cost of a few operations
-    u, factor, over, aim = _solve(*jax.lax.stop_gradient((model, held, after.v, after.r, after.t, z, h)))
-    rows = ravel_pytree(_rows(model, held, after, z, h, over, aim, u))[0]
+    u, factor, at_bound, directions = _solve(*jax.lax.stop_gradient((model, held, after.v, after.r, after.t, z, h)))
+    rows = ravel_pytree(_rows(model, held, after, z, h, at_bound, directions, u))[0]
     flat, unravel = ravel_pytree(u)
     return _with_least_energy(model, after, unravel(flat - lu_solve(factor, rows)).x)
 
 
-def stop_held_nodes(model: Model, z: PerLaw, middle: Kinematics, after: Kinematics, h: Array) -> tuple[Array, Array]:
+def stop_stuck_nodes(model: Model, z: PerLaw, middle: Kinematics, after: Kinematics, h: Array) -> tuple[Array, Array]:
     """The same for laws that hold nodes individually (`node_local`): each simply stops, as its `stop` defines."""
     v1 = after.v
     for law, held in zip(model.laws, z, strict=True):
@@ -79,25 +79,27 @@ def _solve(
     flat, unravel = ravel_pytree(zero)
 
     def correct(carry: tuple[Any, ...], _: None) -> tuple[tuple[Any, ...], None]:
-        x, _, over, aim = carry
+        x, _, at_bound, directions = carry
 
         def rows(x: Array) -> Array:
-            return ravel_pytree(_rows(model, held, after, z, h, over, aim, unravel(x)))[0]
+            return ravel_pytree(_rows(model, held, after, z, h, at_bound, directions, unravel(x)))[0]
 
         factor = lu_factor(jax.jacfwd(rows)(x))
         x = x - lu_solve(factor, rows(x))
-        now_over = ()
-        now_aim = ()
-        for law, p, q, is_held, was_over, direction in zip(model.laws, unravel(x).z, z, held, over, aim, strict=True):
-            beyond = is_held & ~was_over & _beyond(law, p, q, h)
-            now_over = (*now_over, was_over | beyond)
-            now_aim = (*now_aim, jnp.where(beyond, OUTWARDS * (p / h + q), direction))
-        return (x, factor, now_over, now_aim), None
+        now_at_bound = ()
+        now_directions = ()
+        for law, p, q, is_held, was_at_bound, direction in zip(
+            model.laws, unravel(x).z, z, held, at_bound, directions, strict=True
+        ):
+            beyond = is_held & ~was_at_bound & _beyond(law, p, q, h)
+            now_at_bound = (*now_at_bound, was_at_bound | beyond)
+            now_directions = (*now_directions, jnp.where(beyond, OUTWARDS * (p / h + q), direction))
+        return (x, factor, now_at_bound, now_directions), None
 
     nothing = tuple(map(jnp.zeros_like, held))
     start = flat, lu_factor(jnp.eye(len(flat), dtype=flat.dtype)), nothing, zero.z
-    x, factor, over, aim = jax.lax.scan(correct, start, None, length=CORRECTIONS)[0]
-    return unravel(x), factor, over, aim
+    x, factor, at_bound, directions = jax.lax.scan(correct, start, None, length=CORRECTIONS)[0]
+    return unravel(x), factor, at_bound, directions
 
 
 def _beyond(law: Law, p: Array, q: Array, h: Array) -> Array:
@@ -117,7 +119,14 @@ IMPULSE_COMPLIANCE = 1e-10
 
 
 def _rows(
-    model: Model, held: PerLaw, after: Kinematics, z: PerLaw, h: Array, over: PerLaw, aim: PerLaw, u: Unknowns
+    model: Model,
+    held: PerLaw,
+    after: Kinematics,
+    z: PerLaw,
+    h: Array,
+    at_bound: PerLaw,
+    directions: PerLaw,
+    u: Unknowns,
 ) -> Unknowns:
     """Rows of the system above for velocity changes, impulses of tensions and of joints.
 
@@ -129,11 +138,11 @@ def _rows(
     moved = after.with_velocity(after.v + u.x)
     force = model.inertia(after, u.x) - model.tension_force(u.y, after.tangents)
     joints = ()
-    for law, p, q, is_held, is_over, direction in zip(model.laws, u.z, z, held, over, aim, strict=True):
+    for law, p, q, is_held, is_at_bound, direction in zip(model.laws, u.z, z, held, at_bound, directions, strict=True):
         force = force - law.law_force(after, p)
         at_rest = scale * law.rates(moved) + IMPULSE_COMPLIANCE * p
         on_bound = p - h * (law.admissible(direction) - q)
-        joints = (*joints, jnp.where(is_over, on_bound, jnp.where(is_held, at_rest, p)))
+        joints = (*joints, jnp.where(is_at_bound, on_bound, jnp.where(is_held, at_rest, p)))
     along = u.y
     if not line.axial.elastic:
         rate = jnp.where(_both_held(model, held)[:, None], moved.link_velocities, model.rates(u.x, None))

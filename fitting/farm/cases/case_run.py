@@ -13,6 +13,7 @@ import numpy as np
 from jax import Array
 
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.records import column
 from dropper_jax.evaluation.fatigue import RANGE_ROUNDING, cycles
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model, State
@@ -233,7 +234,7 @@ class Runner:
         if case.storm.broken is not None:
             entry = case.storm.broken.entry
             parted = jax.tree.map(lambda a: a[entry : entry + 1], carry.state.parted)
-            broken = [row["time_s"] for row in breaks(scene, parted)]
+            broken = column(breaks(scene, parted), "time_s")
         below = case.storm.level - np.asarray(model.nodes(start.r, model.ends(start.t)))[:, 2]
         depth = np.array([(below[line.nodes].min(), below[line.nodes].max()) for line in tally.lines])
         found = tally.collect() | info

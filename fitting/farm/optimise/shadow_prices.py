@@ -21,16 +21,22 @@ from fitting.farm.optimise.values import Values, active_constraints
 AT_BOUND = 1e-3
 
 
-class Prices(NamedTuple):
-    """Decrease of the objective for a limit that is higher by 1, by constraint (m,), and the unbalanced fraction of the
-    objective's slope: 0 at an optimum."""
+class ShadowPrices(NamedTuple):
+    """Shadow prices of a design.
 
-    of: np.ndarray
-    left: float
+    Attributes:
+        by_constraint: decrease of the objective for a limit that is higher by 1 (m,), >= 0.
+        unbalanced: fraction of the objective's slope that constraints and bounds do not balance: 0 at an optimum.
+    """
+
+    by_constraint: np.ndarray
+    unbalanced: float
 
 
-def prices(values: Values, x: np.ndarray, low: np.ndarray, high: np.ndarray, fixed: np.ndarray, limit: float) -> Prices:
-    """Prices at a design.
+def shadow_prices(
+    values: Values, x: np.ndarray, low: np.ndarray, high: np.ndarray, fixed: np.ndarray, limit: float
+) -> ShadowPrices:
+    """Shadow prices at a design.
 
     Args:
         low, high: bounds (p,); fixed: variables on a size of their catalogue (p,), which stay there.
@@ -44,13 +50,13 @@ def prices(values: Values, x: np.ndarray, low: np.ndarray, high: np.ndarray, fix
     active = active_constraints(values, limit)
     axes = np.eye(p)
     walls = np.hstack([-axes[:, x - low <= AT_BOUND * span], axes[:, high - x <= AT_BOUND * span]])
-    of = np.zeros(len(values.value))
+    by_constraint = np.zeros(len(values.value))
     size = float(np.linalg.norm(cost))
     if size == 0.0:
-        return Prices(of, 0.0)
+        return ShadowPrices(by_constraint, 0.0)
     matrix = np.hstack([(values.slopes[active, :p] * span).T, walls])[~fixed]
     if not matrix.shape[1]:
-        return Prices(of, 1.0)
+        return ShadowPrices(by_constraint, 1.0)
     found, left = nnls(matrix, -cost)
-    of[active] = found[: len(active)]
-    return Prices(of, float(left) / size)
+    by_constraint[active] = found[: len(active)]
+    return ShadowPrices(by_constraint, float(left) / size)

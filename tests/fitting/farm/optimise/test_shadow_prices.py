@@ -7,9 +7,9 @@ import pytest
 
 from dropper_jax.base.errors import silent
 from fitting.farm.optimise.models import ASSUMPTIONS
-from fitting.farm.optimise.prices import prices
 from fitting.farm.optimise.run import read_problem
 from fitting.farm.optimise.search import Search, run_round
+from fitting.farm.optimise.shadow_prices import shadow_prices
 from fitting.farm.optimise.values import Values
 from fitting.farm.optimise.variables import bounds
 from fitting.farm.site import read_site
@@ -26,28 +26,28 @@ def circle(angle, limit=1.0):
 
 def test_the_shadow_price_of_a_curved_constraint_is_the_slope_of_its_optimum():
     x, values = circle(np.pi / 4)
-    found = prices(values, x, LOW, HIGH, FREE, limit=1.0)
+    found = shadow_prices(values, x, LOW, HIGH, FREE, limit=1.0)
     # d(-2 sqrt(limit))/d limit = -1; a linear programme in a box would have one variable at the box's wall
-    np.testing.assert_allclose([found.of[0], found.left], [1.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose([found.by_constraint[0], found.unbalanced], [1.0, 0.0], atol=1e-12)
 
 
 def test_a_design_that_is_no_optimum_is_reported():
     x, values = circle(np.pi / 4 + 0.3)
-    found = prices(values, x, LOW, HIGH, FREE, limit=1.0)
-    np.testing.assert_allclose(found.left, np.sin(0.3), rtol=1e-9)  # what of the slope lies along the circle
+    found = shadow_prices(values, x, LOW, HIGH, FREE, limit=1.0)
+    np.testing.assert_allclose(found.unbalanced, np.sin(0.3), rtol=1e-9)  # what of the slope lies along the circle
 
 
 def test_bounds_hold_what_constraints_do_not():
     # min -x - 3 y, x at its bound, x + y <= 1: the constraint's price is that of y alone
     values = Values(0.0, np.array([-1.0, -3.0]), ("sum",), np.array([1.0]), np.ones((1, 2)))
-    found = prices(values, np.array([-2.0, 3.0]), LOW, np.array([2.0, 9.0]), FREE, limit=1.0)
-    np.testing.assert_allclose([found.of[0], found.left], [3.0, 0.0], atol=1e-12)
+    found = shadow_prices(values, np.array([-2.0, 3.0]), LOW, np.array([2.0, 9.0]), FREE, limit=1.0)
+    np.testing.assert_allclose([found.by_constraint[0], found.unbalanced], [3.0, 0.0], atol=1e-12)
 
 
 def test_sizes_of_a_catalogue_stay_and_idle_constraints_cost_nothing():
     values = Values(0.0, np.array([-1.0, -4.0]), ("a", "b"), np.array([1.0, 0.5]), np.array([[2.0, 9.0], [1.0, 1.0]]))
-    found = prices(values, np.zeros(2), LOW, HIGH, np.array([False, True]), limit=1.0)
-    np.testing.assert_allclose([*found.of, found.left], [0.5, 0.0, 0.0], atol=1e-12)
+    found = shadow_prices(values, np.zeros(2), LOW, HIGH, np.array([False, True]), limit=1.0)
+    np.testing.assert_allclose([*found.by_constraint, found.unbalanced], [0.5, 0.0, 0.0], atol=1e-12)
 
 
 SITE = {
@@ -87,10 +87,10 @@ def test_prices_of_limits_and_assumptions_are_those_of_designs_optimised_again()
     start = read_problem(site)
     windows, _ = start.measure(start.start, silent)
     design, x, values = best(site, windows, start.start)
-    found = prices(values, x, *bounds(design.variables), np.zeros(len(x), bool), 0.99)
-    assert found.left < 0.1
-    predicted = {"limits": -0.01 * found.of.sum()}
-    costs = values.slope[len(x) :] + found.of @ values.slopes[:, len(x) :]
+    found = shadow_prices(values, x, *bounds(design.variables), np.zeros(len(x), bool), 0.99)
+    assert found.unbalanced < 0.1
+    predicted = {"limits": -0.01 * found.by_constraint.sum()}
+    costs = values.slope[len(x) :] + found.by_constraint @ values.slopes[:, len(x) :]
     predicted |= {name: 0.01 * cost for name, cost in zip(ASSUMPTIONS, costs, strict=True)}
     moved = {
         "limits": (site, 0.0),

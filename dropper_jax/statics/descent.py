@@ -20,19 +20,19 @@ from jax import Array
 
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.numerics import safe_norm
-from dropper_jax.effects.bending import CRUSHED
+from dropper_jax.effects.bending import CRUSHED_LENGTH
 from dropper_jax.model import Model, State, state
 from dropper_jax.residual import Unknowns
-from dropper_jax.statics.bodies import BodyMoves, moves_of
-from dropper_jax.statics.rest_problem import SMALLEST, RestProblem, balanced, force_scale, name_of, soft_scale
+from dropper_jax.statics.body_moves import BodyMoves, moves_of
+from dropper_jax.statics.rest_problem import MIN_KAPPA, RestProblem, balanced, force_scale, name_of, soft_scale
 from dropper_jax.statics.tangent import NodeMoves
 
 #: Maximum number of corrections of a descent.
-MOST_CORRECTIONS = 1000
+MAX_CORRECTIONS = 1000
 #: Minimum fraction of a correction that is tried.
 MIN_SHARE = 2.0**-13
 #: Maximum force against a correction at its end, over the force along it at its start.
-OPPOSING = 0.5
+MAX_OPPOSING = 0.5
 #: A shortened correction is good from this fraction on. Factors on kappa after a full, a good and a short correction.
 GOOD_SHARE = 0.25
 FULL_FACTOR = 0.2
@@ -55,7 +55,7 @@ def correct_pose(
     farthest_square = jnp.max(jnp.sum(dx.reshape(-1, 3) ** 2, axis=1), initial=0.0)
     # 1e-300: no division by zero if nothing moves
     dx = dx * jnp.minimum(1.0, reach / jnp.sqrt(jnp.maximum(farthest_square, 1e-300)))
-    allowed = OPPOSING * jnp.sum(rows * dx)
+    allowed = MAX_OPPOSING * jnp.sum(rows * dx)
 
     def overshoots(trial: tuple[Array, ...]) -> Array:
         share, along, _ = trial
@@ -73,7 +73,7 @@ def correct_pose(
     shortened = jnp.where(share >= GOOD_SHARE, GOOD_FACTOR * kappa, harder)
     kappa = jnp.where(share == 1.0, FULL_FACTOR * kappa, shortened)
     s = moves.move_pose(s, loads, share * dx)
-    return s, size, jnp.max(jnp.abs(rows), initial=0.0), jnp.maximum(kappa, SMALLEST * soft)
+    return s, size, jnp.max(jnp.abs(rows), initial=0.0), jnp.maximum(kappa, MIN_KAPPA * soft)
 
 
 @cached_jit()
@@ -103,9 +103,9 @@ def straight_guess(model: Model, t: float = 0.0) -> State:
 #: Maximum number of corrections without an improvement over the guess.
 HOPELESS_CORRECTIONS = 500
 #: Maximum number of descents from one guess.
-MOST_DESCENTS = 12
+MAX_DESCENTS = 12
 #: A descent is continued if the unbalanced force falls below this fraction of the last.
-IMPROVED = 0.5
+IMPROVED_SHARE = 0.5
 
 
 class _Descent(NamedTuple):
@@ -179,15 +179,15 @@ def descend(
 def find_rest(model: Model, s: State, loads: Array, tolerance: float) -> tuple[State, float]:
     """The stable equilibrium reached by descent from `s`, and its maximum scaled unbalanced force.
 
-    The descent is continued while `MOST_CORRECTIONS` corrections make the force much smaller: lines that rest on each
+    The descent is continued while `MAX_CORRECTIONS` corrections make the force much smaller: lines that rest on each
     other slide slowly to where they balance.
     """
     residual = np.inf
-    for _ in range(MOST_DESCENTS):
+    for _ in range(MAX_DESCENTS):
         before = residual
-        s, left = descend(model, s, loads, tolerance, soft_scale(model, np), MOST_CORRECTIONS)
+        s, left = descend(model, s, loads, tolerance, soft_scale(model, np), MAX_CORRECTIONS)
         residual = float(left)
-        if residual <= tolerance or not residual < IMPROVED * before:
+        if residual <= tolerance or not residual < IMPROVED_SHARE * before:
             break
     return s, residual
 
@@ -196,7 +196,7 @@ def find_softened(model: Model, s: State, loads: Array, tolerance: float) -> tup
     """Equilibrium by continuation from softer lines: if slack links become taut one after another, stiff links shorten
     every step.
 
-    A weightless line of 200 links in a current is solved in seconds, but not within `MOST_CORRECTIONS` corrections
+    A weightless line of 200 links in a current is solved in seconds, but not within `MAX_CORRECTIONS` corrections
     without continuation.
     """
     residual = np.inf
@@ -236,6 +236,6 @@ def _advise_elastic(model: Model, s: State) -> str:
     if model.effect("bending") is None:
         return ""
     shortest = float(jnp.min(safe_norm(model.links(s.r, model.ends(s.t))) / model.line.length))
-    if shortest >= CRUSHED:
+    if shortest >= CRUSHED_LENGTH:
         return ""
     return f". A link is compressed to {shortest:.1%} of its length: use axial law 'elastic' with bending"

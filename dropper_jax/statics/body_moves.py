@@ -5,7 +5,7 @@ A pinned body has only its three rotations, about its pin instead of the centre 
     corners: x = c + d + R(w) (x_0 - c),    R v = v + 2 (p x v + p x (p x v))/(1 + p.p),  p = w/2
     (K + kappa) dq = Q(q),    Q = (dx/dq)' F
 
-with the attached nodes included. The descent is that of `system`. Dense: for hundreds of nodes.
+with the attached nodes included. The descent is that of `descent`. Dense: for hundreds of nodes.
 """
 
 from __future__ import annotations

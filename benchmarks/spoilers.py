@@ -26,7 +26,7 @@ from fitting.calibration.freeing import free_by_advice, with_freed
 from fitting.calibration.lost_windows import with_sound_windows
 from fitting.calibration.prepared import Prepared
 from fitting.calibration.summarise import summarise
-from fitting.estimate.least_squares import level_of
+from fitting.estimate.least_squares import objective_at
 from fitting.estimate.noise import Noise
 from fitting.estimate.residual_noise import ResidualNoiseModel
 from fitting.estimate.simulator import Simulator
@@ -197,7 +197,7 @@ def bound(prepared: Prepared, d: Draw, simulator: Simulator) -> np.ndarray:
     claimed = np.array(prepared.sigma)
     noise = Noise(NOISE / claimed, np.full(claimed.shape, decay), np.array([d.jitter]))
     point = ResidualNoiseModel(solution, prepared.claimed_windows(solution), prepared.traces, prepared.floor).at(noise)
-    step = level_of(point.problem, CLOSED).undamped_step(point.evaluation, point.values, np.inf)
+    step = objective_at(point.problem, CLOSED).undamped_step(point.evaluation, point.values, np.inf)
     try:
         return np.sqrt(np.diag(np.linalg.inv(step.information)))[:2]
     except np.linalg.LinAlgError:  # the model with the true error did not fit: no bound

@@ -25,14 +25,14 @@ from scipy.special import chdtrc
 from dropper_jax.base.errors import SceneError
 from dropper_jax.model import Model
 from fitting.calibration.candidate import Candidate
-from fitting.calibration.law_fits import PARTS
 from fitting.calibration.law_tests import holm
+from fitting.calibration.laws import LAW_PARTS
 from fitting.calibration.prepared import Prepared
 from fitting.calibration.result import FitResult
 from fitting.estimate.factors import invert_spd, solve_spd
-from fitting.estimate.least_squares import level_of
+from fitting.estimate.least_squares import objective_at
 from fitting.estimate.normal_equations import eliminate, prior_of
-from fitting.estimate.release import TIME, Release
+from fitting.estimate.release import RELEASE_TIME, Release
 from fitting.estimate.residuals import Solution
 from fitting.estimate.simulator import Simulator
 from fitting.parameters.missing_forces import tested_parameters
@@ -60,10 +60,10 @@ PRIOR_ANGLE = 0.05
 PRIOR_CLOCK = 0.01
 
 #: Parameters whose derivatives are taken together with those of the starts.
-TOGETHER = 4
+PARAMETERS_PER_PASS = 4
 #: Windows, and lost stretches of frames, that programs reserve space for.
-SLACK = 2
-LOST_STRETCHES = 2
+RESERVED_LENGTH = 2
+RESERVED_JUMPS = 2
 
 
 class PossibleFault(NamedTuple):
@@ -95,7 +95,7 @@ def candidates(model: Model, release: Release | None) -> list[PossibleFault]:
     if links > 1 and not model.line.compound:
         named.append(("masses", ["line.0.mass"]))
     if release is not None:
-        named += [(f"start of run {i}", [f"{TIME}.{i}"]) for i in range(release.runs)]
+        named += [(f"start of run {i}", [f"{RELEASE_TIME}.{i}"]) for i in range(release.runs)]
     faults = []
     for name, paths in named:
         parameters = _existing(model, paths, release)
@@ -128,11 +128,11 @@ def candidate_simulator(prepared: Prepared, further: Sequence[Parameter] = ()) -
     every = [p for p in prepared.parameters if not p.is_lost]
     for p in tested_parameters(model, every):
         more.setdefault(p.name, p)
-    lost = [Parameter(f"{LOST}.-.{i}", LostTarget(-1, i), 0.0, unit="s") for i in range(LOST_STRETCHES)]
+    lost = [Parameter(f"{LOST}.-.{i}", LostTarget(-1, i), 0.0, unit="s") for i in range(RESERVED_JUMPS)]
     simulator = Simulator(
-        model, [*every, *more.values(), *lost], own.stepper, own.release, tangents=own.freedoms + TOGETHER
+        model, [*every, *more.values(), *lost], own.stepper, own.release, tangents=own.freedoms + PARAMETERS_PER_PASS
     )
-    simulator.capacity = SLACK * prepared.windows.steps, SLACK * prepared.windows.theta.shape[1]
+    simulator.capacity = RESERVED_LENGTH * prepared.windows.steps, RESERVED_LENGTH * prepared.windows.theta.shape[1]
     return simulator
 
 
@@ -215,7 +215,7 @@ def joint_information(
     values = np.concatenate([solution.values, [p.value for p in more]])
     extended = replace(problem, simulator=simulator.view_of(every), parameters=every, frozen=None, known=known)
     evaluation = extended.evaluate(values, solution.starts)
-    system = level_of(extended, solution.gap_weight).system(evaluation, values)
+    system = objective_at(extended, solution.gap_weight).system(evaluation, values)
     no_change = np.zeros(len(values))
     step = eliminate(system, 0.0, extended.prior(values), no_change, no_change)
     prior = prior_of(every, values, known.common)
@@ -235,7 +235,7 @@ class ScoreChange(NamedTuple):
 
 
 #: Fraction of a candidate's information that must remain once the free parameters are accounted for.
-LEAST_INFORMATION = 1e-7
+LEAST_OWN_INFORMATION = 1e-7
 
 
 def score_change(
@@ -253,7 +253,7 @@ def score_change(
         A = A - S[np.ix_(mine, free)] @ inner[:, :-1]
         u = u - S[np.ix_(mine, free)] @ inner[:, -1]
     scale = 1 / np.sqrt(np.diag(S)[mine])
-    if np.linalg.eigvalsh(A * np.outer(scale, scale))[0] < LEAST_INFORMATION:
+    if np.linalg.eigvalsh(A * np.outer(scale, scale))[0] < LEAST_OWN_INFORMATION:
         return None
     change = -solve_spd(A, u)
     gain = float(-0.5 * u @ change)
@@ -294,10 +294,10 @@ def groups(model: Model, free: Sequence[Parameter], shared: Sequence[Parameter])
         ("markers", markers),
         ("roll of the camera", [CAMERA]),
         ("inertia", body),
-        ("linear drag", [PARTS["linear"]]),
-        ("quadratic drag", [PARTS["quadratic"]]),
-        ("viscous friction of each joint", [PARTS["joint viscous"]]),
-        ("dry friction of each joint", [PARTS["dry"]]),
+        ("linear drag", [LAW_PARTS["linear"]]),
+        ("quadratic drag", [LAW_PARTS["quadratic"]]),
+        ("viscous friction of each joint", [LAW_PARTS["joint viscous"]]),
+        ("dry friction of each joint", [LAW_PARTS["dry"]]),
     ]
     known = {p.name for p in free} - {p.name for p in shared}
     found = []

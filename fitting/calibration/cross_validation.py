@@ -26,9 +26,9 @@ from fitting.estimate.normal_equations import bounded_step
 from fitting.estimate.residuals import Solution
 
 #: Maximum number of blocks, minimum number of windows per block, windows dropped on either side of it.
-BLOCKS = 5
-SMALLEST = 3
-GAP = 1
+MOST_BLOCKS = 5
+FEWEST_WINDOWS = 3
+GAP_WINDOWS = 1
 
 #: The windows that a fold scores and those that it fits, (K,) bool each.
 Fold = tuple[np.ndarray, np.ndarray]
@@ -57,8 +57,8 @@ class Scores:
 def blocks(run: np.ndarray) -> list[Fold]:
     """The windows that each fold scores and fits, (K,) bool each, from the windows' runs (K,)."""
     count = len(run)
-    folds = min(BLOCKS, max(count // SMALLEST, min(count, 2), 1))
-    gap = GAP if count >= 2 * SMALLEST else 0
+    folds = min(MOST_BLOCKS, max(count // FEWEST_WINDOWS, min(count, 2), 1))
+    gap = GAP_WINDOWS if count >= 2 * FEWEST_WINDOWS else 0
     index = np.arange(count)
     near = (np.abs(index[:, None] - index) <= gap) & (run[:, None] == run)
     parts = np.array_split(index, folds)
@@ -74,7 +74,7 @@ def last_third(begin: np.ndarray, run: np.ndarray) -> list[Fold]:
         mine = mine[np.argsort(begin[mine])]
         first = max(1, len(mine) - max(1, len(mine) // 3))
         scored[mine[first:]] = True
-        used[mine[: max(first - GAP, 1)]] = True
+        used[mine[: max(first - GAP_WINDOWS, 1)]] = True
     if scored.any() and used.any():
         return [(scored, used)]
     return []
@@ -119,7 +119,7 @@ def score(solution: Solution, folds: list[Fold]) -> Scores:
 
 
 #: Value added to the diagonal of a start's scaled precision: few samples leave some directions open.
-FLOOR = 1e-12
+DIAGONAL_FLOOR = 1e-12
 
 
 def score_window(
@@ -140,7 +140,7 @@ def score_window(
     precision[m2:, m2:] += S
     # rows and columns in units in which the diagonal is 1
     before, size = scale_diagonal(precision)
-    before = before + FLOOR * np.eye(len(size))
+    before = before + DIAGONAL_FLOOR * np.eye(len(size))
     W = jacobian[late] * size
     after = before + W.T @ W
     left = moved[late] - W @ np.linalg.solve(before, (A.T @ r) * size)

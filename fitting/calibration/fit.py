@@ -16,15 +16,15 @@ from fitting.calibration.comparison import refuse_tied
 from fitting.calibration.estimating import Method, as_method, estimate
 from fitting.calibration.freeing import MOST_FREED, free_by_advice
 from fitting.calibration.kicks import without_kicks
+from fitting.calibration.law_candidates import QUADRATIC
 from fitting.calibration.law_fits import with_law
-from fitting.calibration.law_score_tests import QUADRATIC
 from fitting.calibration.law_tests import LawTest
 from fitting.calibration.likely_cause import free_too
-from fitting.calibration.lost_windows import FIRST, with_sound_windows
+from fitting.calibration.lost_windows import FIRST_ITERATIONS, with_sound_windows
 from fitting.calibration.preparation import AUTOMATIC, FitSettings, TracesLike, prepare
 from fitting.calibration.prepared import Prepared
 from fitting.calibration.result import FitResult
-from fitting.calibration.short_windows import SUSPECT, name_wrong_file
+from fitting.calibration.short_windows import SUSPECT_CHI_SQUARE, name_wrong_file
 from fitting.calibration.spans import Interval
 from fitting.calibration.summarise import summarise
 from fitting.estimate.loss import LEAST_SQUARES, Loss, as_loss
@@ -93,7 +93,7 @@ def fit(
         prepared = replace(prepared, begin=whole.begin, starts=prepared.starts_from_samples())
         left = method.iterations
     else:
-        left = max(method.iterations - prepared.iterations, min(method.iterations - 1, FIRST), 1)
+        left = max(method.iterations - prepared.iterations, min(method.iterations - 1, FIRST_ITERATIONS), 1)
     solution = estimate(prepared, replace(method, iterations=left), loss, progress)
     solution.iterations += prepared.iterations
     result = with_wrong_file(summarise(prepared, method.name, solution), whole)
@@ -220,7 +220,7 @@ def with_wrong_file(result: FitResult, prepared: Prepared) -> FitResult:
     Args:
         prepared: with all windows.
     """
-    if result.status != "ok" or result.chi2_per_dof > SUSPECT:
+    if result.status != "ok" or result.chi2_per_dof > SUSPECT_CHI_SQUARE:
         result.wrong_file = name_wrong_file(prepared)
     return result
 

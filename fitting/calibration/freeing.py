@@ -3,9 +3,9 @@
 The first round is over separate windows, which remain solvable for any misfit. Isolated outliers switch on Student's
 loss, and missing frames free a jump of the clock. Candidates from the score tests (`advice`) are tried. If several are
 promising, each is fitted and their likelihoods decide, each with the noise that it leaves, minus `log(N)/2` per number.
-Candidates within `MARGIN` of the best cannot be distinguished. They are reported together and the one with fewest
-numbers is freed. The distance by which the others would move the estimates is added to the errors. The second round
-uses the requested method, whose joined windows detect smaller faults, with score tests alone.
+Candidates within `INDISTINGUISHABLE_GAIN` of the best cannot be distinguished. They are reported together and the one
+with fewest numbers is freed. The distance by which the others would move the estimates is added to the errors. The
+second round uses the requested method, whose joined windows detect smaller faults, with score tests alone.
 
 If the misfit is smooth, far above the noise, and not explained by any single candidate, the whole model is wrong. No
 sample is then an outlier, and groups of numbers are freed by `trials`.
@@ -20,9 +20,9 @@ import numpy as np
 
 from dropper_jax.base.errors import Progress, silent
 from fitting.calibration.advice import candidate_simulator, score_candidates
-from fitting.calibration.candidate import OR, WORTH, Candidate
+from fitting.calibration.candidate import LEAST_GAIN, NAME_SEPARATOR, Candidate
 from fitting.calibration.lost_frames import (
-    SEVERAL,
+    SEVERAL_OUTLIERS,
     count_outliers,
     lost_frames,
     starts_from_previous_windows,
@@ -30,7 +30,7 @@ from fitting.calibration.lost_frames import (
 )
 from fitting.calibration.preparation import at_frames
 from fitting.calibration.prepared import Prepared
-from fitting.calibration.trials import WRONG, free_groups, is_model_wrong
+from fitting.calibration.trials import WRONG_CHI_SQUARE, free_groups, is_model_wrong
 from fitting.estimate.least_squares import fit_windows
 from fitting.estimate.loss import LEAST_SQUARES, Loss, StudentT
 from fitting.estimate.noise import log_volume
@@ -42,13 +42,13 @@ from fitting.parameters.targets import LOST
 
 #: Maximum number of candidates freed one after another, and how many of them are fitted before one is chosen.
 MOST_FREED = 6
-TRIED = 4
+MOST_FITTED = 4
 #: Difference of log likelihoods below which candidates are indistinguishable.
-MARGIN = 3.0
+INDISTINGUISHABLE_GAIN = 3.0
 #: Log of the number of jumps searched, which one gains by chance; minimum size of a jump in frames, below which the
 #: misfit is of another kind.
-CHANCE = 9.0
-LEAST_LOST = 0.7
+JUMP_SEARCH_GAIN = 9.0
+LEAST_LOST_FRAMES = 0.7
 
 
 def with_freed(prepared: Prepared, paths: Sequence[str], simulator: Simulator, value: float | None = None) -> Prepared:
@@ -63,14 +63,14 @@ def with_freed(prepared: Prepared, paths: Sequence[str], simulator: Simulator, v
 
 
 #: Fraction of the best candidate's gain that another one must promise to be tried as well.
-WORTH_TRYING = 0.3
+PROMISING_SHARE = 0.3
 
 
 def promising(found: Sequence[Candidate], refused: Collection[str] = ()) -> list[Candidate]:
     """The candidates to try next, the best first: those that promise more than their parameters cost."""
     named = [c for c in found if c.worth_naming and c.worth > 0 and c.name not in refused]
     best = max((c.worth for c in named), default=0.0)
-    return [c for c in named if c.worth > WORTH_TRYING * best][:TRIED]
+    return [c for c in named if c.worth > PROMISING_SHARE * best][:MOST_FITTED]
 
 
 def likelihood(solution: Solution) -> float:
@@ -87,7 +87,7 @@ def _back(prepared: Prepared, solution: Solution, mine: Sequence[str]) -> dict[s
 #: Correlated noise leaves a chi-square of up to 10.
 REST_CHI_SQUARE = 20.0
 #: A wrong candidate creeps: on the measured double pendulum a whole fit took 40 evaluations and explained nothing.
-SHORT_FIT = 6
+SHORT_FIT_ITERATIONS = 6
 
 
 @dataclass
@@ -126,7 +126,7 @@ class Freeing:
         penalty = 0.5 * np.log(max(self.solution.windows.samples, 2))
         return likelihood(self.solution) - penalty * len(self.prepared.parameters)
 
-    def is_wrong(self, limit: float = WRONG) -> bool:
+    def is_wrong(self, limit: float = WRONG_CHI_SQUARE) -> bool:
         """Whether a smooth misfit far above the noise is left."""
         return is_model_wrong(self.prepared, self.solution, limit)
 
@@ -138,7 +138,7 @@ class Freeing:
             for candidate in promising(score_candidates(self.prepared, self.solution, self.simulator)):
                 prepared = with_freed(self.end, candidate.free, self.simulator)
                 problem = prepared.problem(self.loss)
-                short = fit_windows(problem, prepared.values, prepared.starts, iterations=SHORT_FIT)
+                short = fit_windows(problem, prepared.values, prepared.starts, iterations=SHORT_FIT_ITERATIONS)
                 if not is_model_wrong(prepared, short):
                     tries.append(candidate)
         freed = replace(self, names=list(self.names), refused=set())
@@ -168,14 +168,14 @@ class Freeing:
             prepared = with_freed(self.end, candidate.free, self.simulator)
             freed = replace(self, prepared=prepared, solution=self.fit(prepared, "windows", self.loss))
             gain = likelihood(freed.solution) - likelihood(self.solution)
-            if freed.solution.status == "ok" and gain >= WORTH:
+            if freed.solution.status == "ok" and gain >= LEAST_GAIN:
                 fits.append((replace(candidate, gain=gain), freed))
             else:
                 self.refused.add(candidate.name)
         if not fits:
             return
         most = max(freed.score for _, freed in fits)
-        near = [pair for pair in fits if pair[1].score > most - MARGIN]
+        near = [pair for pair in fits if pair[1].score > most - INDISTINGUISHABLE_GAIN]
         # indistinguishable candidates keep their order
         near.sort(key=lambda pair: (len(pair[1].solution.values), -round(pair[1].score - self.score)))
         (candidate, best), *others = near
@@ -187,7 +187,7 @@ class Freeing:
             for other, freed in others:
                 moved = freed.solution.values[:k] - best.solution.values[:k]
                 doubt[other.name] = dict(zip(names[:k], moved.tolist(), strict=True)) | back
-            candidate = replace(candidate, name=OR.join(c.name for c, _ in near), doubt=doubt)
+            candidate = replace(candidate, name=NAME_SEPARATOR.join(c.name for c, _ in near), doubt=doubt)
             self.refused.update(doubt)
         self.prepared = best.prepared
         self.solution = best.solution
@@ -196,7 +196,7 @@ class Freeing:
     def free_outliers(self) -> None:
         """Student's loss if there are isolated outliers."""
         count = count_outliers(self.solution)
-        if self.loss != LEAST_SQUARES or count < SEVERAL:
+        if self.loss != LEAST_SQUARES or count < SEVERAL_OUTLIERS:
             return
         prepared = self.end
         solution = self.fit(prepared, "windows", StudentT())
@@ -225,7 +225,7 @@ class Freeing:
         if not without.score > self.score:
             found = score_candidates(prepared, solution, self.simulator)
             found = [c for c in found if c.worth_naming and c.name not in candidate.name]
-            without.free_best(found[:TRIED])
+            without.free_best(found[:MOST_FITTED])
         if without.score > self.score:
             without.refused = self.refused
             return without
@@ -250,7 +250,7 @@ class Freeing:
             back = _back(prepared, solution, list(best.changes))
             doubt = {}
             for c in named:
-                if c is not best and (c.name in best.alike or 0 <= best.worth - c.worth < MARGIN):
+                if c is not best and (c.name in best.alike or 0 <= best.worth - c.worth < INDISTINGUISHABLE_GAIN):
                     doubt[c.name] = {p: c.moves.get(p, 0.0) - move for p, move in best.moves.items()} | back
             self.prepared = prepared
             self.solution = solution
@@ -300,7 +300,11 @@ class Freeing:
             solution = self.fit(prepared, "windows", self.loss)
             gain = likelihood(solution) - likelihood(self.solution)
             seconds = float(solution.values[-1])
-            if solution.status != "ok" or gain < WORTH + CHANCE or abs(seconds) < LEAST_LOST * trace.interval:
+            if (
+                solution.status != "ok"
+                or gain < LEAST_GAIN + JUMP_SEARCH_GAIN
+                or abs(seconds) < LEAST_LOST_FRAMES * trace.interval
+            ):
                 return
             self.prepared = prepared
             self.solution = solution

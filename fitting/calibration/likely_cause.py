@@ -23,7 +23,7 @@ from fitting.calibration.advice import candidate_simulator, candidates
 from fitting.calibration.freeing import with_freed
 from fitting.calibration.prepared import Prepared
 from fitting.estimate.least_squares import fit_windows
-from fitting.estimate.release import TIME
+from fitting.estimate.release import RELEASE_TIME
 from fitting.estimate.windows import Span, first_starts
 from fitting.parameters.names import DAMPING_PATHS, free_option
 from fitting.parameters.parameter import Parameter
@@ -32,16 +32,16 @@ from fitting.traces.noise import without_spikes
 from fitting.traces.trace import Trace
 
 #: Fraction of chi-square that a right cause may leave, and chi-square per sample of a window that is explained.
-LEAVES = 0.1
-EXPLAINED = 9.0
+CHI_SQUARE_LEFT = 0.1
+EXPLAINED_CHI_SQUARE = 9.0
 #: Fraction of samples on the line through their neighbours, above which they are interpolated.
-INTERPOLATED = 0.4
+INTERPOLATED_FRACTION = 0.4
 #: Fraction of the motion by which short windows miss smoothed samples at most; wrong models miss more.
-SMALL = 0.04
+SMOOTHED_MISS = 0.04
 #: Short windows in the order of time that find a driven beginning.
-PIECES = 12
+BEGINNING_WINDOWS = 12
 #: Evaluations of short windows.
-EVALUATIONS = 4
+SHORT_WINDOW_ITERATIONS = 4
 
 
 class Misfit(NamedTuple):
@@ -81,7 +81,7 @@ def fit_short_windows(
     values = np.where(damping, [p.low for p in prepared.parameters], prepared.values)
     starts = first_starts(prepared.simulator.model_at(values), at.traces, windows, at.sigma)
     problem = replace(at.problem(frozen=~free), windows=windows)
-    solution = fit_windows(problem, values, starts, iterations=EVALUATIONS)
+    solution = fit_windows(problem, values, starts, iterations=SHORT_WINDOW_ITERATIONS)
     weight = windows.weight
     mean = np.sum(weight * windows.theta, axis=1) / np.maximum(weight.sum(axis=1), 1e-300)
     chi2 = _mean_square(solution.errors * weight, weight)
@@ -107,7 +107,7 @@ def likely_cause(prepared: Prepared, pieces: Sequence[Span]) -> Cause:
         pieces: run, start and end [s] of short windows that move.
     """
     trace = prepared.traces[0]
-    if _interpolated(trace) > INTERPOLATED:
+    if _interpolated(trace) > INTERPOLATED_FRACTION:
         return Cause(
             "angles interpolated between frames, as clicked by hand",
             "leave the cells of frames that were not measured empty",
@@ -128,10 +128,12 @@ def _wrong_number(prepared: Prepared, pieces: Sequence[Span], given: float) -> C
     """The number of the scene that explains most if it is free."""
     free = prepared.names
     simulator = candidate_simulator(prepared)
-    best = max(LEAVES * given, EXPLAINED)
+    best = max(CHI_SQUARE_LEFT * given, EXPLAINED_CHI_SQUARE)
     cause = None
     for name, paths, _ in candidates(prepared.simulator.model, prepared.simulator.release):
-        if any(path.startswith((NODE, TIME)) for path in paths) or any(one.startswith(tuple(paths)) for one in free):
+        if any(path.startswith((NODE, RELEASE_TIME)) for path in paths) or any(
+            one.startswith(tuple(paths)) for one in free
+        ):
             continue
         tried = with_freed(prepared, paths, simulator)
         found = fit_short_windows(tried, pieces, paths)
@@ -161,16 +163,21 @@ def _driven_beginning(prepared: Prepared, length: float) -> Cause | None:
     windows = prepared.windows
     low = float(windows.begin.min())
     high = float(windows.ends.max())
-    starts = np.linspace(low, high - length, PIECES)
+    starts = np.linspace(low, high - length, BEGINNING_WINDOWS)
     mine = np.unique(windows.run)
-    if len(mine) > 1 or length >= (high - low) / PIECES:
+    if len(mine) > 1 or length >= (high - low) / BEGINNING_WINDOWS:
         return None
     pieces = [Span(int(mine[0]), begin, begin + length) for begin in starts.tolist()]
     chi2 = fit_short_windows(prepared, pieces).chi2
-    missed = np.flatnonzero(chi2 > EXPLAINED)
-    if len(chi2) != PIECES or not len(missed) or missed[-1] > PIECES // 2 or len(missed) < 0.5 * (missed[-1] + 1):
+    missed = np.flatnonzero(chi2 > EXPLAINED_CHI_SQUARE)
+    if (
+        len(chi2) != BEGINNING_WINDOWS
+        or not len(missed)
+        or missed[-1] > BEGINNING_WINDOWS // 2
+        or len(missed) < 0.5 * (missed[-1] + 1)
+    ):
         return None
-    until = starts[min(missed[-1] + 1, PIECES - 1)]
+    until = starts[min(missed[-1] + 1, BEGINNING_WINDOWS - 1)]
     return Cause(
         f"a hand or a drive that moves the line in the first {until:.3g} s",
         f"leave them out: --held-out {low:.3g}:{until:.3g}",
@@ -179,7 +186,7 @@ def _driven_beginning(prepared: Prepared, length: float) -> Cause | None:
 
 def _shared_errors(prepared: Prepared, part: float) -> Cause | None:
     """Errors of the angles above their noise, a small part of the motion."""
-    if part > SMALL:
+    if part > SMOOTHED_MISS:
         return None
     trace = prepared.traces[0]
     sigma = float(np.median(prepared.sigma[0]))

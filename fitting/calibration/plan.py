@@ -27,7 +27,7 @@ from fitting.estimate.factors import invert_spd
 from fitting.estimate.least_squares import Objective, fit_windows
 from fitting.estimate.normal_equations import Step
 from fitting.estimate.residuals import Solution
-from fitting.estimate.shooting import SAME_EVIDENCE, SCHEDULE
+from fitting.estimate.shooting import GAP_WEIGHTS, SAME_EVIDENCE
 from fitting.estimate.windows import pick
 from fitting.parameters.names import full_names
 from fitting.traces.synthetic import Camera, observe, simulate_truth
@@ -35,7 +35,7 @@ from fitting.traces.synthetic import Camera, observe, simulate_truth
 #: Rounds of the search for the windows' starts on a trace without noise.
 START_ROUNDS = 4
 #: Relative change of a gap weight for a central difference of log|H|: its error is below 1e-4 of a gap.
-NEAR = 0.01
+WEIGHT_STEP = 0.01
 
 
 @dataclass(frozen=True)
@@ -164,11 +164,11 @@ def _expected_weight(solution: Solution) -> float:
         return step.log_determinant + np.array([0.0, np.linalg.slogdet(step.information)[1]])
 
     evidence = []
-    for weight in SCHEDULE:
-        change = logs(weight * (1 + NEAR))[1] - logs(weight / (1 + NEAR))[1]
-        slope = change / (2 * np.log(1 + NEAR))
+    for weight in GAP_WEIGHTS:
+        change = logs(weight * (1 + WEIGHT_STEP))[1] - logs(weight / (1 + WEIGHT_STEP))[1]
+        slope = change / (2 * np.log(1 + WEIGHT_STEP))
         evidence.append(-gaps * np.log(weight) - 0.5 * logs(weight)[0] + 0.25 * slope)
-    return next(w for w, each in zip(SCHEDULE, evidence, strict=True) if each >= max(evidence) - SAME_EVIDENCE)
+    return next(w for w, each in zip(GAP_WEIGHTS, evidence, strict=True) if each >= max(evidence) - SAME_EVIDENCE)
 
 
 def rows(plans: Sequence[Planned]) -> Rows:

@@ -25,7 +25,7 @@ from fitting.parameters.varied import vary
 from fitting.traces import planar
 
 #: RMS over the links [rad] at which two motions count as diverged.
-PARTED = 0.1
+DIVERGED_ANGLE = 0.1
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class Prediction:
     def text(self) -> str:
         """For people."""
         return (
-            f"one run from the start at {self.begin:.3g} s stays within {PARTED:g} rad of the trace for "
+            f"one run from the start at {self.begin:.3g} s stays within {DIVERGED_ANGLE:g} rad of the trace for "
             f"{self._until(self.diverged_at)}; a run that starts one standard error away stays with it for "
             f"{self._until(self.trusted)}"
         )
@@ -147,9 +147,10 @@ def _at_times(t: np.ndarray, at: np.ndarray, motion: tuple[Array, Array]) -> np.
 
 
 def _parting(t: np.ndarray, difference: np.ndarray) -> float:
-    """First time [s] at which differences (m, n) [rad], as shortest turns, have an RMS above `PARTED`; else infinite.
+    """First time [s] at which the RMS of differences (m, n) [rad] exceeds `DIVERGED_ANGLE`; otherwise infinite.
 
-    The mean square is averaged over 0.05 s to either side, so that a single wrong sample does not count.
+    Differences count as shortest turns. The mean square is averaged over 0.05 s to either side, so that a single wrong
+    sample does not count.
     """
     difference = difference - 2 * np.pi * np.round(np.nan_to_num(difference) / (2 * np.pi))
     width = max(1, round(0.1 / max(float(np.median(np.diff(t))), 1e-9)))
@@ -158,7 +159,7 @@ def _parting(t: np.ndarray, difference: np.ndarray) -> float:
     square = np.convolve(square, np.ones(width), "same")
     count = np.convolve(known.sum(axis=1), np.ones(width), "same")
     rms = np.sqrt(square / np.maximum(count, 1))
-    beyond = np.flatnonzero(rms > PARTED)
+    beyond = np.flatnonzero(rms > DIVERGED_ANGLE)
     if len(beyond):
         return float(t[beyond[0]])
     return np.inf

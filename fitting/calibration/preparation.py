@@ -32,7 +32,7 @@ from fitting.estimate.rest import rests
 from fitting.estimate.shooting import lyapunov, transitions
 from fitting.estimate.simulator import Simulator, choose_stepper
 from fitting.estimate.windows import (
-    SHORTEST_PART,
+    SHORTEST_WINDOW_PERIODS,
     Starts,
     Windows,
     cut,
@@ -56,8 +56,8 @@ from fitting.traces.trace import Convention, Trace, as_trace, convention
 
 #: Maximum turn of a link in a step [rad] at the start of a fit, and the fraction of windows that it applies to. The
 #: error of a fourth-order scheme over a window is then below the usual noise; otherwise `refine` halves the step.
-TURN = 0.25
-FASTEST = 0.98
+TURN_PER_STEP = 0.25
+TURN_QUANTILE = 0.98
 
 #: One run or several: CSV files or traces.
 TracesLike = Sequence[str | Path | Trace] | str | Path | Trace
@@ -361,7 +361,7 @@ def plan_windows(samples: Samples, simulator: Simulator, settings: FitSettings) 
     span = max(one.high - one.low for one in samples.spans)
     dt = time_step(samples.traces, settings.dt or period / STEPS_PER_PERIOD[simulator.stepper.integrator.order])
     fewest = fewest_frames(simulator.model.line.links, simulator.freedoms)
-    short = max(SHORTEST_PART * period, fewest * interval)
+    short = max(SHORTEST_WINDOW_PERIODS * period, fewest * interval)
     link = float(np.mean(np.asarray(simulator.model.line.length)))
     length = settings.window or longest_window(simulator.freedoms // 2, link, span, short)
     if settings.window is not None and settings.window > span:
@@ -400,9 +400,9 @@ def windows_along_motion(
     if release is not None:
         windows = release.mark(windows, samples.traces)
     starts = first_starts(model, fitted, windows, sigma)
-    # subdivisions of a step in which the fastest link of nearly all windows turns by at most `TURN`
-    fastest = float(np.quantile(np.abs(starts.omega).max(axis=1), FASTEST))
-    halvings = max(0, int(np.ceil(np.log2(max(plan.dt * fastest / TURN, 1e-9)))))
+    # subdivisions of a step in which the fastest link of nearly all windows turns by at most `TURN_PER_STEP`
+    fastest = float(np.quantile(np.abs(starts.omega).max(axis=1), TURN_QUANTILE))
+    halvings = max(0, int(np.ceil(np.log2(max(plan.dt * fastest / TURN_PER_STEP, 1e-9)))))
     windows = replace(windows, substeps=2**halvings)
     evaluation = simulator(values, starts, windows)
     rate = lyapunov(simulator, windows, evaluation, values)

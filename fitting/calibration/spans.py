@@ -8,7 +8,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.model import Model
-from fitting.estimate.rest import FEWEST as FEWEST_AT_REST
+from fitting.estimate.rest import FEWEST_REST_FRAMES as FEWEST_AT_REST
 from fitting.estimate.windows import Span
 from fitting.traces.conventions import resting_angles
 from fitting.traces.planar import wrap
@@ -112,7 +112,7 @@ def without_held_starts(
 
 
 #: Relative change of a step that rounded times of samples may cause.
-ROUNDED_TIMES = 1e-3
+TIME_ROUNDING = 1e-3
 
 
 def time_step(traces: Sequence[Trace], requested: float) -> float:
@@ -123,16 +123,16 @@ def time_step(traces: Sequence[Trace], requested: float) -> float:
     intervals = [round(trace.interval, 12) for trace in traces]
     if np.ptp(intervals) > 1e-9:
         return requested
-    return max(intervals) / max(1, int(np.ceil(max(intervals) / requested - ROUNDED_TIMES)))
+    return max(intervals) / max(1, int(np.ceil(max(intervals) / requested - TIME_ROUNDING)))
 
 
 #: Shortest stretch [s], and in slowest periods: a motion is slow at its turning points, and slower as it decays.
-SHORTEST = 0.5
+SHORTEST_REST = 0.5
 FIRST_PERIODS = 0.5
 LAST_PERIODS = 2.0
 #: Frames of a running mean; limits of a still motion: standard deviations of the mean, and a minimum angle [rad].
-WIDTH = 5
-STILL = 5.0
+MEAN_FRAMES = 5
+STILL_DEVIATIONS = 5.0
 SMALLEST_MOVE = 0.002
 
 
@@ -151,27 +151,29 @@ def still_spans(trace: Trace, sigma: np.ndarray, slowest: float) -> list[Interva
     for direction, periods in ((1, FIRST_PERIODS), (-1, LAST_PERIODS)):
         times = trace.t[whole][::direction]
         count = still_frames(times, trace.theta[whole][::direction], sigma)
-        shortest = max(SHORTEST, periods * slowest)
-        if count >= max(FEWEST_AT_REST, 2 * WIDTH) and abs(times[count - 1] - times[0]) >= shortest:
+        shortest = max(SHORTEST_REST, periods * slowest)
+        if count >= max(FEWEST_AT_REST, 2 * MEAN_FRAMES) and abs(times[count - 1] - times[0]) >= shortest:
             low, high = sorted((float(times[0]), float(times[count - 1])))
             spans.append((low, high))
     return list(dict.fromkeys(spans))
 
 
 def still_frames(t: np.ndarray, theta: np.ndarray, sigma: np.ndarray) -> int:
-    """Number of still frames at the start of (k, n), up to the first pause of `SHORTEST` without samples."""
+    """Number of still frames at the start of (k, n), up to the first pause of `SHORTEST_REST` without samples."""
     fewest = len(theta)
     for column, size in zip(theta.T, sigma, strict=False):  # the noise of further recordings follows
         known = np.flatnonzero(np.isfinite(column))
-        pause = np.abs(np.diff(t[known], prepend=t[0])) > SHORTEST
+        pause = np.abs(np.diff(t[known], prepend=t[0])) > SHORTEST_REST
         if pause.any():
             known = known[: int(np.argmax(pause))]
-        if len(known) < 2 * WIDTH:
+        if len(known) < 2 * MEAN_FRAMES:
             return 0
-        mean = np.convolve(column[known], np.full(WIDTH, 1 / WIDTH), "valid")
+        mean = np.convolve(column[known], np.full(MEAN_FRAMES, 1 / MEAN_FRAMES), "valid")
         # relative to the mean of all still frames so far: the first few alone are too noisy
         before = np.cumsum(mean) / np.arange(1, len(mean) + 1)
-        moves = np.flatnonzero(np.abs(mean[1:] - before[:-1]) > max(STILL * size / np.sqrt(WIDTH), SMALLEST_MOVE))
+        moves = np.flatnonzero(
+            np.abs(mean[1:] - before[:-1]) > max(STILL_DEVIATIONS * size / np.sqrt(MEAN_FRAMES), SMALLEST_MOVE)
+        )
         still = known[-1] + 1
         if len(moves):
             still = known[moves[0] + 1]
@@ -196,7 +198,7 @@ def held_start(trace: Trace, sigma: np.ndarray, slowest: float, model: Model) ->
         return None
     still = trace.between(spans[0][0], spans[0][1] + 1e-6)
     off = wrap(np.nanmedian(still.theta, axis=0) - resting_angles(model))
-    later = known[trace.t[known] > spans[0][1]][WIDTH:]
+    later = known[trace.t[known] > spans[0][1]][MEAN_FRAMES:]
     if len(later) and np.abs(off).max() > HELD_ANGLE:
         return float(trace.t[later[0]])
     return None

@@ -9,7 +9,7 @@ import numpy as np
 
 from fitting.calibration.disagreement import disagreement_warnings, disagreements
 from fitting.calibration.held_out import score_held_out
-from fitting.calibration.law_score_tests import test_laws
+from fitting.calibration.law_score_tests import score_tests
 from fitting.calibration.law_tests import law_warnings
 from fitting.calibration.prepared import Prepared
 from fitting.calibration.result import FitResult, chi2_per_dof, direction_text
@@ -19,18 +19,18 @@ from fitting.estimate.shooting import lyapunov
 from fitting.estimate.uncertainty import Uncertainty, uncertainty
 
 #: Standard deviations beyond which a sample is an outlier (one in 2 million of normal noise), and how many are listed.
-STANDS_OUT = 5.0
+OUTLIER_DEVIATIONS = 5.0
 NAMED_SAMPLES = 5
 
 #: Warnings for noise that is not white.
-NAMED = {
+NOISE_WARNINGS = {
     "correlated": "the noise is correlated: a sample keeps part of the previous one; weights and errors allow for it",
     "jitter": "frame times have random errors, the same for all links; weights and errors allow for it",
 }
 
 
 #: Absolute correlation of two estimates above which they are reported as hard to distinguish.
-HARD_TO_DISTINGUISH = 0.98
+INDISTINCT_CORRELATION = 0.98
 
 
 def warnings_of(prepared: Prepared, solution: Solution, u: Uncertainty, chi2: float) -> list[str]:
@@ -40,7 +40,7 @@ def warnings_of(prepared: Prepared, solution: Solution, u: Uncertainty, chi2: fl
     found = common_warnings(solution, u)
     for direction in u.undetermined:
         found.append(f"not identifiable from the data: direction ({direction_text(direction)}) in relative changes")
-    close = np.argwhere(np.abs(np.triu(u.correlation, 1)) > HARD_TO_DISTINGUISH)
+    close = np.argwhere(np.abs(np.triu(u.correlation, 1)) > INDISTINCT_CORRELATION)
     for i, j in close:
         found.append(f"{names[i]} and {names[j]} are hard to distinguish (correlation {u.correlation[i, j]:.3f})")
     for name, error, at_bound in zip(names, u.std_error, u.at_bound, strict=True):
@@ -79,7 +79,7 @@ def _noise_warnings(prepared: Prepared, solution: Solution, u: Uncertainty, chi2
         )
     noise = solution.problem.noise
     if noise is not None and noise.kind != "white":
-        found.append(NAMED[noise.kind])
+        found.append(NOISE_WARNINGS[noise.kind])
     elif chi2 > CHI2_RANGE[1]:
         found.append(
             f"chi-square per degree of freedom is {chi2:.3g}: the noise of the samples does not explain the residuals"
@@ -95,7 +95,7 @@ def outliers(prepared: Prepared, solution: Solution) -> list[str]:
     size = np.ma.array(np.abs(solution.evaluation.residual), mask=windows.weight == 0)
     # relative to the residuals' own spread, which outliers do not widen
     size = np.ma.filled(size / np.maximum(np.ma.median(size, axis=(0, 1)) / 0.6745, 1e-300), 0.0)
-    out = np.argwhere(size > STANDS_OUT)
+    out = np.argwhere(size > OUTLIER_DEVIATIONS)
     if not len(out):
         return []
     positions = []
@@ -109,7 +109,7 @@ def outliers(prepared: Prepared, solution: Solution) -> list[str]:
     if solution.problem.loss.redescends:
         advice = ""
     return [
-        f"{len(out)} samples stand out by more than {STANDS_OUT:g} standard deviations: "
+        f"{len(out)} samples stand out by more than {OUTLIER_DEVIATIONS:g} standard deviations: "
         f"{', '.join(positions)}{more}{advice}"
     ]
 
@@ -126,7 +126,7 @@ def summarise(prepared: Prepared, method: str, solution: Solution) -> FitResult:
     # held-out stretches use the same step size as the fit
     finer = replace(prepared, windows=replace(prepared.windows, substeps=windows.substeps))
     scored = finer.noisy(solution.problem.noise)
-    laws = test_laws(prepared, solution, u)
+    laws = score_tests(prepared, solution, u)
     rows = disagreements(prepared, solution)
     compiled = simulator.compile_s - prepared.compiled_before
     return FitResult(

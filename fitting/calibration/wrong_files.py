@@ -37,22 +37,22 @@ from fitting.traces.trace import SIGNS, ZEROS, Convention, Trace
 #: RMS change of every angle [rad] that closes the frames, above which a mistake is searched for, and above which frames
 #: that no change closes are rejected. Noise is 0.01, lengths wrong by 2 % give 0.02, a marker off by 1 degree less;
 #: free parameters explain these.
-OPEN = 0.05
-TOO_OPEN = 0.1
+OPEN_ANGLE = 0.05
+REFUSED_ANGLE = 0.1
 #: Fraction of the misfit of closure that a reported change may leave.
-CLOSES = 0.3
+CLOSING_SHARE = 0.3
 #: Minimum number of complete frames for the check, and maximum number that are used.
-FEWEST = 10
-MOST = 400
+FEWEST_FRAMES = 10
+MOST_FRAMES = 400
 #: Frames by which one column may be late.
-LATE = 30
+MOST_LATE_FRAMES = 30
 #: Free parameters that move the hooks, the links or the measured angles: with these, frames need not close as given.
-GEOMETRY = ("length", "position", "camera", "marker", "clock", "scale")
+GEOMETRY_WORDS = ("length", "position", "camera", "marker", "clock", "scale")
 #: Stretches over which a run is averaged, the fraction of them in which the energy of a reversed run rises, and its
 #: total growth factor. Kicks raise it once.
 STRETCHES = 10
-RISING = 0.75
-RISE = 1.3
+RISING_FRACTION = 0.75
+RISE_FACTOR = 1.3
 
 
 def refuse_wrong_file(trace: Trace, model: Model, requested: Convention, free: Sequence[str] = ()) -> list[str]:
@@ -67,7 +67,7 @@ def refuse_wrong_file(trace: Trace, model: Model, requested: Convention, free: S
         SceneError: the change that closes the frames, or that none does.
     """
     frames = trace.theta[np.isfinite(trace.theta).all(axis=1)]
-    if not model.end_held or len(frames) < FEWEST:
+    if not model.end_held or len(frames) < FEWEST_FRAMES:
         return []
     named = requested.over(trace.convention)
     every = [Convention(zero, int(sign), "rad") for zero, sign in product(ZEROS, SIGNS)]
@@ -75,10 +75,10 @@ def refuse_wrong_file(trace: Trace, model: Model, requested: Convention, free: S
     rows = named.radians * trace.theta
     own = min(allowed, key=lambda c: _opening(model, c.in_model(rows)))
     given = _opening(model, own.in_model(rows))
-    if given <= OPEN:
+    if given <= OPEN_ANGLE:
         return []
-    moves = any(part in name for name in free for part in GEOMETRY)
-    plain = [*changes(trace.links), *late_columns(trace.links, range(1, LATE + 1)), *units(named)]
+    moves = any(part in name for name in free for part in GEOMETRY_WORDS)
+    plain = [*changes(trace.links), *late_columns(trace.links, range(1, MOST_LATE_FRAMES + 1)), *units(named)]
     tried = [TriedChange(change, at) for at in allowed for change in plain]
     if not moves:  # free parameters may cause the shift of the angles
         tried += [TriedChange(change, at) for at in allowed for change in _closing_shifts(model, rows, at)]
@@ -89,7 +89,7 @@ def refuse_wrong_file(trace: Trace, model: Model, requested: Convention, free: S
     openings = np.array([_opening(model, one.angles(rows)) for one in tried])
     smallest = float(openings.min())
     apart = f"the links at their angles end {given * _reach(model):.2g} m from the second hook"
-    if smallest < min(OPEN, CLOSES * given):
+    if smallest < min(OPEN_ANGLE, CLOSING_SHARE * given):
         # of changes that close equally well, the one with links that hang as at rest
         alike = np.flatnonzero(openings < 1.5 * smallest + 1e-3)
         rest = resting_angles(model)
@@ -97,10 +97,10 @@ def refuse_wrong_file(trace: Trace, model: Model, requested: Convention, free: S
         fix = tried[best].change.fix
         remaining = openings[best] * _reach(model)
         words = f"{tried[best].change.mistake}, as it seems: {apart} as given, {remaining:.2g} m without this mistake"
-        if given <= TOO_OPEN:  # a camera rolled by 2 degrees opens them as far, and a fit may free its roll
+        if given <= REFUSED_ANGLE:  # a camera rolled by 2 degrees opens them as far, and a fit may free its roll
             return [f"{trace.name}: {words}: {fix}, or free what opens them (--auto-free)"]
         raise SceneError(f"{trace.name}: {words}. To correct it: {fix}")
-    if given > TOO_OPEN and not moves:
+    if given > REFUSED_ANGLE and not moves:
         cause = _open_cause(model, own.in_model(rows), free)
         raise SceneError(f"{trace.name}: {apart} in the median frame; likeliest cause: {cause}")
     return [f"{trace.name}: {apart} in the median frame: check lengths, hooks and the zeros of the angles"]
@@ -124,7 +124,7 @@ def _open_cause(model: Model, theta: np.ndarray, free: Sequence[str]) -> str:
     missing = missing_reach(model, theta)
     off = complex(np.median(missing.real), np.median(missing.imag))
     # [m] by which frames may still be open
-    still = OPEN * _reach(model)
+    still = OPEN_ANGLE * _reach(model)
     links = np.exp(1j * theta)
     rows = np.concatenate([links.real, links.imag])
     more = np.linalg.lstsq(rows, np.concatenate([missing.real, missing.imag]), rcond=None)[0]
@@ -148,9 +148,9 @@ def _open_cause(model: Model, theta: np.ndarray, free: Sequence[str]) -> str:
 def _opening(model: Model, theta: np.ndarray) -> float:
     """RMS change of every angle [rad] that closes the frames (k, n), by their median frame."""
     theta = theta[np.isfinite(theta).all(axis=1)]
-    if len(theta) < FEWEST:
+    if len(theta) < FEWEST_FRAMES:
         return np.inf
-    size = np.abs(missing_reach(model, theta[:: max(1, len(theta) // MOST)]))
+    size = np.abs(missing_reach(model, theta[:: max(1, len(theta) // MOST_FRAMES)]))
     return float(np.median(size) / _reach(model))
 
 
@@ -171,10 +171,10 @@ def _closing_shifts(model: Model, theta: np.ndarray, at: Convention) -> Iterator
 
 
 #: Half width of the smoother of the energy, as a fraction of the shortest link's period.
-SMOOTHER = 0.06
+SMOOTHER_PERIODS = 0.06
 #: Minimum energy of a second run over the largest of the file, a tenth of its amplitude: at the end of a long decay
 #: rounding of an encoder raises smaller ones.
-SECOND_RUN = 0.01
+SECOND_RUN_ENERGY = 0.01
 
 
 def refuse_rising_energy(trace: Trace, model: Model, spans: Sequence[Interval], period: float) -> None:
@@ -192,7 +192,7 @@ def refuse_rising_energy(trace: Trace, model: Model, spans: Sequence[Interval], 
         return  # water and springs have energies of their own
     low = spans[0][0]
     high = spans[-1][1]
-    motion = smooth_stretch(trace, (low, high), SMOOTHER * period)
+    motion = smooth_stretch(trace, (low, high), SMOOTHER_PERIODS * period)
     if motion is None:
         return
     t, theta, omega = motion
@@ -208,7 +208,7 @@ def refuse_rising_energy(trace: Trace, model: Model, spans: Sequence[Interval], 
         # medians: the smoother turns a jump into a transient of a few frames
         if not len(before) or not len(after):
             continue
-        if np.median(after) > max(RISE * np.median(before), SECOND_RUN * energy.max()):
+        if np.median(after) > max(RISE_FACTOR * np.median(before), SECOND_RUN_ENERGY * energy.max()):
             raise SceneError(
                 f"{trace.name}: two runs in one file, as it seems: the angles jump at {at:.4g} s, and their energy "
                 f"rises from {np.median(before):.3g} to {np.median(after):.3g} J. Use one file per run, or "
@@ -216,7 +216,7 @@ def refuse_rising_energy(trace: Trace, model: Model, spans: Sequence[Interval], 
             )
     parts = np.array([np.median(part) for part in np.array_split(energy, STRETCHES)])
     rising = float(np.mean(np.diff(parts) > 0))
-    if rising >= RISING and parts[-2:].mean() > RISE * parts[:2].mean():
+    if rising >= RISING_FRACTION and parts[-2:].mean() > RISE_FACTOR * parts[:2].mean():
         raise SceneError(
             f"{trace.name}: time is reversed, as it seems: the energy of the motion rises from "
             f"{parts[:2].mean():.3g} to {parts[-2:].mean():.3g} J. Reverse the rows"
@@ -224,16 +224,16 @@ def refuse_rising_energy(trace: Trace, model: Model, spans: Sequence[Interval], 
 
 
 #: Frames to either side of a jump, and the multiple of their fastest motion by which angles move where a run starts.
-NEAR = 5
-JUMP = 4.0
+NEAR_FRAMES = 5
+JUMP_RATIO = 4.0
 
 
 def _breaks(trace: Trace) -> np.ndarray:
     """Times [s] at which most links jump, or where frames are missing."""
     move = np.abs(wrap(np.diff(trace.theta, axis=0)))
-    around = np.lib.stride_tricks.sliding_window_view(move, 2 * NEAR + 1, axis=0)
-    near = np.nanmax(np.delete(around, NEAR, axis=2), axis=2, initial=0.0)
-    beyond = move[NEAR:-NEAR] - JUMP * near
+    around = np.lib.stride_tricks.sliding_window_view(move, 2 * NEAR_FRAMES + 1, axis=0)
+    near = np.nanmax(np.delete(around, NEAR_FRAMES, axis=2), axis=2, initial=0.0)
+    beyond = move[NEAR_FRAMES:-NEAR_FRAMES] - JUMP_RATIO * near
     beyond[np.isnan(beyond).all(axis=1)] = -1.0  # nothing is known of these frames
-    missing = np.diff(trace.t)[NEAR:-NEAR] > 10 * trace.interval
-    return trace.t[NEAR + 1 : -NEAR][missing | (np.nanmedian(beyond, axis=1) > 0)]
+    missing = np.diff(trace.t)[NEAR_FRAMES:-NEAR_FRAMES] > 10 * trace.interval
+    return trace.t[NEAR_FRAMES + 1 : -NEAR_FRAMES][missing | (np.nanmedian(beyond, axis=1) > 0)]

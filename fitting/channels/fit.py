@@ -21,7 +21,7 @@ from fitting.channels.result import VERDICTS, Between, ChannelFit, combine_runs,
 from fitting.channels.setup import find_free
 from fitting.estimate.least_squares import continue_fit, first_solution
 from fitting.estimate.loss import LEAST_SQUARES, Loss, as_loss, initial_loss
-from fitting.estimate.residual_noise import ROUNDS, fit_with_noise, pose_again
+from fitting.estimate.residual_noise import NOISE_ROUNDS, fit_with_noise, pose_again
 from fitting.estimate.scene_fit import common_warnings
 from fitting.estimate.step_size import refine
 from fitting.parameters.names import by_full_path, default_free, full_names
@@ -30,16 +30,16 @@ from fitting.parameters.rig_priors import JointPrior, rig_priors
 
 #: Residuals above this multiple of the sensor's noise, of which more than this fraction is kept from sample to sample,
 #: are those of a model, such as a rope of 12 links in place of 24 (1.7 and 0.7) or a bending stiffness 5 % off.
-LARGER = 1.25
-SMOOTH = 0.5
+LARGE_RESIDUAL_RATIO = 1.25
+SMOOTH_MEMORY = 0.5
 #: A step may leave ringing that stays small, but whose derivatives look like those of a chaotic motion.
 LARGEST_GROWTH = 1e3
 #: Growth of derivatives from the middle of a run to its end above which there is a warning.
 CHAOTIC_GROWTH = 10.0
 #: Errors of 3 % of the noise of several channels move estimates by 0.02 standard errors relative to each other.
-SAME_NOISE = 0.01
+NOISE_TOLERANCE = 0.01
 #: Sections of paths that do not belong to the scene's model.
-OF_DATA = ("start", "channel", "camera")
+DATA_SECTIONS = ("start", "channel", "camera")
 
 
 def pose(
@@ -60,7 +60,7 @@ def pose(
         free = default_free(scene)
     names = [name.strip() for name in free]
     mine = [name.strip() for name in own]
-    of_scene = [name for name in (*names, *mine) if ScenePath(name).section not in OF_DATA]
+    of_scene = [name for name in (*names, *mine) if ScenePath(name).section not in DATA_SECTIONS]
     if of_scene:
         scene = with_zero_damping(scene, full_names(scene, of_scene))
     data = source if isinstance(source, Data) else read_data(source, scene)
@@ -76,7 +76,7 @@ def pose(
     if not shared and not split:
         raise SceneError("free: nothing is free; allowed: paths of parameters")
     with_priors, known = rig_priors(scenes[0], build_model(scenes[0]), shared)
-    given = by_full_path(scenes[0], start, bounds, priors, OF_DATA)
+    given = by_full_path(scenes[0], start, bounds, priors, DATA_SECTIONS)
     every = adjust_parameters([*with_priors, *split], *given, wider=True)
     parameters = list(every[: len(shared)])
     split = every[len(shared) :]
@@ -237,7 +237,7 @@ def warnings_of(result: ChannelFit) -> list[str]:
         times = f"channel {row['name']}: residuals are {ratio:.2g} times the noise of its sensor"
         if not 0.5 < ratio < 2:
             found.append(times)
-        elif ratio > LARGER and row["kept"] > SMOOTH:
+        elif ratio > LARGE_RESIDUAL_RATIO and row["kept"] > SMOOTH_MEMORY:
             found.append(
                 f"{times} and keep {row['kept']:.0%} from sample to sample: the model misses part of the motion. Try "
                 "more links and a smaller step"
@@ -281,7 +281,9 @@ def settle_noise(point: ChannelSolution, iterations: int, progress: Progress = s
 
     def descend(point: ChannelSolution) -> ChannelSolution:
         turn = next(turns)  # at most ROUNDS and two more
-        return continue_fit(point, iterations, part_of(progress, turn / (ROUNDS + 2), (turn + 1) / (ROUNDS + 2)))
+        return continue_fit(
+            point, iterations, part_of(progress, turn / (NOISE_ROUNDS + 2), (turn + 1) / (NOISE_ROUNDS + 2))
+        )
 
     def claimed_series(point: ChannelSolution) -> Series:
         return point.problem.data.series(point.problem.claimed_noise, point.evaluation.shown)
@@ -289,7 +291,7 @@ def settle_noise(point: ChannelSolution, iterations: int, progress: Progress = s
     found = descend(point)
     found.iterations += point.iterations
     floor = (point.problem.floor / point.problem.claimed_noise)[:, None]
-    found = fit_with_noise(found, descend, claimed_series, floor, same=SAME_NOISE)
+    found = fit_with_noise(found, descend, claimed_series, floor, same=NOISE_TOLERANCE)
     if found.status != "ok":
         return found
     ended = descend(found)  # no steps if the last noise moves no parameter

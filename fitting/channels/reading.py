@@ -67,10 +67,10 @@ from fitting.traces.csv_table import check_times, read_csv, refuse_twice
 #: Minimum number of samples of a channel.
 FEWEST_READINGS = 3
 #: Kinds of channels, and the keys that tables of all kinds share.
-CLASSES: tuple[type[Channel], ...] = (Angle, Position, Pixel, Tension, Depth, Accelerometer, Gyro)
-KINDS = {cls.kind: cls for cls in CLASSES}
-COMMON = ("name", "kind", "column", "columns", "unit", "camera", "noise", "noise_unit", "offset", "gain", "delay")
-LOCATIONS = ("line", "link", "node", "end", "at", "point")
+CHANNEL_CLASSES: tuple[type[Channel], ...] = (Angle, Position, Pixel, Tension, Depth, Accelerometer, Gyro)
+KINDS = {cls.kind: cls for cls in CHANNEL_CLASSES}
+COMMON_KEYS = ("name", "kind", "column", "columns", "unit", "camera", "noise", "noise_unit", "offset", "gain", "delay")
+POSITION_KEYS = ("line", "link", "node", "end", "at", "point")
 
 
 class Columns(NamedTuple):
@@ -115,7 +115,7 @@ def read_sensor(table: Values, path: str, scene: SceneData, cameras: tuple[Camer
     """
     read_table(table, path)
     cls = KINDS[read_text(require_value(table, path, "kind", ", ".join(KINDS)), f"{path}.kind", KINDS)]
-    check_keys(table, (*COMMON, *LOCATIONS, *cls.KEYS), path)
+    check_keys(table, (*COMMON_KEYS, *POSITION_KEYS, *cls.KEYS), path)
     camera = None
     if "camera" in table:
         names = [camera.name for camera in cameras]

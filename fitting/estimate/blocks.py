@@ -26,7 +26,7 @@ from fitting.estimate.normal_equations import Evaluation, Step
 from fitting.estimate.residuals import Solution
 
 #: Minimum number of blocks, for any memory of the scores.
-FEWEST = 4
+FEWEST_BLOCKS = 4
 
 
 class Pieces(NamedTuple):
@@ -45,7 +45,7 @@ def scores(evaluation: Evaluation, step: Step | Solution) -> np.ndarray:
 
 
 #: Target number of pieces of time; a small number of windows is cut into them.
-PIECES = 60
+TARGET_PIECES = 60
 #: More pieces than any run has.
 MOST_PIECES = 10**9
 
@@ -57,7 +57,7 @@ def pieces(solution: Solution, free: np.ndarray) -> Pieces:
     score = scores(solution.evaluation, solution)[..., free]
     weighted_score = np.einsum("ksnp,ksn->ksp", score, weights * solution.evaluation.residual)
     square = np.einsum("ksnp,ksn,ksnq->kspq", score, weights, score, optimize=True)
-    duration = timing.duration / max(PIECES, timing.blocks) * (1 + 1e-9)
+    duration = timing.duration / max(TARGET_PIECES, timing.blocks) * (1 + 1e-9)
 
     def number(t: np.ndarray, run: np.ndarray) -> np.ndarray:
         """Run and piece of these times of runs, combined in one number."""
@@ -106,11 +106,14 @@ def memory(series: np.ndarray, run: np.ndarray) -> float:
 
 
 def block_of(parts: Pieces, information: np.ndarray) -> int:
-    """Pieces, of this total information (k, k), per block: two correlation times of the parameters' scores, if `FEWEST`
-    blocks remain."""
+    """Pieces per block: two correlation times of the parameters' scores, if `FEWEST_BLOCKS` blocks remain.
+
+    Args:
+        information: of all pieces (k, k).
+    """
     influence = solve_spd(information, parts.gradient.T).T
     longest = max((memory(column, parts.run) for column in influence.T), default=1.0)
-    return int(max(1, min(np.ceil(longest), len(parts.run) // FEWEST)))
+    return int(max(1, min(np.ceil(longest), len(parts.run) // FEWEST_BLOCKS)))
 
 
 def scatter(solution: Solution) -> tuple[np.ndarray, int] | None:
@@ -119,7 +122,7 @@ def scatter(solution: Solution) -> tuple[np.ndarray, int] | None:
     parts = pieces(solution, free)
     information = solution.free_information
     prior = solution.problem.prior(solution.values).curvature[np.ix_(free, free)]
-    if len(parts.gradient) < FEWEST or not len(free):
+    if len(parts.gradient) < FEWEST_BLOCKS or not len(free):
         return None
     length = block_of(parts, information)
     blocks = []

@@ -9,7 +9,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from fitting.estimate.blocks import block_of, pieces, resample
 from fitting.estimate.scene_fit import SceneFit
-from fitting.estimate.uncertainty import FEW
+from fitting.estimate.uncertainty import FEW_BLOCKS
 
 
 class Bootstrap(NamedTuple):
@@ -21,11 +21,12 @@ class Bootstrap(NamedTuple):
     @property
     def warning(self) -> str:
         """One line if blocks are few, otherwise empty."""
-        if self.blocks >= FEW:
+        if self.blocks >= FEW_BLOCKS:
             return ""
+        uncertain = 100 / np.sqrt(2 * max(self.blocks - 1, 1))
         return (
-            f"the bootstrap draws from the equivalent of {self.blocks:.1f} blocks of time, fewer than {FEW}: the width "
-            f"of its intervals is uncertain by {100 / np.sqrt(2 * max(self.blocks - 1, 1)):.0f} %. Use longer traces"
+            f"the bootstrap draws from the equivalent of {self.blocks:.1f} blocks of time, fewer than {FEW_BLOCKS}: "
+            f"the width of its intervals is uncertain by {uncertain:.0f} %. Use longer traces"
         )
 
 

@@ -23,9 +23,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from fitting.estimate.least_squares import level_of
+from fitting.estimate.least_squares import objective_at
 from fitting.estimate.noise import (
-    WHITE,
+    WHITE_CORRELATION,
     Noise,
     correlates,
     in_units,
@@ -44,7 +44,7 @@ from fitting.traces.trace import Trace
 #: Maximum memory of the noise that is used.
 MAX_CORRELATION = 0.995
 #: Rise of the log likelihood from which a more complex noise model is used.
-LIKELIER = 6.0
+LIKELIHOOD_GAIN = 6.0
 #: Number of remaining samples above which a channel's noise is its own, and not that of all channels of its run.
 FEWEST_LEFT = 10
 #: Significance of the links' common motion along their rates, in standard deviations, for a delay model.
@@ -123,8 +123,8 @@ class ResidualNoiseModel:
         return found
 
     def _likelier(self, found: Solution, tried: Solution | None) -> Solution:
-        """A more complex noise model, if there is one and its log likelihood is higher by `LIKELIER` at least."""
-        if tried is None or not minus_two_log(tried) < minus_two_log(found) - 2 * LIKELIER:
+        """A more complex noise model, if there is one whose log likelihood is higher by `LIKELIHOOD_GAIN`."""
+        if tried is None or not minus_two_log(tried) < minus_two_log(found) - 2 * LIKELIHOOD_GAIN:
             return found
         return tried
 
@@ -149,13 +149,13 @@ class ResidualNoiseModel:
             return replace(noise, decay=np.where(mine, decay, noise.decay))
 
         # fitted starts remove some of the memory and never add to it
-        if not -WHITE < self._innovations(with_memory(correlation), mine) < 2 * WHITE:
+        if not -WHITE_CORRELATION < self._innovations(with_memory(correlation), mine) < 2 * WHITE_CORRELATION:
             return None
         rho = self._likeliest(with_memory, 0.02, MAX_CORRELATION, 4e-3)
         off = correlation - correlation[mine].mean()
         each = np.clip(rho + np.where(np.abs(off) > 3 * error, off, 0.0), 0.02, MAX_CORRELATION)
         found = self.fixed_point(with_memory(each))
-        if abs(self._innovations(found.problem.noise, mine)) < WHITE:
+        if abs(self._innovations(found.problem.noise, mine)) < WHITE_CORRELATION:
             return found
         return None
 
@@ -180,7 +180,7 @@ class ResidualNoiseModel:
             if more > DELAY_SIGNIFICANCE * np.sqrt(2 * size):
                 delay[r] = np.sqrt(more / size)
         late = along / np.maximum(np.sqrt(square), 1e-300)
-        if not delay.any() or abs(lag_one(late[..., None], (square > 0)[..., None])[0]) > WHITE:
+        if not delay.any() or abs(lag_one(late[..., None], (square > 0)[..., None])[0]) > WHITE_CORRELATION:
             return None
 
         def delayed(x: float) -> Noise:
@@ -191,7 +191,7 @@ class ResidualNoiseModel:
 
 def pose_again(solution: Solution, problem: Residuals, evaluation: Evaluation) -> Solution:
     """The same point as a solution of another problem of the same motion, with new cost and normal equations."""
-    level = level_of(problem, solution.gap_weight)
+    level = objective_at(problem, solution.gap_weight)
     known = level.undamped_step(evaluation, solution.values, 0.0) or solution
     return replace(
         solution,
@@ -208,7 +208,7 @@ def pose_again(solution: Solution, problem: Residuals, evaluation: Evaluation) -
 def minus_two_log(point: Solution) -> float:
     """Minus twice the restricted log likelihood of the noise in a solution's problem, up to constants."""
     reach = np.where(point.problem.held_mask, 0.0, np.inf)
-    step = level_of(point.problem, point.gap_weight).undamped_step(point.evaluation, point.values, reach)
+    step = objective_at(point.problem, point.gap_weight).undamped_step(point.evaluation, point.values, reach)
     if step is None:
         return np.inf
     free = np.flatnonzero(reach)
@@ -227,8 +227,8 @@ def memory_of(point: Solution) -> float:
 
 #: Rounds of fit and noise, and the change of the noise below which another fit would change nothing: an error of 5 % of
 #: the weights costs less than 0.01 standard errors.
-ROUNDS = 3
-SAME = 0.05
+NOISE_ROUNDS = 3
+NOISE_TOLERANCE = 0.05
 
 
 def fit_with_noise(
@@ -237,7 +237,7 @@ def fit_with_noise(
     claimed: Callable[[Solution], Windows],
     floor: np.ndarray,
     traces: Sequence[Trace] = (),
-    same: float = SAME,
+    same: float = NOISE_TOLERANCE,
 ) -> Solution:
     """Alternate noise estimate and fit, up to their common fixed point; the noise alone of a fit that failed.
 
@@ -248,7 +248,7 @@ def fit_with_noise(
         floor, traces: as for `ResidualNoiseModel`.
         same: change of the noise below which another fit would change nothing.
     """
-    for _ in range(ROUNDS):
+    for _ in range(NOISE_ROUNDS):
         before = solution.problem.noise or Noise.as_claimed(*floor.shape)
         solution = ResidualNoiseModel(solution, claimed(solution), traces, floor).estimate(before)
         if traces:  # sensors of different kinds have no common memory

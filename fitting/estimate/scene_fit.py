@@ -12,7 +12,7 @@ from dropper_jax.base.json_values import SCHEMA
 from dropper_jax.load.scene import Scene
 from fitting.estimate.residuals import E, P, Solution
 from fitting.estimate.step_size import LARGEST_BIAS
-from fitting.estimate.uncertainty import FEW, Uncertainty
+from fitting.estimate.uncertainty import FEW_BLOCKS, Uncertainty
 from fitting.parameters.parameter import Parameter
 
 
@@ -20,9 +20,9 @@ def common_warnings(solution: Solution, u: Uncertainty) -> list[str]:
     """One line each of any fit: active bounds, few blocks of time behind the errors, shifts by the time step."""
     values = solution.by_name
     found = [f"{name} is at its bound {values[name]:g}" for name in compress(values, u.at_bound)]
-    if 0 < u.blocks < FEW:
+    if 0 < u.blocks < FEW_BLOCKS:
         found.append(
-            f"standard errors come from the scatter of {u.blocks} blocks of time, fewer than {FEW}. Use longer "
+            f"standard errors come from the scatter of {u.blocks} blocks of time, fewer than {FEW_BLOCKS}. Use longer "
             "traces for more reliable errors"
         )
     if solution.step_bias is not None:

@@ -19,7 +19,7 @@ from dataclasses import replace
 import numpy as np
 
 from dropper_jax.base.errors import Progress, part_of, silent
-from fitting.estimate.least_squares import CONTINUED, Objective, descend
+from fitting.estimate.least_squares import CONTINUED_ITERATIONS, Objective, descend
 from fitting.estimate.normal_equations import Evaluation
 from fitting.estimate.residuals import GAP_SCALE, Solution
 from fitting.estimate.simulator import Simulator
@@ -27,7 +27,7 @@ from fitting.estimate.windows import Windows
 from fitting.traces.planar import chart
 
 #: Gap weights, in order. Larger ratios lose the neighbourhood of the optimum (measured on the lab dropper).
-SCHEDULE = (1.0, 0.1, 0.03, 0.01, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5)
+GAP_WEIGHTS = (1.0, 0.1, 0.03, 0.01, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5)
 #: Difference of log evidence within which the largest weight is chosen, with the widest errors: the noise hardly
 #: distinguishes such weights. Ratio of errors to standard errors for 60 random droppers: RMS 0.77 at a difference of
 #: 0.5, with standard errors up to 1.4 times those of the smallest weight.
@@ -72,7 +72,7 @@ def lyapunov(simulator: Simulator, windows: Windows, evaluation: Evaluation, val
 
 def continue_at(level: Objective, begin: Solution, count: int, progress: Progress) -> Solution:
     """Continue from a solution at one gap weight, after `count` evaluations."""
-    found = descend(level, begin, CONTINUED, progress=progress)
+    found = descend(level, begin, CONTINUED_ITERATIONS, progress=progress)
     return replace(found, iterations=count + found.iterations)
 
 
@@ -80,7 +80,7 @@ def continue_at(level: Objective, begin: Solution, count: int, progress: Progres
 #: gaps' own RMS are skipped.
 WIDE_GAPS = 5.0
 #: Fraction of the evidence lost with a smaller weight that finer steps must recover if residuals are not noise.
-RECOVERED = 0.3
+RECOVERED_SHARE = 0.3
 #: Change of the evidence between weights below which smaller weights are not tried.
 FLAT_EVIDENCE = 0.02
 
@@ -89,7 +89,7 @@ def fit_shooting(
     begin: Solution,
     *,
     choose: bool = True,
-    schedule: Sequence[float] = SCHEDULE,
+    schedule: Sequence[float] = GAP_WEIGHTS,
     finer: Callable[[Solution], Solution | None] = lambda point: None,
     progress: Progress = silent,
 ) -> Solution:
@@ -161,7 +161,7 @@ def _is_step_wrong(point: Solution, finer: Solution, level: Objective, fell: flo
     if step is None:
         return False
     gain = point.cost - level.cost(finer.evaluation, finer.values) + step.predicted
-    return not gain < RECOVERED * fell
+    return not gain < RECOVERED_SHARE * fell
 
 
 def follow_linear_model(

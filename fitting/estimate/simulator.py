@@ -33,8 +33,8 @@ from fitting.parameters.parameter import Parameter, with_parameter_values
 from fitting.traces import planar
 
 #: Inputs of a window with a row for each sample slot, and the number of its steps, by their numbers.
-SAMPLES = [WindowInputs._fields.index(name) for name in ("measured", "weight", "index", "fraction")]
-STEPS = WindowInputs._fields.index("steps")
+SAMPLE_INPUTS = [WindowInputs._fields.index(name) for name in ("measured", "weight", "index", "fraction")]
+STEPS_INPUT = WindowInputs._fields.index("steps")
 
 
 #: Refusal of a scene whose line has no pose at rest.
@@ -205,7 +205,7 @@ class Simulator:
         slots = windows.theta.shape[1]
         key = self._key(windows, plain)
         inputs = list(inputs)
-        for i in SAMPLES:
+        for i in SAMPLE_INPUTS:
             others = [(0, 0)] * (inputs[i].ndim - 2)
             inputs[i] = np.pad(inputs[i], [(0, 0), (0, key.slots - slots), *others])
         if key not in self._programs:
@@ -217,7 +217,7 @@ class Simulator:
 
         def run(job: tuple[np.ndarray, tuple[np.ndarray, ...]]) -> list[np.ndarray]:
             directions, own = job
-            return [np.asarray(a) for a in program(values, directions, substeps, own[STEPS], *own)]
+            return [np.asarray(a) for a in program(values, directions, substeps, own[STEPS_INPUT], *own)]
 
         # the compiled program releases the interpreter lock, so that threads use all cores
         with ThreadPoolExecutor(min(len(jobs), os.cpu_count() or 1)) as pool:

@@ -35,9 +35,9 @@ ON_GRID = 1e-6
 
 
 #: Fields that every window has separately, in addition to `follows`.
-PER_WINDOW = ("begin", "run", "theta", "weight", "index", "fraction", "released", "step_counts")
+WINDOW_FIELDS = ("begin", "run", "theta", "weight", "index", "fraction", "released", "step_counts")
 #: Optional fields of the same kind.
-OF_NOISE = ("decay", "jitter")
+NOISE_FIELDS = ("decay", "jitter")
 
 
 class Span(NamedTuple):
@@ -167,7 +167,7 @@ class Windows:
 
     def pick(self, which: np.ndarray) -> Windows:
         """Some of the windows, none of which follows another."""
-        part = {f: getattr(self, f)[which] for f in (*PER_WINDOW, *OF_NOISE) if getattr(self, f) is not None}
+        part = {f: getattr(self, f)[which] for f in (*WINDOW_FIELDS, *NOISE_FIELDS) if getattr(self, f) is not None}
         return replace(self, follows=np.zeros(len(part["begin"]), bool), **part)
 
     def exclude(self, which: np.ndarray) -> Windows:
@@ -279,16 +279,16 @@ def _samples(trace: Trace, begin: float, steps: int, dt: float, sigma: np.ndarra
 FIT_GROWTH = 2.0
 #: Shortest windows that are joined, as a fraction of the shortest link's period: links that whip at ten times the rate
 #: of their own swing turn by less than one turn in it.
-SHORTEST_PART = 0.2
+SHORTEST_WINDOW_PERIODS = 0.2
 #: Longest automatic window [s], and as a fraction of the trace.
-LONGEST = 10.0
-LONGEST_PART = 0.125
+LONGEST_WINDOW = 10.0
+LONGEST_TRACE_PART = 0.125
 
 
 def longest_window(freedoms: int, length: float, span: float, shortest: float) -> float:
     """Longest window [s]: a part of the span [s]; of a chain also one second for links of 0.1 m, growing as the root of
     their length [m], because it may be chaotic."""
-    longest = min(LONGEST, LONGEST_PART * span)
+    longest = min(LONGEST_WINDOW, LONGEST_TRACE_PART * span)
     if freedoms > 1:  # one angle cannot be chaotic
         longest = min(longest, float(np.sqrt(length / 0.1)))
     return max(shortest, longest)
@@ -348,7 +348,7 @@ def with_rows(rows: ByWindow, which: np.ndarray, new: ByWindow) -> ByWindow:
 
 
 #: Maximum reach of a start's polynomial, as a fraction of the shortest link's period.
-LONGEST_REACH = 0.3
+LONGEST_REACH_PERIODS = 0.3
 #: Multiple of the starts closed in one call, so that one program serves most traces.
 STARTS_AT_ONCE = 128
 
@@ -356,7 +356,7 @@ STARTS_AT_ONCE = 128
 def first_starts(model: Model, traces: Sequence[Trace], windows: Windows, sigma: Sequence[np.ndarray]) -> Starts:
     """Starts from the traces: value and slope of local polynomials, with the width that the noise `sigma` allows."""
     traces = [without_spikes(trace) for trace in traces]
-    longest = LONGEST_REACH * planar.pendulum_period(model.line.length)
+    longest = LONGEST_REACH_PERIODS * planar.pendulum_period(model.line.length)
     sigma = [size[: len(trace.theta.T)] for size, trace in zip(sigma, traces, strict=True)]
     at = zip(windows.run, windows.begin, strict=True)
     value = np.array([local_motion(traces[i].t, traces[i].theta, t0, sigma[i], longest) for i, t0 in at])

@@ -6,7 +6,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from fitting.from_file.motion import LinkMotion
-from fitting.from_file.pendulum import PER_PERIOD, half_range, main_period, unit_of_angle
+from fitting.from_file.pendulum import GRID_PER_PERIOD, half_range, main_period, unit_of_angle
 from fitting.traces.trace import RADIANS, unwrap
 
 #: Units of angles by the size of their full turn; any other full turn is that of an encoder's counts.
@@ -211,7 +211,7 @@ def is_stepped(t: np.ndarray, column: np.ndarray, step: float) -> bool:
     if np.mean(change > 0.5 * step) > 1.0 - MOST_REPEAT:
         return False
     period = main_period(t[known], column[:, None])
-    distant = max(1, int(period / PER_PERIOD / np.median(np.diff(t[known]))))
+    distant = max(1, int(period / GRID_PER_PERIOD / np.median(np.diff(t[known]))))
     by_motion = np.sum(np.abs(np.diff(column[::distant])))
     noise = 0.5 * np.sqrt(np.pi) * (np.sum(change) - by_motion) / len(column)
     return bool(noise < LITTLE_NOISE * step)

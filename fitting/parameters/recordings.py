@@ -20,7 +20,7 @@ from dropper_jax.base.errors import SceneError
 from fitting.parameters.parameter import Parameter, StartValues
 from fitting.parameters.targets import RECORDING, RecordingTarget
 from fitting.traces.planar import wrap
-from fitting.traces.trace import FEWEST, Trace, convention
+from fitting.traces.trace import FEWEST_SAMPLES, Trace, convention
 
 #: Number of rows of a recording that are compared with the reference at each delay.
 COMPARED_ROWS = 400
@@ -121,7 +121,8 @@ def recording_parameters(number: int, name: str, trace: Trace, zero: np.ndarray,
 def common_links(motion: Trace, trace: Trace) -> np.ndarray:
     """Numbers of the links that both show."""
     return np.flatnonzero(
-        (np.isfinite(motion.theta).sum(axis=0) >= FEWEST) & (np.isfinite(trace.theta).sum(axis=0) >= FEWEST)
+        (np.isfinite(motion.theta).sum(axis=0) >= FEWEST_SAMPLES)
+        & (np.isfinite(trace.theta).sum(axis=0) >= FEWEST_SAMPLES)
     )
 
 
@@ -210,7 +211,7 @@ def _misfit(motion: Trace, t: np.ndarray, theta: np.ndarray) -> float:
     off = wrap(theta[inside] - motion.at(t[inside]))
     known = np.isfinite(off)
     possible = len(theta) * min(1.0, np.ptp(motion.t) / np.ptp(t))
-    if known.sum(axis=0).min() < max(FEWEST, ROWS_SHARE * OVERLAP * possible):
+    if known.sum(axis=0).min() < max(FEWEST_SAMPLES, ROWS_SHARE * OVERLAP * possible):
         return np.inf
     return _rms_deviation(off)
 

@@ -9,8 +9,8 @@ import numpy as np
 from dropper_jax.base.markdown import Rows, cells, text_row
 from fitting.calibration.candidate import Candidate
 from fitting.calibration.disagreement import STRETCHES, Disagreement
-from fitting.calibration.law_fits import Law
 from fitting.calibration.law_tests import LawTests
+from fitting.calibration.laws import Law
 from fitting.calibration.result import FitResult
 from fitting.estimate.scene_fit import SceneFit
 

@@ -113,8 +113,8 @@ def units(named: Convention) -> Iterator[Change]:
 
 
 #: Misfit [rad], and its ratio, by which another convention must fit better to reject one.
-WORSE = 0.3
-TIMES_WORSE = 2.0
+WORSE_MISFIT = 0.3
+WORSE_RATIO = 2.0
 
 
 def settle_convention(
@@ -152,7 +152,7 @@ def settle_convention(
 
 
 def _is_worse(misfit: float, other: float) -> bool:
-    return misfit > TIMES_WORSE * other and misfit > other + WORSE
+    return misfit > WORSE_RATIO * other and misfit > other + WORSE_MISFIT
 
 
 def check_scale(trace: Trace, model: Model, requested: Convention) -> None:
@@ -177,7 +177,7 @@ def _check_sampling(trace: Trace, model: Model) -> None:
 
 
 #: Rates above this multiple of sqrt(g/L) are impossible for a pendulum with angles in radians.
-FASTEST = 15.0
+FASTEST_RATE = 15.0
 
 
 def _check_unit(trace: Trace, model: Model, unit: str | None) -> None:
@@ -188,7 +188,7 @@ def _check_unit(trace: Trace, model: Model, unit: str | None) -> None:
     """
     largest = np.nanmax(np.abs(trace.theta))
     length = np.asarray(model.line.length)
-    fastest = FASTEST * np.sqrt(GRAVITY / float(np.mean(length)))
+    fastest = FASTEST_RATE * np.sqrt(GRAVITY / float(np.mean(length)))
     if unit != "deg" and _specific_energy(trace, length) > 2 * GRAVITY * float(np.sum(length)):
         if unit is None:
             fix = "Use --unit deg or --unit rad"
@@ -204,13 +204,13 @@ def _check_unit(trace: Trace, model: Model, unit: str | None) -> None:
 
 
 #: Fraction of the shortest link's period over which rates are computed to check the unit: 10 mrad noise is small then.
-RATE_REACH = 0.05
+RATE_PERIODS = 0.05
 
 
 def _specific_energy(trace: Trace, length: np.ndarray) -> float:
     """Kinetic energy per mass [J/kg] of the nodes in the median frame, with angles read as radians."""
     period = pendulum_period(length)
-    apart = max(1, round(RATE_REACH * period / trace.interval))
+    apart = max(1, round(RATE_PERIODS * period / trace.interval))
     before = trace.theta[:-apart]
     after = trace.theta[apart:]
     omega = (after - before) / (trace.t[apart:] - trace.t[:-apart])[:, None]

@@ -13,14 +13,14 @@ from fitting import Convention, Trace, prepare
 from fitting.calibration import comparison
 from fitting.calibration.cross_validation import Scores, blocks, last_third, other_runs, score_window
 from fitting.calibration.decision import chance, decide, decide_joined, shares, verdict
-from fitting.calibration.law_fits import LADDER, PARTS, Law, contains
+from fitting.calibration.laws import LAW_PARTS, LAWS, Law, contains
 from fitting.calibration.undetected import undetected_parts
 from fitting.estimate.normal_equations import Prior
 
 
 def test_every_subset_of_the_parts_is_a_law_listed_after_those_it_contains():
-    assert len(LADDER) == 2 ** len(PARTS) == len({frozenset(parts) for parts in LADDER.values()})
-    names = list(LADDER)
+    assert len(LAWS) == 2 ** len(LAW_PARTS) == len({frozenset(parts) for parts in LAWS.values()})
+    names = list(LAWS)
     assert all(names.index(a) > names.index(b) for a in names for b in names if contains(a, b))
 
 
@@ -79,7 +79,7 @@ def test_chance_of_a_gain_from_coefficients_on_their_bound_is_that_of_draws(q):
 
 def laws(costs: dict[str, float], **changes) -> list[Law]:
     """Laws by their names and costs."""
-    sizes = {name: len(LADDER[name]) for name in costs}
+    sizes = {name: len(LAWS[name]) for name in costs}
     return [
         Law(name, sizes[name], 0.0, 0.0, 0.0, "ok", {}, free=sizes[name], cost=cost, **changes)
         for name, cost in costs.items()

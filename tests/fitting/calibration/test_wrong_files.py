@@ -203,8 +203,8 @@ def test_the_right_rig_with_errors_of_its_model_above_a_low_noise_is_not_called_
     prepared = ready(trace)
     found = fit_short_windows(prepared, short_windows._moving_pieces(prepared))
     given = float(np.median(found.chi2))
-    assert given > short_windows.WRONG
-    assert found.part < short_windows.OTHER_RIG
+    assert given > short_windows.WRONG_CHI_SQUARE
+    assert found.part < short_windows.OTHER_RIG_MISS
     assert name_wrong_file(prepared) == ""
 
 

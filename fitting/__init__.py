@@ -16,7 +16,7 @@ PUBLIC = {
     "ChannelFit": "channels.result",
     "Convention": "traces.trace",
     "FitResult": "calibration.result",
-    "FitSettings": "calibration.preparation",
+    "FitSettings": "calibration.fit_settings",
     "GradientDescent": "estimate.descent",
     "Huber": "estimate.loss",
     "Method": "calibration.estimating",

@@ -14,6 +14,7 @@ from fitting.calibration.advice import advise
 from fitting.calibration.candidate import Candidate, omitted_parameter_bias
 from fitting.calibration.comparison import refuse_tied
 from fitting.calibration.estimating import Method, as_method, estimate
+from fitting.calibration.fit_settings import AUTOMATIC, FitSettings
 from fitting.calibration.freeing import MOST_FREED, free_by_advice
 from fitting.calibration.kicks import without_kicks
 from fitting.calibration.law_candidates import QUADRATIC
@@ -21,7 +22,7 @@ from fitting.calibration.law_fits import with_law
 from fitting.calibration.law_tests import LawTest
 from fitting.calibration.likely_cause import free_too
 from fitting.calibration.lost_windows import FIRST_ITERATIONS, with_sound_windows
-from fitting.calibration.preparation import AUTOMATIC, FitSettings, TracesLike, prepare
+from fitting.calibration.preparation import TracesLike, prepare
 from fitting.calibration.prepared import Prepared
 from fitting.calibration.result import FitResult
 from fitting.calibration.short_windows import SUSPECT_CHI_SQUARE, name_wrong_file

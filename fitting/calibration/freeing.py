@@ -19,7 +19,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from dropper_jax.base.errors import Progress, silent
-from fitting.calibration.advice import candidate_simulator, score_candidates
+from fitting.calibration.advice import score_candidates
 from fitting.calibration.candidate import LEAST_GAIN, NAME_SEPARATOR, Candidate
 from fitting.calibration.lost_frames import (
     SEVERAL_OUTLIERS,
@@ -28,6 +28,7 @@ from fitting.calibration.lost_frames import (
     starts_from_previous_windows,
     windows_far_off,
 )
+from fitting.calibration.possible_faults import candidate_simulator
 from fitting.calibration.preparation import at_frames
 from fitting.calibration.prepared import Prepared
 from fitting.calibration.trials import WRONG_CHI_SQUARE, free_groups, is_model_wrong

@@ -12,10 +12,10 @@ from fitting.calibration.law_scenes import paths_of_law, scene_with_law
 from fitting.calibration.laws import JOINT_PARTS, LAW_PARTS, LAWS, part_of
 from fitting.calibration.prepared import STEPS_PER_PERIOD, Prepared
 from fitting.estimate.factors import eliminate_rows
+from fitting.estimate.first_starts import first_starts
 from fitting.estimate.least_squares import fit_windows
 from fitting.estimate.residuals import Solution
 from fitting.estimate.simulator import Simulator, choose_stepper
-from fitting.estimate.windows import first_starts
 from fitting.parameters.missing_forces import tested_parameters
 from fitting.parameters.parameter import given_effect, names_in_scene, with_zero_damping
 from fitting.parameters.paths import resolve

@@ -19,12 +19,13 @@ from typing import NamedTuple
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from fitting.calibration.advice import candidate_simulator, candidates
 from fitting.calibration.freeing import with_freed
+from fitting.calibration.possible_faults import candidate_simulator, possible_faults
 from fitting.calibration.prepared import Prepared
+from fitting.estimate.first_starts import first_starts
 from fitting.estimate.least_squares import fit_windows
 from fitting.estimate.release import RELEASE_TIME
-from fitting.estimate.windows import Span, first_starts
+from fitting.estimate.windows import Span
 from fitting.parameters.names import DAMPING_PATHS, free_option
 from fitting.parameters.parameter import Parameter
 from fitting.parameters.targets import NODE
@@ -130,7 +131,7 @@ def _wrong_number(prepared: Prepared, pieces: Sequence[Span], given: float) -> C
     simulator = candidate_simulator(prepared)
     best = max(CHI_SQUARE_LEFT * given, EXPLAINED_CHI_SQUARE)
     cause = None
-    for name, paths, _ in candidates(prepared.simulator.model, prepared.simulator.release):
+    for name, paths, _ in possible_faults(prepared.simulator.model, prepared.simulator.release):
         if any(path.startswith((NODE, RELEASE_TIME)) for path in paths) or any(
             one.startswith(tuple(paths)) for one in free
         ):

@@ -21,12 +21,13 @@ from scipy.special import chdtri
 from dropper_jax.base.errors import Progress, part_of, silent
 from fitting.calibration.lost_frames import lost_frames, starts_from_previous_windows
 from fitting.calibration.prepared import Prepared
+from fitting.estimate.first_starts import first_starts
 from fitting.estimate.least_squares import fit_starts, fit_windows, window_costs
 from fitting.estimate.loss import LEAST_SQUARES, Loss, initial_loss
 from fitting.estimate.noise import Noise
 from fitting.estimate.residuals import Problem, Solution
 from fitting.estimate.uncertainty import start_covariances
-from fitting.estimate.windows import Piece, Span, Starts, Windows, fewest_frames, first_starts, pick, with_rows
+from fitting.estimate.windows import Piece, Span, Starts, Windows, fewest_frames, pick, with_rows
 
 #: Ratio of a window's mean square residual to that of most windows above which it is lost.
 LOST_RATIO = 4.0

@@ -15,7 +15,8 @@ import numpy as np
 from fitting.calibration.likely_cause import fit_short_windows, likely_cause
 from fitting.calibration.prepared import Prepared
 from fitting.estimate.windows import Span
-from fitting.traces.conventions import Change, changes, late_columns, resting_angles, shift
+from fitting.traces.conventions import resting_angles
+from fitting.traces.file_mistakes import Correction, corrections, late_columns, shifted_zero
 from fitting.traces.planar import wrap
 from fitting.traces.trace import Convention, Trace
 
@@ -51,7 +52,7 @@ def name_wrong_file(prepared: Prepared) -> str:
         return ""
     name = ", ".join(trace.name for trace in prepared.traces)
     size = f"short windows miss the angles by {np.sqrt(given):.0f} times their noise as given"
-    frequent = [*changes(links), *_resting_shifts(prepared)]
+    frequent = [*corrections(links), *_resting_shifts(prepared)]
     rare = list(late_columns(links, TRIED_DELAYS))
     for group in (frequent, rare):
         tried = []
@@ -86,14 +87,14 @@ def _moving_pieces(prepared: Prepared) -> list[Span]:
     return [Span(run, begin, begin + length) for run, begin in begins]
 
 
-def _apply_change(trace: Trace, change: Change) -> Trace:
+def _apply_change(trace: Trace, change: Correction) -> Trace:
     """A trace in the model's convention, changed in the convention of its file."""
     at = Convention(trace.convention.zero or "horizontal", trace.convention.sign or 1, "rad")
     raw = (at.sign or 1) * replace(at, sign=1).in_model(trace.theta)
     return replace(trace, theta=at.in_model(change.apply(raw)), se=None)
 
 
-def _resting_shifts(prepared: Prepared) -> Iterator[Change]:
+def _resting_shifts(prepared: Prepared) -> Iterator[Correction]:
     """Shifts of one column, or of all, that bring the mean directions of a free line to those at rest."""
     model = prepared.simulator.model
     trace = prepared.traces[0]
@@ -103,5 +104,5 @@ def _resting_shifts(prepared: Prepared) -> Iterator[Change]:
     off = wrap(resting_angles(model) - mean) * trace.convention.turn
     for part in (0.7, 1.0, 1.3):  # the mean of a few swings differs from the angle at rest
         for j, by in enumerate(off):
-            yield shift(j, part * float(by))
-        yield shift(None, part * float(np.mean(off)))
+            yield shifted_zero(j, part * float(by))
+        yield shifted_zero(None, part * float(np.mean(off)))

@@ -19,12 +19,14 @@ import numpy as np
 from dropper_jax.base.errors import Progress, silent
 from dropper_jax.base.read import ScenePath
 from dropper_jax.run.build import build
-from fitting.calibration.advice import Group, candidate_simulator, groups, joint_information
+from fitting.calibration.advice import joint_information
 from fitting.calibration.candidate import Candidate
+from fitting.calibration.fault_groups import FaultGroup, fault_groups
 from fitting.calibration.held_out import score_held_out, window_length
 from fitting.calibration.law_fits import substeps_of
 from fitting.calibration.law_scenes import scene_with_law, without_unused_parts
 from fitting.calibration.laws import JOINT_PARTS, LAW_PARTS, part_of
+from fitting.calibration.possible_faults import candidate_simulator
 from fitting.calibration.prepared import Prepared, fitted_parts, program_space
 from fitting.calibration.result import chi2_per_dof
 from fitting.estimate.least_squares import fit_windows
@@ -190,7 +192,7 @@ def free_groups(
     """
     before = prepared
     prepared, shared = with_full_law(prepared, solution)
-    found = groups(prepared.simulator.model, prepared.parameters, shared)
+    found = fault_groups(prepared.simulator.model, prepared.parameters, shared)
     zero = [replace(p, value=0.0) for p in shared]
     simulator = candidate_simulator(prepared, [*_parameters_of(found), *zero])
     trials = Trials(replace(prepared, simulator=simulator), loss, solution, before.windows)
@@ -239,7 +241,7 @@ class Search:
         needed: by name of a group, the factor of the held-out error without it.
     """
 
-    def __init__(self, trials: Trials, found: Sequence[Group], base: Solution) -> None:
+    def __init__(self, trials: Trials, found: Sequence[FaultGroup], base: Solution) -> None:
         self.trials = trials
         self.groups = found
         values = base.by_name
@@ -248,12 +250,12 @@ class Search:
             own = values.get(p.name, p.value)
             self.start[p.name] = values.get(ScenePath(p.name).stem, own)
         self.values = self.start | values
-        self.free: list[Group] = []
+        self.free: list[FaultGroup] = []
         self.best = base
         self.lowest = np.inf
         self.needed: dict[str, float] = {}
 
-    def fit(self, free: Sequence[Group]) -> Solution:
+    def fit(self, free: Sequence[FaultGroup]) -> Solution:
         """A fit with these groups free, from the best one so far."""
         replaced = _replaced_by(free)
         every = [p for p in self.trials.prepared.parameters if p.name not in replaced]
@@ -270,7 +272,7 @@ class Search:
         self.free = list(self.groups)
         self.lowest = self.trials.score(self.best)
 
-    def fix_needless(self, progress: Progress) -> dict[Group, float]:
+    def fix_needless(self, progress: Progress) -> dict[FaultGroup, float]:
         """Fix every group without which the score is not worse; returns them and the smallest score at that time."""
         fixed = {}
         for group in self.groups:
@@ -290,7 +292,7 @@ class Search:
                 self.needed[group.name] = float(np.exp(now - self.lowest))
         return fixed
 
-    def free_late(self, fixed: dict[Group, float], progress: Progress) -> None:
+    def free_late(self, fixed: dict[FaultGroup, float], progress: Progress) -> None:
         """Free again, the best first, what was fixed while others held the fit far from its minimum."""
         late = [group for group, then in fixed.items() if self.lowest < then - np.log1p(NEEDED_GROWTH)]
         while late:
@@ -310,17 +312,17 @@ class Search:
             self.lowest = scores[k]
 
 
-def _parameters_of(groups: Sequence[Group]) -> list[Parameter]:
+def _parameters_of(groups: Sequence[FaultGroup]) -> list[Parameter]:
     """The numbers of all groups."""
     return [p for group in groups for p in group.parameters]
 
 
-def _replaced_by(groups: Sequence[Group]) -> set[str]:
+def _replaced_by(groups: Sequence[FaultGroup]) -> set[str]:
     """Names of the parameters that the numbers of these groups replace."""
     return {p.name for group in groups for p in group.instead}
 
 
-def effective(trials: Trials, base: Solution, found: Sequence[Group]) -> list[Group]:
+def effective(trials: Trials, base: Solution, found: Sequence[FaultGroup]) -> list[FaultGroup]:
     """The groups without numbers that move no angle, or that duplicate others of the group or free ones.
 
     For coefficients of damping, all known earlier ones count, including those of other groups.
@@ -351,7 +353,7 @@ def effective(trials: Trials, base: Solution, found: Sequence[Group]) -> list[Gr
     return left
 
 
-def _candidate(group: Group, factor: float, solution: Solution) -> Candidate:
+def _candidate(group: FaultGroup, factor: float, solution: Solution) -> Candidate:
     """A group that was freed, with the changes of its numbers."""
     variance = np.diag(np.linalg.pinv(solution.information, hermitian=True))
     error = dict(zip(solution.by_name, np.sqrt(np.maximum(variance, 0.0)), strict=True))

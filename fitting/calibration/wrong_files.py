@@ -18,20 +18,9 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.model import Model
-from fitting.calibration.spans import Interval
-from fitting.parameters.names import DAMPING, free_option
-from fitting.traces.conventions import (
-    Change,
-    changes,
-    late_columns,
-    missing_reach,
-    off_rest,
-    resting_angles,
-    shift,
-    units,
-)
-from fitting.traces.noise import smooth_stretch
-from fitting.traces.planar import energies, wrap
+from fitting.parameters.names import free_option
+from fitting.traces.conventions import missing_reach, off_rest, resting_angles
+from fitting.traces.file_mistakes import Correction, corrections, late_columns, other_unit, shifted_zero
 from fitting.traces.trace import SIGNS, ZEROS, Convention, Trace
 
 #: RMS change of every angle [rad] that closes the frames, above which a mistake is searched for, and above which frames
@@ -48,11 +37,6 @@ MOST_FRAMES = 400
 MOST_LATE_FRAMES = 30
 #: Free parameters that move the hooks, the links or the measured angles: with these, frames need not close as given.
 GEOMETRY_WORDS = ("length", "position", "camera", "marker", "clock", "scale")
-#: Stretches over which a run is averaged, the fraction of them in which the energy of a reversed run rises, and its
-#: total growth factor. Kicks raise it once.
-STRETCHES = 10
-RISING_FRACTION = 0.75
-RISE_FACTOR = 1.3
 
 
 def refuse_wrong_file(trace: Trace, model: Model, requested: Convention, free: Sequence[str] = ()) -> list[str]:
@@ -78,14 +62,14 @@ def refuse_wrong_file(trace: Trace, model: Model, requested: Convention, free: S
     if given <= OPEN_ANGLE:
         return []
     moves = any(part in name for name in free for part in GEOMETRY_WORDS)
-    plain = [*changes(trace.links), *late_columns(trace.links, range(1, MOST_LATE_FRAMES + 1)), *units(named)]
+    plain = [*corrections(trace.links), *late_columns(trace.links, range(1, MOST_LATE_FRAMES + 1)), *other_unit(named)]
     tried = [TriedChange(change, at) for at in allowed for change in plain]
     if not moves:  # free parameters may cause the shift of the angles
         tried += [TriedChange(change, at) for at in allowed for change in _closing_shifts(model, rows, at)]
     for at in every:
         if at not in allowed:
             words = f"angles count as zero={at.zero}, sign={at.sign}"
-            tried.append(TriedChange(Change(words, f"--zero {at.zero} --sign={at.sign}", lambda theta: theta), at))
+            tried.append(TriedChange(Correction(words, f"--zero {at.zero} --sign={at.sign}", lambda theta: theta), at))
     openings = np.array([_opening(model, one.angles(rows)) for one in tried])
     smallest = float(openings.min())
     apart = f"the links at their angles end {given * _reach(model):.2g} m from the second hook"
@@ -109,7 +93,7 @@ def refuse_wrong_file(trace: Trace, model: Model, requested: Convention, free: S
 class TriedChange(NamedTuple):
     """A change of a file, and the convention in which its angles are then counted."""
 
-    change: Change
+    change: Correction
     convention: Convention
 
     def angles(self, rows: np.ndarray) -> np.ndarray:
@@ -160,80 +144,11 @@ def _reach(model: Model) -> float:
     return float(np.sqrt(np.log(2) * np.sum(np.asarray(model.line.length) ** 2)))
 
 
-def _closing_shifts(model: Model, theta: np.ndarray, at: Convention) -> Iterator[Change]:
+def _closing_shifts(model: Model, theta: np.ndarray, at: Convention) -> Iterator[Correction]:
     """Shifts of one column, or of all, that close the frames best."""
     angle = at.in_model(theta)
     angle = angle[np.isfinite(angle).all(axis=1)]
     missing = missing_reach(model, angle)
     link = np.asarray(model.line.length) * np.exp(1j * angle)
     for j, reach in [*enumerate(link.T), (None, link.sum(axis=1))]:
-        yield shift(j, at.turn * float(np.angle(np.sum((missing + reach) * reach.conj()))))
-
-
-#: Half width of the smoother of the energy, as a fraction of the shortest link's period.
-SMOOTHER_PERIODS = 0.06
-#: Minimum energy of a second run over the largest of the file, a tenth of its amplitude: at the end of a long decay
-#: rounding of an encoder raises smaller ones.
-SECOND_RUN_ENERGY = 0.01
-
-
-def refuse_rising_energy(trace: Trace, model: Model, spans: Sequence[Interval], period: float) -> None:
-    """Reject a trace whose energy rises: two runs in one file, or rows reversed in time.
-
-    Args:
-        trace: in the model's convention.
-        spans: from, to [s] of the fitted samples.
-        period: of the shortest link [s].
-
-    Raises:
-        SceneError: the time of the second run, or that the rows are reversed.
-    """
-    if any(e.name not in ("weight", *DAMPING) for e in model.effects):
-        return  # water and springs have energies of their own
-    low = spans[0][0]
-    high = spans[-1][1]
-    motion = smooth_stretch(trace, (low, high), SMOOTHER_PERIODS * period)
-    if motion is None:
-        return
-    t, theta, omega = motion
-    rest = resting_angles(model)
-    *energy, at_rest = np.asarray(energies(model, np.vstack([theta, rest]), np.vstack([omega, 0 * rest])))
-    energy = np.array(energy) - at_rest
-    inside = np.any([(t >= begin) & (t < end) for begin, end in spans], axis=0)
-    t = t[inside]
-    energy = energy[inside]
-    for at in _breaks(trace):
-        before = energy[(t > at - period) & (t < at)]
-        after = energy[(t > at) & (t < at + period)]
-        # medians: the smoother turns a jump into a transient of a few frames
-        if not len(before) or not len(after):
-            continue
-        if np.median(after) > max(RISE_FACTOR * np.median(before), SECOND_RUN_ENERGY * energy.max()):
-            raise SceneError(
-                f"{trace.name}: two runs in one file, as it seems: the angles jump at {at:.4g} s, and their energy "
-                f"rises from {np.median(before):.3g} to {np.median(after):.3g} J. Use one file per run, or "
-                f"--until {at:.4g} for the first one"
-            )
-    parts = np.array([np.median(part) for part in np.array_split(energy, STRETCHES)])
-    rising = float(np.mean(np.diff(parts) > 0))
-    if rising >= RISING_FRACTION and parts[-2:].mean() > RISE_FACTOR * parts[:2].mean():
-        raise SceneError(
-            f"{trace.name}: time is reversed, as it seems: the energy of the motion rises from "
-            f"{parts[:2].mean():.3g} to {parts[-2:].mean():.3g} J. Reverse the rows"
-        )
-
-
-#: Frames to either side of a jump, and the multiple of their fastest motion by which angles move where a run starts.
-NEAR_FRAMES = 5
-JUMP_RATIO = 4.0
-
-
-def _breaks(trace: Trace) -> np.ndarray:
-    """Times [s] at which most links jump, or where frames are missing."""
-    move = np.abs(wrap(np.diff(trace.theta, axis=0)))
-    around = np.lib.stride_tricks.sliding_window_view(move, 2 * NEAR_FRAMES + 1, axis=0)
-    near = np.nanmax(np.delete(around, NEAR_FRAMES, axis=2), axis=2, initial=0.0)
-    beyond = move[NEAR_FRAMES:-NEAR_FRAMES] - JUMP_RATIO * near
-    beyond[np.isnan(beyond).all(axis=1)] = -1.0  # nothing is known of these frames
-    missing = np.diff(trace.t)[NEAR_FRAMES:-NEAR_FRAMES] > 10 * trace.interval
-    return trace.t[NEAR_FRAMES + 1 : -NEAR_FRAMES][missing | (np.nanmedian(beyond, axis=1) > 0)]
+        yield shifted_zero(j, at.turn * float(np.angle(np.sum((missing + reach) * reach.conj()))))

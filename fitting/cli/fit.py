@@ -113,7 +113,7 @@ def fit_to_angles(args: argparse.Namespace, scene: Scene | None, shared: Table) 
         shared: arguments of `fit` for both kinds of data.
     """
     from fitting.calibration.fit import fit, fit_and_free
-    from fitting.calibration.preparation import FitSettings
+    from fitting.calibration.fit_settings import FitSettings
 
     traces = []
     found = {}

@@ -71,13 +71,13 @@ def merge_recordings(traces: Sequence[Trace], start: StartValues | None = None) 
     if len(set(names)) < len(names):
         raise SceneError(f"same-motion: recordings of the same name: {', '.join(names)}. Rename a file")
     motion = traces[0]
-    recordings = [replace(traces[0], se=stated_errors(traces[0]))]
+    recordings = [replace(traces[0], se=traces[0].total_error)]
     parameters: list[Parameter] = []
     notes = [f"{len(traces)} recordings of one motion; zeros, scales and delays are relative to {traces[0].name}"]
     for number, trace in enumerate(traces[1:], start=1):
         found = find_delay(motion, trace, (start or {}).get(f"{RECORDING}.{names[number]}.delay"))
         zero = find_zeros(motion, trace, found.value)
-        aligned = replace(trace, t=trace.t - found.value, theta=trace.theta - zero, se=stated_errors(trace))
+        aligned = replace(trace, t=trace.t - found.value, theta=trace.theta - zero, se=trace.total_error)
         if found.alike:
             others = ", ".join(f"{x:.4g}" for x in found.alike)
             notes.append(
@@ -94,13 +94,6 @@ def merge_recordings(traces: Sequence[Trace], start: StartValues | None = None) 
     error = max(trace.model_error for trace in traces)
     motion = replace(motion, recordings=tuple(recordings), se=None, model_error=error)
     return SharedMotion(motion, tuple(parameters), notes)
-
-
-def stated_errors(trace: Trace) -> np.ndarray | None:
-    """Standard errors (k, n) of the samples with the trace's model error; None if the trace has none."""
-    if trace.se is None:
-        return None
-    return np.hypot(trace.se, trace.model_error)
 
 
 def recording_parameters(number: int, name: str, trace: Trace, zero: np.ndarray, delay: float) -> list[Parameter]:

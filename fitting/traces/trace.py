@@ -101,6 +101,13 @@ class Trace:
         """Median time between samples [s]."""
         return float(np.median(np.diff(self.t)))
 
+    @property
+    def total_error(self) -> np.ndarray | None:
+        """Standard errors of the samples, model error included (k, n); None if the trace states none."""
+        if self.se is None:
+            return None
+        return np.hypot(self.se, self.model_error)
+
     def column_name(self, column: int) -> str:
         """Recording and link, from 0, of a column of its windows."""
         if not self.recordings:

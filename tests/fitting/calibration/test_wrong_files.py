@@ -14,8 +14,9 @@ from dropper_jax.cli import main
 from fitting import Camera, Convention, Method, Trace, fit, observe, prepare, simulate_truth, write_trace
 from fitting.calibration import short_windows
 from fitting.calibration.likely_cause import fit_short_windows
+from fitting.calibration.rising_energy import refuse_rising_energy
 from fitting.calibration.short_windows import name_wrong_file
-from fitting.calibration.wrong_files import refuse_rising_energy, refuse_wrong_file
+from fitting.calibration.wrong_files import refuse_wrong_file
 from fitting.traces.conventions import settle_convention
 
 pytestmark = pytest.mark.usefixtures("optimised")

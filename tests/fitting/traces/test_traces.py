@@ -7,7 +7,7 @@ from scipy.signal import savgol_filter
 import dropper_jax as dj
 from dropper_jax import SceneError
 from fitting import Convention, Trace, read_trace, simulate_truth, write_trace
-from fitting.estimate.windows import local_motion
+from fitting.estimate.first_starts import local_motion
 from fitting.parameters.names import full_names
 from fitting.parameters.paths import resolve
 from fitting.traces import planar

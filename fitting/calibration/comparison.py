@@ -90,8 +90,10 @@ def compare_laws(prepared: Prepared, laws: Sequence[str] = tuple(LAWS), progress
     or one for each if the scene or the fit specifies it so.
 
     Raises:
-        SceneError: a law of unknown name.
+        SceneError: no law, or one of unknown name.
     """
+    if not laws:
+        raise SceneError("laws: none given. Use two or more of them")
     for law in laws:
         if law not in LAWS:
             raise SceneError(f"laws: {law!r} is unknown; {nearest(law, LAWS)}")
@@ -254,8 +256,8 @@ class LawFits:
             if inner:  # the additional parts start at zero
                 best = min(inner, key=lambda solution: solution.cost)
                 problem = replace(best.problem, frozen=~family.free_mask(law))
-                level = Objective(problem, widest.gap_weight, intermediate=True)
-                tries.append(descend(level, replace(best, problem=problem), JOINED_ITERATIONS))
+                objective = Objective(problem, widest.gap_weight, intermediate=True)
+                tries.append(descend(objective, replace(best, problem=problem), JOINED_ITERATIONS))
             if not any(solution.status == "ok" for solution in tries):
                 begin = fit_law(self.prepared, family, law, [laws[law]])
                 tries.append(fit_shooting(begin, choose=False, schedule=schedule))

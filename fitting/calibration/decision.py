@@ -25,14 +25,16 @@ from scipy.special import chdtrc
 from fitting.calibration.cross_validation import Scores
 from fitting.calibration.laws import LAWS, Law, contains
 
-#: Probability below which a missing coefficient counts as shown (0.01 over some ten laws), and above which an
-#: additional one counts as needless.
+#: Probability below which the coefficients that a law lacks are significant: 0.01 over some ten laws.
 REFUTED_PROBABILITY = 0.001
+#: Probability above which additional coefficients count as needless.
 NEEDLESS_PROBABILITY = 0.01
-#: A law that does not contain the better one is refuted if its log score is worse by this many of its standard errors
-#: and by at least this amount, or if its likelihood is that much worse with as many coefficients or more.
+#: A law that does not contain the better one is refuted if its log score is worse by this number of standard errors.
 REFUTING_ERRORS = 2.5
+#: Minimum loss of log score for that; the same loss of log likelihood refutes a law of as many coefficients or more.
 REFUTING_LOSS = 3.0
+#: Loss of log likelihood with joined windows at which a law is refuted by another one of no more coefficients.
+JOINED_REFUTING_LOSS = 4.0
 #: Draws of windows for the laws' weights.
 RESAMPLES = 1000
 
@@ -51,7 +53,7 @@ def decide(rows: list[Law], scores: list[Scores]) -> list[Law]:
     best = int(np.argmax(logs.sum(1)))
     apart = logs - logs[best]
     totals = apart.sum(1).tolist()
-    errors = (deviation(apart) * np.sqrt(logs.shape[1])).tolist()
+    errors = sum_errors(apart).tolist()
     weights = shares(logs, np.random.default_rng(0)).tolist()
     # the cost of a fit that did not converge is an upper limit: a law that passes with it passes
     reasons = [""] * len(rows)
@@ -84,8 +86,8 @@ def decide_joined(rows: list[Law], costs: Mapping[str, float], unseen: Mapping[s
     reasons = _by_likelihood(some, [""] * len(some))
     for (i, a), b in product(enumerate(some), some):
         apart = a.cost - b.cost
-        # difference of log likelihood with joined windows at which a law is refuted by another of no more coefficients
-        if not reasons[i] and a.coefficients >= b.coefficients and not contains(a.name, b.name) and apart > 4.0:
+        comparable = a.coefficients >= b.coefficients and not contains(a.name, b.name)
+        if not reasons[i] and comparable and apart > JOINED_REFUTING_LOSS:
             reasons[i] = f"is less likely than {b.name}, by {apart:.1f} in log likelihood"
     for row, reason in zip(some, reasons, strict=True):
         found[row.name] = replace(found[row.name], refuted=reason)
@@ -132,13 +134,12 @@ def _by_prediction(rows: list[Law], reasons: list[str], logs: np.ndarray, alive:
     for i, j in product(alive, alive):
         if not reasons[i] and not reasons[j] and i != j and rows[i].coefficients >= rows[j].coefficients:
             apart = logs[j] - logs[i]
-            error = 0.0
-            if len(apart):
-                error = np.sqrt(len(apart)) * np.std(apart)
-            predicts = apart.sum() > max(REFUTING_ERRORS * error, REFUTING_LOSS)
-            likelier = rows[i].cost - rows[j].cost > REFUTING_LOSS and apart.sum() > 0
+            loss = float(apart.sum())
+            error = float(sum_errors(apart[None])[0])
+            predicts = loss > REFUTING_LOSS and loss > REFUTING_ERRORS * error
+            likelier = rows[i].cost - rows[j].cost > REFUTING_LOSS and loss > 0
             if not contains(rows[i].name, rows[j].name) and (predicts or likelier):
-                reasons[i] = f"predicts worse than {rows[j].name}, by {apart.sum():.1f} +- {error:.1f}"
+                reasons[i] = f"predicts worse than {rows[j].name}, by {loss:.1f} +- {error:.1f}"
     return reasons
 
 
@@ -148,6 +149,11 @@ def deviation(rows: np.ndarray) -> np.ndarray:
     if count:
         return np.std(rows, axis=1, ddof=min(1, count - 1))
     return np.full(len(rows), np.nan)
+
+
+def sum_errors(rows: np.ndarray) -> np.ndarray:
+    """Standard errors of the sums of rows (laws, windows), whose windows are independent."""
+    return deviation(rows) * np.sqrt(rows.shape[1])
 
 
 def shares(logs: np.ndarray, rng: np.random.Generator) -> np.ndarray:

@@ -14,6 +14,7 @@ from fitting.calibration.advice import advise
 from fitting.calibration.candidate import Candidate, omitted_parameter_bias
 from fitting.calibration.comparison import refuse_tied
 from fitting.calibration.estimating import Method, as_method, estimate
+from fitting.calibration.file_diagnosis import SUSPECT_CHI_SQUARE, name_wrong_file
 from fitting.calibration.fit_settings import AUTOMATIC, FitSettings
 from fitting.calibration.freeing import MOST_FREED, free_by_advice
 from fitting.calibration.kicks import without_kicks
@@ -25,7 +26,6 @@ from fitting.calibration.lost_windows import FIRST_ITERATIONS, with_sound_window
 from fitting.calibration.preparation import TracesLike, prepare
 from fitting.calibration.prepared import Prepared
 from fitting.calibration.result import FitResult
-from fitting.calibration.short_windows import SUSPECT_CHI_SQUARE, name_wrong_file
 from fitting.calibration.spans import Interval
 from fitting.calibration.summarise import summarise
 from fitting.estimate.loss import LEAST_SQUARES, Loss, as_loss

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from dropper_jax.base.errors import require_positive
 from fitting.calibration.spans import Interval
 from fitting.traces.trace import Convention, convention
 
@@ -44,6 +45,11 @@ class FitSettings:
     begin: float | None = None
     fixed: bool = False
     same_motion: bool = False
+
+    def __post_init__(self) -> None:
+        for option, length in (("window", self.window), ("dt", self.dt)):
+            if length is not None:
+                require_positive(option, length, " s")
 
     @property
     def convention(self) -> Convention:

@@ -13,23 +13,19 @@ Checked in this order, by short windows whose starts and damping are free:
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
-from dropper_jax.base.errors import SceneError
 from fitting.calibration.freeing import with_freed
 from fitting.calibration.possible_faults import candidate_simulator, possible_faults
 from fitting.calibration.prepared import Prepared
-from fitting.estimate.first_starts import first_starts
-from fitting.estimate.least_squares import fit_windows
+from fitting.calibration.short_windows import fit_short_windows
 from fitting.estimate.release import RELEASE_TIME
 from fitting.estimate.windows import Span
-from fitting.parameters.names import DAMPING_PATHS, free_option
+from fitting.parameters.names import free_option
 from fitting.parameters.parameter import Parameter
 from fitting.parameters.targets import NODE
-from fitting.traces.noise import without_spikes
 from fitting.traces.trace import Trace
 
 #: Fraction of chi-square that a right cause may leave, and chi-square per sample of a window that is explained.
@@ -41,16 +37,6 @@ INTERPOLATED_FRACTION = 0.4
 SMOOTHED_MISS = 0.04
 #: Short windows in the order of time that find a driven beginning.
 BEGINNING_WINDOWS = 12
-#: Evaluations of short windows.
-SHORT_WINDOW_ITERATIONS = 4
-
-
-class Misfit(NamedTuple):
-    """Chi-square per sample of short windows (K,), the fraction of the motion missed, and the parameters (k,)."""
-
-    chi2: np.ndarray
-    part: float
-    values: np.ndarray
 
 
 class Cause(NamedTuple):
@@ -58,47 +44,6 @@ class Cause(NamedTuple):
 
     words: str
     remedy: str
-
-
-def fit_short_windows(
-    prepared: Prepared, pieces: Sequence[Span], paths: Sequence[str] = (), traces: Sequence[Trace] | None = None
-) -> Misfit:
-    """Short windows fitted with their starts, damping and the parameters at `paths` free.
-
-    Of a fit's parameters only the damping is fitted, starting from zero: a wrong file makes all others arbitrary.
-
-    Args:
-        pieces: run, start and end [s] of the windows.
-        traces: other ones than those of the preparation.
-    """
-    at = replace(prepared, traces=[without_spikes(trace) for trace in traces or prepared.traces])
-    try:
-        windows = at.cut(min(high - low for _, low, high in pieces), pieces)
-    except SceneError:
-        return Misfit(np.array([np.inf]), np.inf, prepared.values)
-    names = prepared.names
-    damping = np.array([name.startswith(DAMPING_PATHS) for name in names])
-    free = damping | [name.startswith(tuple(paths)) for name in names]
-    values = np.where(damping, [p.low for p in prepared.parameters], prepared.values)
-    starts = first_starts(prepared.simulator.model_at(values), at.traces, windows, at.sigma)
-    problem = replace(at.problem(frozen=~free), windows=windows)
-    solution = fit_windows(problem, values, starts, iterations=SHORT_WINDOW_ITERATIONS)
-    weight = windows.weight
-    mean = np.sum(weight * windows.theta, axis=1) / np.maximum(weight.sum(axis=1), 1e-300)
-    chi2 = _mean_square(solution.errors * weight, weight)
-    moved = _mean_square((windows.theta - mean[:, None]) * weight, weight)
-    chi2 = np.where(np.isfinite(chi2), chi2, np.inf)
-    part = float(np.median(np.sqrt(chi2 / np.maximum(moved, 1e-300))))
-    return Misfit(chi2, part, solution.values)
-
-
-def _mean_square(size: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Mean square (K,) of windows' samples (K, S, n), without the largest 5 %, which may be outliers."""
-    found = []
-    for one, known in zip(size, weight > 0, strict=True):
-        square = np.sort(one[known] ** 2)
-        found.append(square[: int(np.ceil(0.95 * len(square)))].mean())
-    return np.array(found)
 
 
 def likely_cause(prepared: Prepared, pieces: Sequence[Span]) -> Cause:

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dropper_jax.base.errors import Progress, SceneError, silent
+from dropper_jax.base.errors import Progress, SceneError, require_positive, silent
 from dropper_jax.base.json_values import Json
 from dropper_jax.base.markdown import Rows, cells, text_row
 from dropper_jax.load.scene import load_scene
@@ -128,10 +128,9 @@ def plan(
 def _check_positive(key: str, numbers: Sequence[float], unit: str) -> None:
     """Reject an empty list, and numbers that are not positive and finite."""
     if not len(numbers):
-        raise SceneError(f"{key}: none is not positive; allowed: > 0{unit}")
+        raise SceneError(f"{key}: none is given; allowed: > 0{unit}")
     for number in numbers:
-        if not 0 < number < np.inf:
-            raise SceneError(f"{key}: {number} is not positive; allowed: > 0{unit}")
+        require_positive(key, number, unit)
 
 
 def _errors(solution: Solution, duration: float, gap_weight: float | None) -> tuple[np.ndarray, float]:

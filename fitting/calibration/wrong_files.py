@@ -1,11 +1,11 @@
-"""Files that do not belong to the scene, or use another angle convention: the mistake is reported with its fix.
+"""Files that do not belong to a scene between two fixed points: their frames do not close.
 
-There are two checks before a fit, and one after it (`short_windows`):
+The links at their measured angles must end at the second hook, within the noise. Otherwise every correction that a file
+may need is tried, and the one that closes the frames is reported. This check comes before a fit; `rising_energy` is
+another one, and `file_diagnosis` follows a fit that does not explain the trace.
 
-1. Between fixed points every frame must close: the links at their measured angles end at the second hook, within the
-   noise. Each change that a file may need is tried, and the one that closes the frames is reported.
-2. Damping dissipates energy. If the energy of the motion rises, rows are reversed in time or two runs are in one file.
-   Short windows do not detect this: without damping a motion also runs backwards.
+The opening of a frame is the distance from the last link's end to the second hook, as the RMS change of every angle
+[rad] that closes it.
 """
 
 from __future__ import annotations
@@ -23,19 +23,23 @@ from fitting.traces.conventions import missing_reach, off_rest, resting_angles
 from fitting.traces.file_mistakes import Correction, corrections, late_columns, other_unit, shifted_zero
 from fitting.traces.trace import SIGNS, ZEROS, Convention, Trace
 
-#: RMS change of every angle [rad] that closes the frames, above which a mistake is searched for, and above which frames
-#: that no change closes are rejected. Noise is 0.01, lengths wrong by 2 % give 0.02, a marker off by 1 degree less;
-#: free parameters explain these.
+#: Opening [rad] above which a mistake is searched for. Noise gives 0.01, lengths wrong by 2 % give 0.02, a marker off
+#: by 1 degree less; free parameters explain these.
 OPEN_ANGLE = 0.05
+#: Opening [rad] above which frames that no correction closes are rejected.
 REFUSED_ANGLE = 0.1
-#: Fraction of the misfit of closure that a reported change may leave.
+#: Fraction of the opening that a reported correction may leave.
 CLOSING_SHARE = 0.3
+#: Openings up to this multiple of the smallest one, and this much larger [rad], count as equally small.
+ALIKE_RATIO = 1.5
+ALIKE_ANGLE = 1e-3
 #: Minimum number of complete frames for the check, and maximum number that are used.
 FEWEST_FRAMES = 10
 MOST_FRAMES = 400
-#: Frames by which one column may be late.
+#: Maximum number of frames by which one column may be late.
 MOST_LATE_FRAMES = 30
-#: Free parameters that move the hooks, the links or the measured angles: with these, frames need not close as given.
+#: Words in the paths of free parameters that move the hooks, the links or the measured angles: with these, frames need
+#: not close as given.
 GEOMETRY_WORDS = ("length", "position", "camera", "marker", "clock", "scale")
 
 
@@ -53,52 +57,61 @@ def refuse_wrong_file(trace: Trace, model: Model, requested: Convention, free: S
     frames = trace.theta[np.isfinite(trace.theta).all(axis=1)]
     if not model.end_held or len(frames) < FEWEST_FRAMES:
         return []
-    named = requested.over(trace.convention)
+    stated = requested.over(trace.convention)
     every = [Convention(zero, int(sign), "rad") for zero, sign in product(ZEROS, SIGNS)]
-    allowed = [c for c in every if named.zero in (None, c.zero) and named.sign in (None, c.sign)]
-    rows = named.radians * trace.theta
+    allowed = [c for c in every if stated.zero in (None, c.zero) and stated.sign in (None, c.sign)]
+    rows = stated.radians * trace.theta
     own = min(allowed, key=lambda c: _opening(model, c.in_model(rows)))
     given = _opening(model, own.in_model(rows))
     if given <= OPEN_ANGLE:
         return []
     moves = any(part in name for name in free for part in GEOMETRY_WORDS)
-    plain = [*corrections(trace.links), *late_columns(trace.links, range(1, MOST_LATE_FRAMES + 1)), *other_unit(named)]
-    tried = [TriedChange(change, at) for at in allowed for change in plain]
+    tried = [TriedCorrection(one, at) for at in allowed for one in _plain_corrections(trace, stated)]
     if not moves:  # free parameters may cause the shift of the angles
-        tried += [TriedChange(change, at) for at in allowed for change in _closing_shifts(model, rows, at)]
+        tried += [TriedCorrection(one, at) for at in allowed for one in _closing_shifts(model, rows, at)]
     for at in every:
         if at not in allowed:
             words = f"angles count as zero={at.zero}, sign={at.sign}"
-            tried.append(TriedChange(Correction(words, f"--zero {at.zero} --sign={at.sign}", lambda theta: theta), at))
-    openings = np.array([_opening(model, one.angles(rows)) for one in tried])
-    smallest = float(openings.min())
+            option = f"--zero {at.zero} --sign={at.sign}"
+            tried.append(TriedCorrection(Correction(words, option, lambda theta: theta), at))
     apart = f"the links at their angles end {given * _reach(model):.2g} m from the second hook"
-    if smallest < min(OPEN_ANGLE, CLOSING_SHARE * given):
-        # of changes that close equally well, the one with links that hang as at rest
-        alike = np.flatnonzero(openings < 1.5 * smallest + 1e-3)
-        rest = resting_angles(model)
-        best = min(alike, key=lambda i: round(off_rest(tried[i].angles(rows), rest), 2))
-        fix = tried[best].change.fix
-        remaining = openings[best] * _reach(model)
-        words = f"{tried[best].change.mistake}, as it seems: {apart} as given, {remaining:.2g} m without this mistake"
+    openings = np.array([_opening(model, one.angles(rows)) for one in tried])
+    if openings.min() < min(OPEN_ANGLE, CLOSING_SHARE * given):
+        number = _best_correction(model, tried, openings, rows)
+        best = tried[number].correction
+        left = openings[number] * _reach(model)
+        words = f"{best.mistake}, as it seems: {apart} as given, {left:.2g} m without this mistake"
         if given <= REFUSED_ANGLE:  # a camera rolled by 2 degrees opens them as far, and a fit may free its roll
-            return [f"{trace.name}: {words}: {fix}, or free what opens them (--auto-free)"]
-        raise SceneError(f"{trace.name}: {words}. To correct it: {fix}")
+            return [f"{trace.name}: {words}: {best.fix}, or free what opens them (--auto-free)"]
+        raise SceneError(f"{trace.name}: {words}. To correct it: {best.fix}")
     if given > REFUSED_ANGLE and not moves:
         cause = _open_cause(model, own.in_model(rows), free)
         raise SceneError(f"{trace.name}: {apart} in the median frame; likeliest cause: {cause}")
     return [f"{trace.name}: {apart} in the median frame: check lengths, hooks and the zeros of the angles"]
 
 
-class TriedChange(NamedTuple):
-    """A change of a file, and the convention in which its angles are then counted."""
+def _plain_corrections(trace: Trace, stated: Convention) -> list[Correction]:
+    """Corrections that do not depend on the angles."""
+    late = late_columns(trace.links, range(1, MOST_LATE_FRAMES + 1))
+    return [*corrections(trace.links), *late, *other_unit(stated)]
 
-    change: Correction
+
+def _best_correction(model: Model, tried: Sequence[TriedCorrection], openings: np.ndarray, rows: np.ndarray) -> int:
+    """Number of the correction that closes the frames best; of equally good ones, that whose links hang as at rest."""
+    alike = np.flatnonzero(openings < ALIKE_RATIO * openings.min() + ALIKE_ANGLE)
+    rest = resting_angles(model)
+    return min(alike, key=lambda i: round(off_rest(tried[i].angles(rows), rest), 2))
+
+
+class TriedCorrection(NamedTuple):
+    """A correction of a file, and the convention in which its angles are then counted."""
+
+    correction: Correction
     convention: Convention
 
     def angles(self, rows: np.ndarray) -> np.ndarray:
-        """The file's angles (k, n) [rad], changed, in the model's convention."""
-        return self.convention.in_model(self.change.apply(rows))
+        """The file's angles (k, n) [rad], corrected, in the model's convention."""
+        return self.convention.in_model(self.correction.apply(rows))
 
 
 def _open_cause(model: Model, theta: np.ndarray, free: Sequence[str]) -> str:

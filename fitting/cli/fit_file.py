@@ -71,7 +71,7 @@ def given_of(args: argparse.Namespace) -> FileOptions:
 
 def is_trace_file(file: str, partial: bool) -> bool:
     """Whether a file has the columns of a trace, `t` and `theta_1`, or of any link if `partial`, under these names."""
-    from fitting.traces.lines import read_lines
+    from fitting.traces.text_lines import read_lines
 
     heads = [line for line in read_lines(Path(file))[:100] if not line.lstrip().startswith("#")]
     names = []

@@ -40,14 +40,18 @@ def bootstrap(result: SceneFit, draws: int = 200, block: int | None = None, seed
         block: number of stretches drawn together: windows, or parts of few ones; default two correlation times.
 
     Raises:
-        SceneError: fewer than two draws.
+        SceneError: fewer than two draws, or blocks longer than half of the time.
     """
     check_draws(draws)
     solution = result.solution
     free = solution.free
     parts = pieces(solution, free)
     information = solution.free_information
-    block = block or block_of(parts, information)
+    if block is None:
+        block = block_of(parts, information)
+    most = max(len(parts.run) // 2, 1)
+    if not 1 <= block <= most:
+        raise SceneError(f"bootstrap: blocks of {block} stretches; allowed: 1 to {most}, so that draws differ")
     moved, blocks = resample(parts, information, block, draws, np.random.default_rng(seed))
     found = np.tile(solution.values, (draws, 1))
     found[:, free] -= moved

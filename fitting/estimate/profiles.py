@@ -39,7 +39,7 @@ def profile(result: SceneFit, name: str, *, points: int = 3) -> Profile:
     p = solution.problem.parameters[index]
     frozen = solution.problem.held_mask.copy()
     frozen[index] = True
-    level_there = objective_at(replace(solution.problem, frozen=frozen), solution.gap_weight)
+    fixed_objective = objective_at(replace(solution.problem, frozen=frozen), solution.gap_weight)
     unit = _unit(solution, index, std_error)
     best = float(solution.values[index])
     cost = objective_at(solution.problem, solution.gap_weight).cost(solution.evaluation, solution.values)
@@ -55,9 +55,9 @@ def profile(result: SceneFit, name: str, *, points: int = 3) -> Profile:
             values[index] = value
             along = point.eliminated[..., index] * (value - point.values[index])
             starts = point.problem.move_starts(point.starts, point.values, along)
-            evaluation = level_there.problem.evaluate(values, starts)
+            evaluation = fixed_objective.problem.evaluate(values, starts)
             begin = replace(point, values=values, starts=evaluation.starts, evaluation=evaluation, history=[])
-            point = descend(level_there, begin, PROFILE_ITERATIONS)
+            point = descend(fixed_objective, begin, PROFILE_ITERATIONS)
             converged &= point.status == "ok"
             found[value] = (point.cost - cost) / unit
     at, growth = np.array(sorted(found.items())).T

@@ -191,14 +191,14 @@ class ResidualNoiseModel:
 
 def pose_again(solution: Solution, problem: Residuals, evaluation: Evaluation) -> Solution:
     """The same point as a solution of another problem of the same motion, with new cost and normal equations."""
-    level = objective_at(problem, solution.gap_weight)
-    known = level.undamped_step(evaluation, solution.values, 0.0) or solution
+    objective = objective_at(problem, solution.gap_weight)
+    known = objective.undamped_step(evaluation, solution.values, 0.0) or solution
     return replace(
         solution,
         problem=problem,
         evaluation=evaluation,
         weights=problem.weights(evaluation),
-        cost=level.cost(evaluation, solution.values),
+        cost=objective.cost(evaluation, solution.values),
         information=known.information,
         gradient=known.gradient,
         eliminated=known.eliminated,

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from fitting.traces.lines import read_lines
+from fitting.traces.text_lines import read_lines
 
 #: Rows that decide between separators, and the fraction of their cells that must be numbers.
 TRIED_ROWS = 200

@@ -295,7 +295,7 @@ def part_ends(t: np.ndarray, parts: Sequence[float] | None) -> tuple[float, floa
     if parts is not None:
         ends = [float(part) for part in parts]
     counts = [0]
-    if ends == sorted(ends) and len(ends) == 2:
+    if len(ends) == 2 and 0.0 <= ends[0] <= ends[1]:
         counts = np.histogram(t, [0.0, *ends, np.inf])[0]
     if min(counts) < FEWEST_SAMPLES:
         given = ",".join(f"{end:g}" for end in ends)

@@ -16,7 +16,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.markdown import first_names
-from fitting.traces.lines import read_lines
+from fitting.traces.text_lines import read_lines
 
 #: Number of names in an error message.
 MOST_NAMES = 8

@@ -157,10 +157,12 @@ def as_trace(
     """A trace, read if its file is given, with `columns` and `partial` as for `read_trace`.
 
     Raises:
-        SceneError: it has angles of another number of links.
+        SceneError: it has angles of another number of links, or arrays that do not fit together.
     """
     if isinstance(given, Trace):
         trace = given
+        check_shapes(trace)
+        check_times(trace.name, trace.t)
     else:
         trace = read_trace(given, links, columns, partial)
     if trace.links != links:
@@ -283,6 +285,19 @@ def convention(zero: str | None, sign: str | int | None, unit: str | None, where
     if sign is not None:
         sign = int(sign)
     return Convention(zero, sign, unit)
+
+
+def check_shapes(trace: Trace) -> None:
+    """Reject arrays of a trace that do not fit together.
+
+    Raises:
+        SceneError: with the trace and the shapes.
+    """
+    count = np.size(trace.t)
+    if np.shape(trace.t) != (count,) or np.ndim(trace.theta) != 2 or len(trace.theta) != count:
+        raise SceneError(f"{trace.name}: theta has shape {np.shape(trace.theta)}; allowed: ({count}, links), as t has")
+    if trace.se is not None and np.shape(trace.se) != np.shape(trace.theta):
+        raise SceneError(f"{trace.name}: se has shape {np.shape(trace.se)}; allowed: {np.shape(trace.theta)}, as theta")
 
 
 def check_trace(trace: Trace, partial: bool = False) -> None:

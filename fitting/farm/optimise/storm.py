@@ -40,7 +40,7 @@ from dropper_jax.study.march import spare_rows
 from fitting.farm.optimise.models import in_waves, numbered_slopes
 from fitting.farm.optimise.quantities import LimitedSignal, Steps
 from fitting.farm.optimise.values import RunStart
-from fitting.sensitivity.own_steps import find_own_lengths
+from fitting.sensitivity.study_steps import find_own_lengths
 
 #: Time [s] in which the waves of a window rise; it is not counted.
 WINDOW_RAMP = 10.0

@@ -7,6 +7,7 @@ import numpy as np
 import optax
 import pytest
 
+from dropper_jax import SceneError
 from fitting import bootstrap, fit, predict, profile
 from fitting.calibration.comparison import Law, compare_laws, with_bic
 from fitting.calibration.fit import estimate
@@ -134,6 +135,23 @@ def test_a_bootstrap_of_few_windows_is_as_wide_as_the_noise_makes_it_and_warns(t
     np.testing.assert_allclose(np.sqrt(np.mean(np.square(ratio), axis=0)), 1.0, atol=0.15)
     assert all(1 < d.blocks < 15 for d in drawn)
     assert all("blocks of time, fewer than 15" in d.warning for d in drawn)
+
+
+def test_a_bootstrap_of_one_block_is_refused(ten):
+    """Every draw would be the fit itself, and its intervals of no width."""
+    with pytest.raises(SceneError, match="bootstrap: blocks of 1000 stretches; allowed: 1 to"):
+        bootstrap(ten[0], block=1000)
+    with pytest.raises(SceneError, match="bootstrap: blocks of 0 stretches"):
+        bootstrap(ten[0], block=0)
+
+
+@pytest.mark.filterwarnings("ignore:overflow encountered", "ignore:invalid value encountered")
+def test_a_prediction_whose_neighbouring_run_fails_is_not_trusted(ten):
+    """One standard error away the parameters overflow: that run has no motion."""
+    errors = np.full_like(ten[0].values, 1e300)
+    found = predict(replace(ten[0], uncertainty=replace(ten[0].uncertainty, std_error=errors)))
+    assert found.trusted == found.begin
+    assert np.isfinite(found.simulated).all()
 
 
 def test_nothing_of_what_is_held_out_touches_the_fit(two, ready, motion):

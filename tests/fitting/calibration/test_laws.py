@@ -9,6 +9,7 @@ from hard_scenes import rods
 from scipy.stats import chi2, multivariate_normal
 
 import dropper_jax as dj
+from dropper_jax import SceneError
 from fitting import Convention, Trace, prepare
 from fitting.calibration import comparison
 from fitting.calibration.cross_validation import Scores, blocks, last_third, other_runs, score_window
@@ -129,6 +130,21 @@ def test_two_parts_more_are_open_only_where_one_of_them_is():
     assert verdict(decide(rows, logs)) == "linear"
     rows[2] = replace(rows[2], unseen=("dry",))
     assert verdict(decide(rows, logs)) == "undecided {linear, linear + dry, linear + quadratic + dry}"
+
+
+def test_a_law_is_refuted_by_the_standard_error_that_is_reported():
+    """Two windows in which the worse law loses 3.25 and 1.25: 4.5 +- 2.0, which is 2.25 standard errors."""
+    lost = np.array([3.25, 1.25])
+    logs = [Scores(-rows, np.ones(2), np.ones(2, int)) for rows in (lost, 0 * lost)]
+    rows = decide(laws({"linear": 20.0, "quadratic": 20.0}), logs)
+    assert verdict(rows) == "undecided {linear, quadratic}"
+    assert rows[0].score == pytest.approx(-4.5)
+    assert rows[0].score_error == pytest.approx(2.0)
+
+
+def test_a_comparison_of_no_laws_is_refused():
+    with pytest.raises(SceneError, match="laws: none given"):
+        comparison.compare_laws(None, [])
 
 
 def test_a_law_that_did_not_converge_is_ranked_by_its_cost():

@@ -12,10 +12,10 @@ import dropper_jax as dj
 from dropper_jax import SceneError, build_model, load_scene
 from dropper_jax.cli import main
 from fitting import Camera, Convention, Method, Trace, fit, observe, prepare, simulate_truth, write_trace
-from fitting.calibration import short_windows
-from fitting.calibration.likely_cause import fit_short_windows
+from fitting.calibration import file_diagnosis
+from fitting.calibration.file_diagnosis import name_wrong_file
 from fitting.calibration.rising_energy import refuse_rising_energy
-from fitting.calibration.short_windows import name_wrong_file
+from fitting.calibration.short_windows import fit_short_windows, moving_pieces
 from fitting.calibration.wrong_files import refuse_wrong_file
 from fitting.traces.conventions import settle_convention
 
@@ -202,10 +202,10 @@ def test_the_right_rig_with_errors_of_its_model_above_a_low_noise_is_not_called_
     error = 1e-3 * np.sin(12 * trace.t)[:, None] * [1.0, -0.7]
     trace = replace(trace, theta=trace.theta + error, se=np.full_like(trace.theta, 2e-5))
     prepared = ready(trace)
-    found = fit_short_windows(prepared, short_windows._moving_pieces(prepared))
+    found = fit_short_windows(prepared, moving_pieces(prepared))
     given = float(np.median(found.chi2))
-    assert given > short_windows.WRONG_CHI_SQUARE
-    assert found.part < short_windows.OTHER_RIG_MISS
+    assert given > file_diagnosis.WRONG_CHI_SQUARE
+    assert found.part < file_diagnosis.OTHER_RIG_MISS
     assert name_wrong_file(prepared) == ""
 
 

@@ -12,8 +12,8 @@ from fitting.from_file.points import error_of_pivot, find_chain, pivot_of
 from fitting.from_file.read_file import FileOptions, read_measured
 from fitting.from_file.scene_of import propose_scene
 from fitting.from_file.values import per_mass
-from fitting.traces.lines import LARGEST_FILE
 from fitting.traces.noise import without_spikes
+from fitting.traces.text_lines import LARGEST_FILE
 from fitting.traces.trace import Trace
 
 T, PHI = swing()

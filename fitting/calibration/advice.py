@@ -135,7 +135,7 @@ class ScoreChange(NamedTuple):
 
 
 #: Fraction of a candidate's information that must remain once the free parameters are accounted for.
-LEAST_OWN_INFORMATION = 1e-7
+LEAST_INFORMATION_SHARE = 1e-7
 
 
 def score_change(
@@ -153,7 +153,7 @@ def score_change(
         A = A - S[np.ix_(mine, free)] @ inner[:, :-1]
         u = u - S[np.ix_(mine, free)] @ inner[:, -1]
     scale = 1 / np.sqrt(np.diag(S)[mine])
-    if np.linalg.eigvalsh(A * np.outer(scale, scale))[0] < LEAST_OWN_INFORMATION:
+    if np.linalg.eigvalsh(A * np.outer(scale, scale))[0] < LEAST_INFORMATION_SHARE:
         return None
     change = -solve_spd(A, u)
     gain = float(-0.5 * u @ change)

@@ -25,9 +25,11 @@ from fitting.estimate.factors import scale_diagonal
 from fitting.estimate.normal_equations import bounded_step
 from fitting.estimate.residuals import Solution
 
-#: Maximum number of blocks, minimum number of windows per block, windows dropped on either side of it.
+#: Maximum number of blocks.
 MOST_BLOCKS = 5
+#: Minimum number of windows per block.
 FEWEST_WINDOWS = 3
+#: Number of windows that are neither scored nor fitted, on either side of a block.
 GAP_WINDOWS = 1
 
 #: The windows that a fold scores and those that it fits, (K,) bool each.

@@ -143,7 +143,7 @@ def fit_and_free(
     if chosen.name != "gradient":
         joined = chosen.name
     end = free_by_advice(sound, again, joined, loss, progress=progress)
-    freed = [*kicks, *end.names]
+    freed = [*kicks, *end.freed]
     doubt = omitted_parameter_bias(freed, end.prepared.parameters)
     prepared = end.prepared
     solution = end.solution
@@ -154,7 +154,7 @@ def fit_and_free(
     solution.iterations += prepared.iterations
     result = summarise(replace(prepared, known=known), chosen.name, solution)
     result = with_wrong_file(free_laws(result, chosen, end.loss, freed, progress), whole)
-    result.add_advice(end.found)
+    result.add_advice(end.tested)
     progress(1.0, result.status)
     return result
 

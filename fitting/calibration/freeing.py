@@ -28,8 +28,7 @@ from fitting.calibration.lost_frames import (
     starts_from_previous_windows,
     windows_far_off,
 )
-from fitting.calibration.possible_faults import candidate_simulator
-from fitting.calibration.preparation import at_frames
+from fitting.calibration.possible_faults import candidate_simulator, with_freed
 from fitting.calibration.prepared import Prepared
 from fitting.calibration.trials import WRONG_CHI_SQUARE, free_groups, is_model_wrong
 from fitting.estimate.least_squares import fit_windows
@@ -38,29 +37,18 @@ from fitting.estimate.noise import log_volume
 from fitting.estimate.residuals import Solution
 from fitting.estimate.simulator import Simulator
 from fitting.estimate.windows import pick
-from fitting.parameters.paths import resolve
 from fitting.parameters.targets import LOST
 
-#: Maximum number of candidates freed one after another, and how many of them are fitted before one is chosen.
+#: Maximum number of candidates that are freed one after another.
 MOST_FREED = 6
+#: Maximum number of candidates that are fitted before one of them is chosen.
 MOST_FITTED = 4
 #: Difference of log likelihoods below which candidates are indistinguishable.
 INDISTINGUISHABLE_GAIN = 3.0
-#: Log of the number of jumps searched, which one gains by chance; minimum size of a jump in frames, below which the
-#: misfit is of another kind.
+#: Gain in log likelihood that a jump has by chance: the log of the number of jumps that are searched.
 JUMP_SEARCH_GAIN = 9.0
+#: Minimum size of a jump [frames]; smaller ones are a misfit of another kind.
 LEAST_LOST_FRAMES = 0.7
-
-
-def with_freed(prepared: Prepared, paths: Sequence[str], simulator: Simulator, value: float | None = None) -> Prepared:
-    """The preparation with more free parameters, which start from `value` or from the scene's own."""
-    more = resolve(prepared.simulator.model, paths, release=prepared.simulator.release)
-    more = [p for p in at_frames(more, prepared.traces) if p.name not in prepared.names]
-    own = [p.value for p in more]
-    if value is not None:
-        own = [value] * len(more)
-    begin = np.append(prepared.values, own)
-    return prepared.with_parameters([*prepared.parameters, *more], begin, simulator)
 
 
 #: Fraction of the best candidate's gain that another one must promise to be tried as well.
@@ -101,8 +89,8 @@ class Freeing:
         loss: used for the fit.
         fit: an estimator: `fit(prepared, method, loss)`, with `frozen` parameters.
         simulator: knows the numbers of all candidates.
-        names: freed candidates, in order.
-        found: results of the score tests for the rest.
+        freed: candidates that are free, in order.
+        tested: score tests of the others.
         refused: names of candidates that were tried and do not help.
     """
 
@@ -112,8 +100,8 @@ class Freeing:
     fit: Callable[..., Solution]
     simulator: Simulator
     progress: Progress
-    names: list[Candidate] = field(default_factory=list)
-    found: list[Candidate] = field(default_factory=list)
+    freed: list[Candidate] = field(default_factory=list)
+    tested: list[Candidate] = field(default_factory=list)
     refused: set[str] = field(default_factory=set)
 
     @property
@@ -142,13 +130,13 @@ class Freeing:
                 short = fit_windows(problem, prepared.values, prepared.starts, iterations=SHORT_FIT_ITERATIONS)
                 if not is_model_wrong(prepared, short):
                     tries.append(candidate)
-        freed = replace(self, names=list(self.names), refused=set())
+        freed = replace(self, freed=list(self.freed), refused=set())
         freed.free_best(tries)
         if not tries or freed.is_wrong():
             return False
         self.prepared = freed.prepared
         self.solution = freed.solution
-        self.names = freed.names
+        self.freed = freed.freed
         return True
 
     def free_groups(self, method: str) -> None:
@@ -160,7 +148,7 @@ class Freeing:
         self.solution = fit_windows(self.prepared.problem(self.loss), self.prepared.values, self.prepared.starts)
         if method == "windows" or not self.is_wrong():  # else the other method's fit follows
             self.solution = self.fit(self.prepared, "windows", self.loss)
-        self.names += names
+        self.freed += names
 
     def free_best(self, tries: Sequence[Candidate]) -> None:
         """Free the best of several candidates, by fitting them."""
@@ -192,7 +180,7 @@ class Freeing:
             self.refused.update(doubt)
         self.prepared = best.prepared
         self.solution = best.solution
-        self.names.append(candidate)
+        self.freed.append(candidate)
 
     def free_outliers(self) -> None:
         """Student's loss if there are isolated outliers."""
@@ -205,7 +193,7 @@ class Freeing:
             self.loss = StudentT()
             self.prepared = prepared
             self.solution = solution
-            self.names.append(Candidate(f"outliers ({count} samples)", ("--student",), gain=float(count)))
+            self.freed.append(Candidate(f"outliers ({count} samples)", ("--student",), gain=float(count)))
 
     def reconsider(self, candidate: Candidate) -> Freeing:
         """The fit without one of several freed candidates, or with another one instead, if that is more likely.
@@ -213,8 +201,8 @@ class Freeing:
         With two faults, the first candidate to be freed had to explain both.
         """
         mine = [name for name in self.prepared.names if name.startswith(candidate.free)]
-        rest = [c for c in self.names if c is not candidate]
-        if not mine or candidate not in self.names or not any(c.changes for c in rest):
+        rest = [c for c in self.freed if c is not candidate]
+        if not mine or candidate not in self.freed or not any(c.changes for c in rest):
             return self
         keep = [i for i, p in enumerate(self.prepared.parameters) if p.name not in mine]
         fewer = [self.prepared.parameters[i] for i in keep]
@@ -222,7 +210,7 @@ class Freeing:
         solution = self.fit(prepared, "windows", self.loss)
         if solution.status != "ok":
             return self
-        without = replace(self, prepared=prepared, solution=solution, names=rest, found=[], refused=set())
+        without = replace(self, prepared=prepared, solution=solution, freed=rest, tested=[], refused=set())
         if not without.score > self.score:
             found = score_candidates(prepared, solution, self.simulator)
             found = [c for c in found if c.worth_naming and c.name not in candidate.name]
@@ -237,11 +225,11 @@ class Freeing:
         self.prepared = self.end
         self.solution = self.fit(self.prepared, method, self.loss)
         while self.solution.status == "ok" and not self.is_wrong():
-            self.progress(0.9, f"testing what may be wrong, {len(self.names)} freed")
-            self.found = score_candidates(self.prepared, self.solution, self.simulator)
-            named = [c for c in self.found if c.worth_naming]
+            self.progress(0.9, f"testing what may be wrong, {len(self.freed)} freed")
+            self.tested = score_candidates(self.prepared, self.solution, self.simulator)
+            named = [c for c in self.tested if c.worth_naming]
             best = next((c for c in named if c.name not in self.refused), None)
-            if best is None or len(self.names) >= MOST_FREED:
+            if best is None or len(self.freed) >= MOST_FREED:
                 break
             prepared = with_freed(self.end, best.free, self.simulator)
             solution = self.fit(prepared, method, self.loss)
@@ -255,7 +243,7 @@ class Freeing:
                     doubt[c.name] = {p: c.moves.get(p, 0.0) - move for p, move in best.moves.items()} | back
             self.prepared = prepared
             self.solution = solution
-            self.names.append(replace(best, doubt=doubt))
+            self.freed.append(replace(best, doubt=doubt))
 
     def fit_without_far_off(self) -> Solution:
         """A fit without the windows that contain a jump: their misfit would be taken for damping and for noise."""
@@ -312,7 +300,7 @@ class Freeing:
             words = f"{seconds / trace.interval:.1f} lost frames before frame {lost.frame} of {trace.name}"
             words += f" ({trace.t[lost.frame]:.3f} s)"
             errors = {name: float(solution.information[-1, -1]) ** -0.5}
-            self.names.append(Candidate(words, (name,), {name: seconds}, errors, gain))
+            self.freed.append(Candidate(words, (name,), {name: seconds}, errors, gain))
 
 
 def free_by_advice(
@@ -337,23 +325,23 @@ def free_by_advice(
     if at.is_wrong() and not at.free_one_fault():
         at.free_groups(method)
     wrong = at.is_wrong()
-    first = len(at.names)
+    first = len(at.freed)
     if not wrong:
         at.free_outliers()
-    begin = replace(at, names=list(at.names))
-    while not wrong and at.solution.status == "ok" and len(at.names) - first < MOST_FREED:
-        progress(0.5, f"testing what may be wrong, {len(at.names)} freed")
-        at.found = score_candidates(at.prepared, at.solution, at.simulator)
-        tries = promising(at.found, at.refused)
+    begin = replace(at, freed=list(at.freed))
+    while not wrong and at.solution.status == "ok" and len(at.freed) - first < MOST_FREED:
+        progress(0.5, f"testing what may be wrong, {len(at.freed)} freed")
+        at.tested = score_candidates(at.prepared, at.solution, at.simulator)
+        tries = promising(at.tested, at.refused)
         if not tries:
             break
         at.free_best(tries)
         at.free_outliers()
     if not wrong and at.is_wrong(REST_CHI_SQUARE):
         begin.free_groups(method)
-        if len(begin.names) > first:
+        if len(begin.freed) > first:
             at = begin
-    for candidate in at.names[len(begin.names) :]:
+    for candidate in at.freed[len(begin.freed) :]:
         at = at.reconsider(candidate)
     if method != "windows":
         at.continue_with(method)

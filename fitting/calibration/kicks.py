@@ -35,8 +35,9 @@ START_ITERATIONS = 12
 #: Ratio of a window's misfit to that of most, and to the previous one, above which only a kick explains it. The misfit
 #: of lengths wrong by 1 % or of a wrong law changes by less than a factor 4 from one window to the next.
 KICK_RATIO = 6.0
-#: Quantile of a window's residuals that measures its misfit regardless of a few outliers, and that of normal noise.
+#: Quantile of a window's absolute residuals that measures its misfit regardless of a few outliers.
 MISFIT_QUANTILE = 0.9
+#: That quantile of standard normal noise.
 NORMAL_QUANTILE = 1.645
 
 

@@ -17,8 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fitting.calibration.freeing import with_freed
-from fitting.calibration.possible_faults import candidate_simulator, possible_faults
+from fitting.calibration.possible_faults import candidate_simulator, possible_faults, with_freed
 from fitting.calibration.prepared import Prepared
 from fitting.calibration.short_windows import fit_short_windows
 from fitting.estimate.release import RELEASE_TIME
@@ -28,9 +27,14 @@ from fitting.parameters.parameter import Parameter
 from fitting.parameters.targets import NODE
 from fitting.traces.trace import Trace
 
-#: Fraction of chi-square that a right cause may leave, and chi-square per sample of a window that is explained.
+#: Fraction of chi-square that a right cause may leave.
 CHI_SQUARE_LEFT = 0.1
+#: Chi-square per sample up to which a window is explained.
 EXPLAINED_CHI_SQUARE = 9.0
+#: Chi-square of a later candidate over that of an earlier one, which is more common, from which the later one counts.
+LATER_SHARE = 0.5
+#: Maximum relative change of a number outside the effects by a plausible cause.
+PLAUSIBLE_CHANGE = 0.5
 #: Fraction of samples on the line through their neighbours, above which they are interpolated.
 INTERPOLATED_FRACTION = 0.4
 #: Fraction of the motion by which short windows miss smoothed samples at most; wrong models miss more.
@@ -61,7 +65,7 @@ def likely_cause(prepared: Prepared, pieces: Sequence[Span]) -> Cause:
     given = fit_short_windows(prepared, pieces)
     return (
         _wrong_number(prepared, pieces, float(np.median(given.chi2)))
-        or _driven_beginning(prepared, pieces[0][2] - pieces[0][1])
+        or driven_beginning(prepared, pieces[0][2] - pieces[0][1])
         or _shared_errors(prepared, given.part)
         or Cause(
             "a line of other links than the scene's, or a force that the scene lacks",
@@ -85,16 +89,16 @@ def _wrong_number(prepared: Prepared, pieces: Sequence[Span], given: float) -> C
         found = fit_short_windows(tried, pieces, paths)
         left = float(np.median(found.chi2))
         if left < best and _plausible(tried.parameters, found.values):
-            # another candidate that explains as much is less common than those before it
-            best = 0.5 * left
+            best = LATER_SHARE * left
             cause = Cause(f"wrong {name}", free_too(prepared, paths))
     return cause
 
 
 def _plausible(parameters: Sequence[Parameter], values: np.ndarray) -> bool:
-    """Whether no number outside the effects is changed by more than half of it."""
+    """Whether no number outside the effects is changed by more than `PLAUSIBLE_CHANGE`."""
     for p, value in zip(parameters, values, strict=True):
-        if p.value and not p.name.startswith("effects.") and abs(value - p.value) > 0.5 * abs(p.value):
+        in_effects = p.name.startswith("effects.")
+        if p.value and not in_effects and abs(value - p.value) > PLAUSIBLE_CHANGE * abs(p.value):
             return False
     return True
 
@@ -104,8 +108,12 @@ def free_too(prepared: Prepared, paths: Sequence[str]) -> str:
     return f"free them: {free_option(prepared.names, paths)}"
 
 
-def _driven_beginning(prepared: Prepared, length: float) -> Cause | None:
-    """Windows that miss the angles until some time, and none later."""
+def driven_beginning(prepared: Prepared, length: float) -> Cause | None:
+    """A beginning whose windows miss the angles, while all later ones explain them.
+
+    Args:
+        length: of a short window [s].
+    """
     windows = prepared.windows
     low = float(windows.begin.min())
     high = float(windows.ends.max())
@@ -116,16 +124,14 @@ def _driven_beginning(prepared: Prepared, length: float) -> Cause | None:
     pieces = [Span(int(mine[0]), begin, begin + length) for begin in starts.tolist()]
     chi2 = fit_short_windows(prepared, pieces).chi2
     missed = np.flatnonzero(chi2 > EXPLAINED_CHI_SQUARE)
-    if (
-        len(chi2) != BEGINNING_WINDOWS
-        or not len(missed)
-        or missed[-1] > BEGINNING_WINDOWS // 2
-        or len(missed) < 0.5 * (missed[-1] + 1)
-    ):
+    if len(chi2) != BEGINNING_WINDOWS or not len(missed):
         return None
-    until = starts[min(missed[-1] + 1, BEGINNING_WINDOWS - 1)]
+    first_explained = missed[-1] + 1
+    if first_explained > BEGINNING_WINDOWS // 2 + 1 or len(missed) < 0.5 * first_explained:
+        return None
+    until = starts[min(first_explained, BEGINNING_WINDOWS - 1)]
     return Cause(
-        f"a hand or a drive that moves the line in the first {until:.3g} s",
+        f"a hand or a drive that moves the line until {until:.3g} s",
         f"leave them out: --held-out {low:.3g}:{until:.3g}",
     )
 

@@ -18,21 +18,24 @@ import numpy as np
 from fitting.calibration.prepared import Prepared
 from fitting.estimate.residuals import Solution
 from fitting.estimate.windows import Starts, Windows, fill, pick, with_rows
+from fitting.traces.noise import NORMAL_MEDIAN
 from fitting.traces.planar import wrap
 
 #: Numbers of lost frames that are tested; negative numbers are duplicate frames.
 LOST_COUNTS = tuple(k for k in range(-20, 61) if k)
 #: Number of frames after a jump that are needed to identify it.
 FRAMES_AFTER_JUMP = 6
-#: Bound of rho, and gain per unit of the remaining misfit above which a jump is tried.
+#: Bound of rho.
 LARGEST_RHO = 50.0
+#: Gain per unit of the remaining misfit above which a jump is tried.
 JUMP_GAIN = 40.0
-#: Ratio of a window's mean square to the median above which a first fit omits it, and the maximum fraction omitted.
+#: Ratio of a window's mean square to the median above which a first fit omits it.
 OMITTED_RATIO = 4.0
+#: Maximum fraction of the windows that a first fit omits.
 MOST_OMITTED = 1 / 3
-#: Deviations of a sample from the mean of its neighbours above which it is an outlier, and the number of outliers above
-#: which they are a kind of noise.
+#: Deviation of a sample from the mean of its neighbours, in standard deviations, above which it is an outlier.
 OUTLIER_DEVIATIONS = 6.0
+#: Minimum number of outliers that are taken for a kind of noise.
 SEVERAL_OUTLIERS = 3
 
 
@@ -55,7 +58,7 @@ def count_outliers(solution: Solution) -> int:
     known = windows.weight > 0
     inner = known[:, 1:-1] & known[:, :-2] & known[:, 2:]
     off = np.abs(residual[:, 1:-1] - 0.5 * (residual[:, :-2] + residual[:, 2:]))
-    usual = np.ma.median(np.ma.array(off, mask=~inner), axis=(0, 1)) / 0.6745
+    usual = np.ma.median(np.ma.array(off, mask=~inner), axis=(0, 1)) / NORMAL_MEDIAN
     out = inner & (off > OUTLIER_DEVIATIONS * np.maximum(np.ma.filled(usual, np.inf), 1e-300))
     # a neighbour of an outlier deviates half as much
     return int((out & ~np.pad(out, ((0, 0), (1, 0), (0, 0)))[:, :-1]).sum())

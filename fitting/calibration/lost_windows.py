@@ -70,10 +70,10 @@ def lost_windows(solution: Solution) -> np.ndarray:
     assumed = 1.0
     if noise is not None:
         assumed = float(np.mean(noise.factor**2))
-    least = BRANCH_ERROR
+    smallest = BRANCH_ERROR
     if typical * assumed < LOST_RATIO / 2:  # the model explains most windows
-        least = LEAST_LOST_ERROR
-    small = rms < least  # not of NaN
+        smallest = LEAST_LOST_ERROR
+    small = rms < smallest  # not of NaN
     return (known > 0) & (size > limit) & ~small
 
 
@@ -137,16 +137,19 @@ def _windows_at(windows: Windows, jump: tuple[int, float] | None) -> np.ndarray:
     return (windows.run == run) & (windows.begin - windows.dt <= time) & (time <= windows.ends + windows.dt)
 
 
+#: Noise that is assumed for the starts of lost windows, relative to the estimated one: polynomials of short reach, of
+#: the reach that the noise allows, and of long reach.
+START_NOISE_RATIOS = (0.2, 1.0, 5.0)
+
+
 def restart(prepared: Prepared, solution: Solution, lost: np.ndarray) -> Solution:
     """The solution with better starts of lost windows (K,) bool, if any are found."""
     windows = solution.windows.pick(lost)
     model = solution.problem.simulator.model_at(solution.values)
     ahead = pick(starts_from_previous_windows(solution, lost), lost)
     solution = _with_starts(solution, lost, ahead)
-    # noise assumed for the starts of lost windows relative to the true one: polynomials of short reach, of the reach
-    # that the noise allows, and of long reach
-    for share in (0.2, 1.0, 5.0):
-        sigma = [share * s for s in prepared.sigma]
+    for ratio in START_NOISE_RATIOS:
+        sigma = [ratio * s for s in prepared.sigma]
         solution = _with_starts(solution, lost, first_starts(model, prepared.traces, windows, sigma))
     return solution
 
@@ -280,6 +283,10 @@ def with_sound_windows(
     return replace(prepared.starting_at(solution), iterations=solution.iterations)
 
 
+#: Ratio of two links' misfits, in units of their noise, above which links are weighted by their misfit.
+UNEVEN_RATIO = 3.0
+
+
 def uneven_noise(prepared: Prepared, solution: Solution) -> Noise | None:
     """The noise scaled to each link's residuals, if the ratios of residuals to claimed noise differ between links.
 
@@ -289,7 +296,6 @@ def uneven_noise(prepared: Prepared, solution: Solution) -> Noise | None:
     windows = prepared.windows
     floor = np.ones((len(prepared.traces), windows.theta.shape[2]))
     noise = Noise.of_misfit(solution.errors * windows.weight, windows.weight > 0, windows.run, floor)
-    # ratio of two links' misfits, in units of their noise, above which links are weighted by misfit
-    if (noise.factor.max(axis=1) > 3.0 * noise.factor.min(axis=1)).any():
+    if (noise.factor.max(axis=1) > UNEVEN_RATIO * noise.factor.min(axis=1)).any():
         return noise
     return None

@@ -5,8 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
+import numpy as np
+
 from dropper_jax.base.errors import SceneError
 from dropper_jax.model import Model
+from fitting.calibration.preparation import at_frames
 from fitting.calibration.prepared import Prepared
 from fitting.estimate.release import RELEASE_TIME, Release
 from fitting.estimate.simulator import Simulator
@@ -111,3 +114,14 @@ def candidate_simulator(prepared: Prepared, further: Sequence[Parameter] = ()) -
     )
     simulator.capacity = RESERVED_LENGTH * prepared.windows.steps, RESERVED_LENGTH * prepared.windows.theta.shape[1]
     return simulator
+
+
+def with_freed(prepared: Prepared, paths: Sequence[str], simulator: Simulator, value: float | None = None) -> Prepared:
+    """The preparation with more free parameters, which start from `value` or from the scene's own."""
+    more = resolve(prepared.simulator.model, paths, release=prepared.simulator.release)
+    more = [p for p in at_frames(more, prepared.traces) if p.name not in prepared.names]
+    own = [p.value for p in more]
+    if value is not None:
+        own = [value] * len(more)
+    begin = np.append(prepared.values, own)
+    return prepared.with_parameters([*prepared.parameters, *more], begin, simulator)

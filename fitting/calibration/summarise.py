@@ -17,6 +17,7 @@ from fitting.estimate.residuals import CHI2_RANGE, CORRELATION_FLOOR, Solution
 from fitting.estimate.scene_fit import common_warnings
 from fitting.estimate.shooting import lyapunov
 from fitting.estimate.uncertainty import Uncertainty, uncertainty
+from fitting.traces.noise import NORMAL_MEDIAN
 
 #: Standard deviations beyond which a sample is an outlier (one in 2 million of normal noise), and how many are listed.
 OUTLIER_DEVIATIONS = 5.0
@@ -94,7 +95,7 @@ def outliers(prepared: Prepared, solution: Solution) -> list[str]:
     windows = solution.windows
     size = np.ma.array(np.abs(solution.evaluation.residual), mask=windows.weight == 0)
     # relative to the residuals' own spread, which outliers do not widen
-    size = np.ma.filled(size / np.maximum(np.ma.median(size, axis=(0, 1)) / 0.6745, 1e-300), 0.0)
+    size = np.ma.filled(size / np.maximum(np.ma.median(size, axis=(0, 1)) / NORMAL_MEDIAN, 1e-300), 0.0)
     out = np.argwhere(size > OUTLIER_DEVIATIONS)
     if not len(out):
         return []

@@ -40,18 +40,19 @@ from fitting.parameters.parameter import Parameter
 from fitting.parameters.paths import resolve
 from fitting.parameters.targets import all_joints
 
-#: Chi-square per degree of freedom, and correlation of neighbouring residuals, above which the whole model is wrong:
-#: the misfit is ten times the noise, and smooth. A misfit at 6 Hz, sampled 60 times a second, correlates by 0.81.
+#: Chi-square per degree of freedom from which a smooth misfit shows that the whole model is wrong: ten times the noise.
 WRONG_CHI_SQUARE = 100.0
+#: Correlation of neighbouring residuals above which a misfit is smooth: one at 6 Hz, sampled at 60 Hz, has 0.81.
 SMOOTH_CORRELATION = 0.8
-#: Number of parts of a run, and those that are scored: one between fitted ones, and the end, where damping counts.
+#: Number of parts of a run.
 PARTS_OF_RUN = 5
+#: Numbers, from 0, of the parts that are scored: one between fitted ones, and the end, where damping counts.
 SCORED_PARTS = (2, 4)
 #: Relative growth of the score above which a group is needed: a smaller one makes no difference to a user.
 NEEDED_GROWTH = 0.05
-#: Minimum fraction of a number's information that must be its own; below it the number duplicates others. The second
-#: value is added to the diagonal of numbers that do the same.
-LEAST_OWN_INFORMATION = 2e-4
+#: Minimum fraction of a number's information that must be its own; below it the number duplicates others.
+LEAST_INFORMATION_SHARE = 2e-4
+#: Value added to the diagonal of the scaled information, whose numbers may duplicate one another.
 DIAGONAL_RIDGE = 1e-12
 
 
@@ -342,7 +343,7 @@ def effective(trials: Trials, base: Solution, found: Sequence[FaultGroup]) -> li
         for p in group.parameters:
             inner = scaled[np.ix_(known, known)] + DIAGONAL_RIDGE * np.eye(len(known))
             alike = scaled[row, known] @ np.linalg.solve(inner, scaled[known, row])
-            if data[row, row] > 0 and 1.0 - alike > LEAST_OWN_INFORMATION:
+            if data[row, row] > 0 and 1.0 - alike > LEAST_INFORMATION_SHARE:
                 known.append(row)
                 own.append(p)
             row += 1

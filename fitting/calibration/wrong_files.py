@@ -120,20 +120,19 @@ def _open_cause(model: Model, theta: np.ndarray, free: Sequence[str]) -> str:
     length = np.asarray(model.line.length)
     missing = missing_reach(model, theta)
     off = complex(np.median(missing.real), np.median(missing.imag))
-    # [m] by which frames may still be open
-    still = OPEN_ANGLE * _reach(model)
+    still_open = OPEN_ANGLE * _reach(model)  # [m]
     links = np.exp(1j * theta)
     rows = np.concatenate([links.real, links.imag])
     more = np.linalg.lstsq(rows, np.concatenate([missing.real, missing.imag]), rcond=None)[0]
     by_hook = float(np.median(np.abs(missing - off)))
     by_lengths = float(np.median(np.abs(missing - links @ more)))
-    # more numbers must close the frames clearly better
-    if by_hook < min(still, 2.0 * by_lengths):
+    # there are more lengths than coordinates of the hook: they must close the frames clearly better
+    if by_hook < min(still_open, 2.0 * by_lengths):
         where = f"{-off.real:+.2g} m in x and {off.imag:+.2g} m in z"
         hook = f"point.{int(model.geometry.held_points[-1])}.position"
         paths = (f"{hook}.0", f"{hook}.2")
         return f"the second hook is {where} from its position; free it: {free_option(free, paths)}"
-    if by_lengths < still and np.all(np.abs(more) < 0.5 * length):
+    if by_lengths < still_open and np.all(np.abs(more) < 0.5 * length):
         right = ", ".join(f"{x:.3g}" for x in length + more)
         return f"wrong lengths ({right} m close them); free them: {free_option(free, ['line.0.length'])}"
     return (

@@ -32,6 +32,8 @@ from fitting.parameters.rig_priors import JointPrior, rig_priors
 #: are those of a model, such as a rope of 12 links in place of 24 (1.7 and 0.7) or a bending stiffness 5 % off.
 LARGE_RESIDUAL_RATIO = 1.25
 SMOOTH_MEMORY = 0.5
+#: Ratio of the residuals to the sensor's noise, in either direction, from which there is a warning.
+OTHER_NOISE_RATIO = 2.0
 #: A step may leave ringing that stays small, but whose derivatives look like those of a chaotic motion.
 LARGEST_GROWTH = 1e3
 #: Growth of derivatives from the middle of a run to its end above which there is a warning.
@@ -235,7 +237,7 @@ def warnings_of(result: ChannelFit) -> list[str]:
             continue
         ratio = row["noise"] / row["noise_claimed"]
         times = f"channel {row['name']}: residuals are {ratio:.2g} times the noise of its sensor"
-        if not 0.5 < ratio < 2:
+        if not 1 / OTHER_NOISE_RATIO < ratio < OTHER_NOISE_RATIO:
             found.append(times)
         elif ratio > LARGE_RESIDUAL_RATIO and row["kept"] > SMOOTH_MEMORY:
             found.append(

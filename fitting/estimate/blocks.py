@@ -46,7 +46,7 @@ def scores(evaluation: Evaluation, step: Step | Solution) -> np.ndarray:
 
 #: Target number of pieces of time; a small number of windows is cut into them.
 TARGET_PIECES = 60
-#: More pieces than any run has.
+#: Factor of a run's number in the number of a piece: more pieces than any run has.
 MOST_PIECES = 10**9
 
 
@@ -193,10 +193,14 @@ def _half_difference(parts: Pieces, information: np.ndarray) -> np.ndarray:
     return estimates[0] - estimates[1]
 
 
+#: Fraction of the information that counts as remaining at least: with less, the move without a block is not linear.
+LEAST_REMAINING = 0.1
+
+
 def _positive(rest: np.ndarray, full: np.ndarray) -> np.ndarray:
-    """The remaining information, at least 10 % of the whole in every direction: beyond that a step is not linear."""
+    """The remaining information, at least `LEAST_REMAINING` of the whole in every direction."""
     scaled, size = scale_diagonal(full)
     root = np.linalg.cholesky(scaled + 1e-12 * np.eye(len(full)))
     inverse = np.linalg.inv(root)
     share, turn = np.linalg.eigh(inverse @ (rest * np.outer(size, size)) @ inverse.T)
-    return (root @ (turn * np.maximum(share, 0.1)) @ turn.T @ root.T) / np.outer(size, size)
+    return (root @ (turn * np.maximum(share, LEAST_REMAINING)) @ turn.T @ root.T) / np.outer(size, size)

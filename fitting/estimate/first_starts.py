@@ -42,6 +42,12 @@ def _close(model: Model, theta: ArrayLike, omega: ArrayLike) -> tuple[Array, Arr
     return jax.vmap(partial(planar.close_chain, model))(jnp.asarray(theta), jnp.asarray(omega))
 
 
+#: Standard deviations of chi-square by which a polynomial may miss its samples, so that they still count as noise.
+NOISE_DEVIATIONS = 2.0
+#: Ratio of one reach that is tried to the next.
+REACH_RATIO = 1.3
+
+
 def local_motion(t: np.ndarray, theta: np.ndarray, at: float, sigma: np.ndarray, longest: float) -> np.ndarray:
     """Angle and rate (n, 2) of every link at `at` [s], from the least-squares cubics through the samples around it.
 
@@ -67,12 +73,12 @@ def local_motion(t: np.ndarray, theta: np.ndarray, at: float, sigma: np.ndarray,
             c = np.linalg.lstsq(basis, y, rcond=None)[0]
             left = np.sum((basis @ c - y) ** 2, axis=0) / sigma[columns] ** 2
             freedom = near.sum() - degree - 1
-            # standard deviations of chi-square by which a polynomial may miss its samples and still count as noise
-            fits = (left <= freedom + 2.0 * np.sqrt(2 * freedom)) | (reach <= shortest)
+            highest = freedom + NOISE_DEVIATIONS * np.sqrt(2 * freedom)
+            fits = (left <= highest) | (reach <= shortest)
             found[columns[fits], 0] = c[0, fits]
             found[columns[fits], 1] = 0.0
             if degree:
                 found[columns[fits], 1] = c[1, fits] / reach
             columns = columns[~fits]
-            reach = max(reach / 1.3, shortest)
+            reach = max(reach / REACH_RATIO, shortest)
     return found

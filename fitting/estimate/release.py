@@ -40,6 +40,8 @@ TRIED_TIMES = 21
 #: Minimum stretch of a step [-]: only steps that a fit will not accept go below it.
 LEAST_STRETCH = 0.1
 AXES = ("x", "y", "z")
+#: Maximum distance of a release from the start of its window, as a fraction of the window.
+RELEASE_REACH = 0.5
 
 
 class ReleaseState(NamedTuple, Generic[A]):
@@ -163,8 +165,7 @@ class Release:
         Raises:
             SceneError: a release outside this range.
         """
-        # maximum distance of the release from the start of its window, as a fraction of the window
-        reach = 0.5 * windows.length
+        reach = RELEASE_REACH * windows.length
         found = list(parameters)
         free = _free_times(parameters)
         for k in np.flatnonzero(windows.released):

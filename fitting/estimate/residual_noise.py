@@ -47,6 +47,10 @@ MAX_CORRELATION = 0.995
 LIKELIHOOD_GAIN = 6.0
 #: Number of remaining samples above which a channel's noise is its own, and not that of all channels of its run.
 FEWEST_LEFT = 10
+#: Relative change of the noise's size at its fixed point.
+SIZE_TOLERANCE = 0.01
+#: Standard errors by which the correlation of a channel must differ from the mean to count as its own.
+OWN_MEMORY_ERRORS = 3.0
 #: Significance of the links' common motion along their rates, in standard deviations, for a delay model.
 DELAY_SIGNIFICANCE = 5.0
 
@@ -90,7 +94,7 @@ class ResidualNoiseModel:
         for _ in range(rounds):
             before = noise.factor
             noise = replace(noise, factor=np.maximum(before * self._grow(self.at(noise)), self.floor))
-            if np.max(np.abs(np.log(noise.factor / before))) < 0.01:
+            if np.max(np.abs(np.log(noise.factor / before))) < SIZE_TOLERANCE:
                 break
         return self.at(noise)
 
@@ -153,7 +157,7 @@ class ResidualNoiseModel:
             return None
         rho = self._likeliest(with_memory, 0.02, MAX_CORRELATION, 4e-3)
         off = correlation - correlation[mine].mean()
-        each = np.clip(rho + np.where(np.abs(off) > 3 * error, off, 0.0), 0.02, MAX_CORRELATION)
+        each = np.clip(rho + np.where(np.abs(off) > OWN_MEMORY_ERRORS * error, off, 0.0), 0.02, MAX_CORRELATION)
         found = self.fixed_point(with_memory(each))
         if abs(self._innovations(found.problem.noise, mine)) < WHITE_CORRELATION:
             return found

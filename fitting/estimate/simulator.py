@@ -37,6 +37,8 @@ SAMPLE_INPUTS = [WindowInputs._fields.index(name) for name in ("measured", "weig
 STEPS_INPUT = WindowInputs._fields.index("steps")
 
 
+#: Fraction of the windows that steps without retries may leave unsolved before they are no longer tried.
+MOST_UNSOLVED = 0.5
 #: Refusal of a scene whose line has no pose at rest.
 NO_REST = "rest: the scene has no pose at rest: {}. Use a line that hangs"
 
@@ -191,9 +193,7 @@ class Simulator:
         found = self._run(values, inputs, windows, self._plain)
         if self._plain and found.failed.any():
             again = np.flatnonzero(found.failed)
-            # fraction of a program's windows that its first, plain steps may leave unsolved before they are no longer
-            # tried
-            self._plain = len(again) <= 0.5 * windows.count
+            self._plain = len(again) <= MOST_UNSOLVED * windows.count
             better = self._run(values, [a[again] for a in inputs], windows, False)
             found = with_rows(found, again, better)
         found = drop_wild(found)

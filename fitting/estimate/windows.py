@@ -272,17 +272,27 @@ FIT_GROWTH = 2.0
 #: Shortest windows that are joined, as a fraction of the shortest link's period: links that whip at ten times the rate
 #: of their own swing turn by less than one turn in it.
 SHORTEST_WINDOW_PERIODS = 0.2
+#: Length [m] of a link whose chain gets windows of at most one second.
+ONE_SECOND_LINK = 0.1
 #: Longest automatic window [s], and as a fraction of the trace.
 LONGEST_WINDOW = 10.0
 LONGEST_TRACE_PART = 0.125
 
 
 def longest_window(freedoms: int, length: float, span: float, shortest: float) -> float:
-    """Longest window [s]: a part of the span [s]; of a chain also one second for links of 0.1 m, growing as the root of
-    their length [m], because it may be chaotic."""
+    """Longest automatic window [s].
+
+    It is a part of the span. A chain may be chaotic: its windows are also at most as long as the time scale of its
+    links, one second for links of `ONE_SECOND_LINK` and growing as the root of their length.
+
+    Args:
+        length: of a link [m].
+        span: [s].
+        shortest: [s].
+    """
     longest = min(LONGEST_WINDOW, LONGEST_TRACE_PART * span)
     if freedoms > 1:  # one angle cannot be chaotic
-        longest = min(longest, float(np.sqrt(length / 0.1)))
+        longest = min(longest, float(np.sqrt(length / ONE_SECOND_LINK)))
     return max(shortest, longest)
 
 

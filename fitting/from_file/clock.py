@@ -13,6 +13,8 @@ SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
 #: Periods of pendulums from 2 cm to 60 m [s]: a unit of time is read such that the motion's period is one of these.
 SHORTEST_PERIOD = 0.25
 LONGEST_PERIOD = 16.0
+#: Minimum number of rows with different times.
+FEWEST_ROWS = 10
 #: Rows of a part after a jump back, below which they are in disorder and not another run.
 SECOND_RUN_ROWS = 30
 
@@ -38,7 +40,7 @@ def ordered_rows(file: str, t: np.ndarray, values: np.ndarray) -> Rows:
     """Rows with increasing times: the longest run, without repeated rows and in order.
 
     Raises:
-        SceneError: fewer than ten rows remain.
+        SceneError: fewer than `FEWEST_ROWS` rows remain.
     """
     notes = []
     known = np.isfinite(t) & np.isfinite(values).any(axis=1)
@@ -68,8 +70,8 @@ def ordered_rows(file: str, t: np.ndarray, values: np.ndarray) -> Rows:
         notes.append(f"{len(t) - len(different)} rows repeat a time: averaged")
         t = different
         values, _ = mean_rows(values, first)
-    if len(t) < 10:
-        raise SceneError(f"{file}: has {len(t)} rows with different times; allowed: at least 10")
+    if len(t) < FEWEST_ROWS:
+        raise SceneError(f"{file}: has {len(t)} rows with different times; allowed: at least {FEWEST_ROWS}")
     return Rows(t - t[0], values, float(t[0]), tuple(notes))
 
 

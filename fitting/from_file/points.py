@@ -25,8 +25,9 @@ from fitting.traces.trace import unwrap
 
 #: Movement of a fixed point as a fraction of the fastest point's.
 FIXED_SPREAD = 0.03
-#: Change of a distance that a link keeps, in its noise; relative change that a lens may cause; change of a good chain.
-KEPT_CHANGE = 3.0
+#: Change of a distance, in its noise, up to which a link keeps it; relative change that a lens may cause; change of a
+#: good chain.
+RIGID_CHANGE = 3.0
 LENS_DISTORTION = 0.001
 GOOD_CHANGE = 1.5
 #: Difference of two directions of one rigid link, as a fraction of their motion, beyond their noise.
@@ -161,7 +162,7 @@ def chain_of(points: list[np.ndarray], pivot: complex | None, sigma: float) -> C
             return None
     start = np.full(len(first), pivot)
     worst = rigid(first, start, sigma)
-    if worst > KEPT_CHANGE:
+    if worst > RIGID_CHANGE:
         return None
     joints = [start]
     bodies = [Body(first, first - pivot, first)]
@@ -170,7 +171,7 @@ def chain_of(points: list[np.ndarray], pivot: complex | None, sigma: float) -> C
         point = rest.pop(0)
         body = bodies[-1]
         start = joints[-1]
-        if rigid(point, body.origin, sigma) < KEPT_CHANGE and turns_with(point - body.origin, body, sigma):
+        if rigid(point, body.origin, sigma) < RIGID_CHANGE and turns_with(point - body.origin, body, sigma):
             own.append(point)
             bodies[-1] = with_point(body, point, start)
             continue
@@ -178,11 +179,11 @@ def chain_of(points: list[np.ndarray], pivot: complex | None, sigma: float) -> C
         by_hook = rigid(point, joint, sigma)
         by_pair = np.inf
         new = Body(point, point - joint, point)
-        if rest and rigid(point, rest[0], sigma) < KEPT_CHANGE:
+        if rest and rigid(point, rest[0], sigma) < RIGID_CHANGE:
             pair = Body(point, rest[0] - point, rest[0], pair=True)
             pair_joint, by_pair = joint_of(body, pair, sigma)
         nearest = min(by_hook, by_pair)
-        if nearest > KEPT_CHANGE:
+        if nearest > RIGID_CHANGE:
             return None
         worst = max(worst, nearest)
         own = [point]
@@ -267,7 +268,7 @@ def pivot_of(first: np.ndarray, others: Iterable[np.ndarray], sigma: float) -> c
     """Pivot of the first link: by two of its points if another one is on it, otherwise the centre of its circle."""
     centre = centre_of(first)
     for other in others:
-        if rigid(first, other, sigma) < KEPT_CHANGE:
+        if rigid(first, other, sigma) < RIGID_CHANGE:
             return pivot_of_pair(first, other, centre, sigma)
     return centre
 

@@ -18,6 +18,10 @@ from fitting.from_file.pendulum import GRID_PER_PERIOD, derivatives, regression
 #: Relative differences of k of one window from that of the swing, and of a residual, that noise need not explain.
 STIFFNESS_TOLERANCE = 0.1
 RESIDUAL_TOLERANCE = 0.12
+#: Multiple of the noise of an acceleration that a residual, or a line at rest, may show.
+NOISE_RATIO = 3.0
+#: Multiple of that noise from which a window shows k and z.
+LOUD_RATIO = 5.0
 #: Rise of the energy over a period that noise need not explain.
 ENERGY_TOLERANCE = 0.05
 #: Fewest periods of a free swing, and the fraction of the moving file that it must cover.
@@ -132,8 +136,8 @@ def free_windows(
         SceneError: no window swings freely.
     """
     size = windows.size
-    smooth = windows.residual < np.maximum(RESIDUAL_TOLERANCE * size, 3.0 * noise)
-    loud = smooth & (size > 5.0 * noise)
+    smooth = windows.residual < np.maximum(RESIDUAL_TOLERANCE * size, NOISE_RATIO * noise)
+    loud = smooth & (size > LOUD_RATIO * noise)
     nothing = SceneError(
         f"{file}: no stretch swings freely: it is driven throughout, or its noise hides the swing. Give a file "
         "with a free swing"
@@ -144,7 +148,7 @@ def free_windows(
     zero = float(np.angle(np.mean(np.exp(1j * windows.zero[loud]))))
     energy = 0.5 * motion[:, 1] ** 2 + stiffness * (1.0 - np.cos(motion[:, 0] - zero))
     level = np.array([energy[low : low + GRID_PER_PERIOD].mean() for low in windows.first])
-    error = 3.0 * noise / np.maximum(size, 1e-300)
+    error = NOISE_RATIO * noise / np.maximum(size, 1e-300)
     free = smooth & (np.abs(windows.stiffness / stiffness - 1.0) < STIFFNESS_TOLERANCE + error) & (size > noise)
     # the energy rises over a period, to the window before its end
     free[1 : len(level) - 3] &= level[4:] <= (1 + ENERGY_TOLERANCE) * level[:-4] + 2.0 * noise**2 / stiffness
@@ -201,12 +205,12 @@ def left_out(times: np.ndarray, windows: SwingWindows, first: int, end: float, n
     found = []
     size = windows.size
     if first > 0:
-        held = np.median(size[:first]) < max(3.0 * noise, 0.1 * size[first])
+        held = np.median(size[:first]) < max(NOISE_RATIO * noise, 0.1 * size[first])
         what = "held" if held else "driven or pushed"
         found.append(f"{what} until {windows.begin[first]:.3g} s: left out")
     if times[-1] - end > 4.0 * (windows.begin[1] - windows.begin[0]):
         later = windows.first + GRID_PER_PERIOD / 2 > np.searchsorted(times, end)
-        still = not later.any() or np.median(size[later]) < 3.0 * noise
+        still = not later.any() or np.median(size[later]) < NOISE_RATIO * noise
         what = "at rest" if still else "not a free swing"
         found.append(f"{what} from {end:.4g} s on: left out")
     return tuple(found)

@@ -47,7 +47,12 @@ def smooth_stretch(
     return t, *smooth(part.at(t), width, part.interval)
 
 
-#: The neighbours of a spike deviate half as much.
+#: Median of the absolute value of a standard normal number.
+NORMAL_MEDIAN = 0.6745
+#: Distance of a spike from the mean of its neighbours: in standard deviations of all such distances, in steps of the
+#: rounding (rounded samples differ by a step without being spikes), and over those of its neighbours (half of its own).
+SPIKE_DEVIATIONS = 10.0
+SPIKE_STEPS = 2.0
 SPIKE_RATIO = 1.5
 
 
@@ -58,11 +63,9 @@ def without_spikes(trace: Trace) -> Trace:
         off = np.abs(column[1:-1] - 0.5 * (column[:-2] + column[2:]))
         known = off[np.isfinite(off)]
         near = np.nan_to_num(np.r_[0.0, off, 0.0])
-        # distance of a spike from the mean of its neighbours, in typical distances of all samples
         far = np.inf
         if len(known):
-            # rounded samples differ from the mean of their neighbours by a step without being spikes
-            far = max(10.0 * np.median(known) / 0.6745, 2.0 * _rounding(column))
+            far = max(SPIKE_DEVIATIONS * np.median(known) / NORMAL_MEDIAN, SPIKE_STEPS * _rounding(column))
         column[1:-1][(off > far) & (off > SPIKE_RATIO * np.maximum(near[:-2], near[2:]))] = np.nan
     return replace(trace, theta=theta)
 

@@ -107,7 +107,8 @@ def compare_laws(prepared: Prepared, laws: Sequence[str] = tuple(LAWS), progress
     scores = [score(solution, folds) for solution in fits.solutions.values()]
     rows = []
     for row in fits.rows(scores):
-        alike = tuple(other for other in ordered if other != row.name and _same_law(row.name, other, same))
+        parts = set(LAWS[row.name])
+        alike = tuple(law for law in ordered if law != row.name and {same.get(p, p) for p in LAWS[law]} == parts)
         unseen = fits.undetected(fits.solutions[row.name], "dry" in LAWS[row.name])
         rows.append(replace(row, equals=alike, unseen=unseen))
     rows = decide(rows, [replace(scored, log_score=scored.log_score / memory) for scored in scores])
@@ -333,11 +334,6 @@ def _same_parts(laws: Sequence[str], prepared: Prepared, first: Solution) -> dic
         if part not in same and cosine >= SAME_COSINE:
             same[other] = part
     return same
-
-
-def _same_law(law: str, other: str, same: Mapping[str, str]) -> bool:
-    """Whether another law is this one under another name."""
-    return {same.get(part, part) for part in LAWS[other]} == set(LAWS[law])
 
 
 def remaining_decrease(solution: Solution) -> float:

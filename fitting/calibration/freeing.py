@@ -21,13 +21,8 @@ import numpy as np
 from dropper_jax.base.errors import Progress, silent
 from fitting.calibration.advice import score_candidates
 from fitting.calibration.candidate import LEAST_GAIN, NAME_SEPARATOR, Candidate
-from fitting.calibration.lost_frames import (
-    SEVERAL_OUTLIERS,
-    count_outliers,
-    lost_frames,
-    starts_from_previous_windows,
-    windows_far_off,
-)
+from fitting.calibration.lost_frames import lost_frames, starts_from_previous_windows, windows_far_off
+from fitting.calibration.outliers import SEVERAL_OUTLIERS, count_outliers
 from fitting.calibration.possible_faults import candidate_simulator, with_freed
 from fitting.calibration.prepared import Prepared
 from fitting.calibration.trials import WRONG_CHI_SQUARE, free_groups, is_model_wrong

@@ -1,7 +1,7 @@
-"""Faults of single frames: isolated outliers, and frames that are missing without being marked.
+"""Frames that are missing without being marked.
 
-Missing frames make the traces jump along the flow: a fitted window, continued through the next one, meets its samples
-again that many frames later. The frame f and the number of lost frames k are those that maximise
+They make the traces jump along the flow: a fitted window, continued through the next one, meets its samples again that
+many frames later. The frame f and the number of lost frames k are those that maximise
 
     sum_{i >= f} rho(r_i) - rho(r_i,k),      r_i,k = (theta(t_i + k dt) - measured_i)/sigma
 
@@ -18,7 +18,6 @@ import numpy as np
 from fitting.calibration.prepared import Prepared
 from fitting.estimate.residuals import Solution
 from fitting.estimate.windows import Starts, Windows, fill, pick, with_rows
-from fitting.traces.noise import NORMAL_MEDIAN
 from fitting.traces.planar import wrap
 
 #: Numbers of lost frames that are tested; negative numbers are duplicate frames.
@@ -33,10 +32,6 @@ JUMP_GAIN = 40.0
 OMITTED_RATIO = 4.0
 #: Maximum fraction of the windows that a first fit omits.
 MOST_OMITTED = 1 / 3
-#: Deviation of a sample from the mean of its neighbours, in standard deviations, above which it is an outlier.
-OUTLIER_DEVIATIONS = 6.0
-#: Minimum number of outliers that are taken for a kind of noise.
-SEVERAL_OUTLIERS = 3
 
 
 class Lost(NamedTuple):
@@ -45,23 +40,6 @@ class Lost(NamedTuple):
     run: int
     frame: int
     frames: int
-
-
-def count_outliers(solution: Solution) -> int:
-    """Number of samples that deviate from the residuals on both sides of them: no smooth misfit does that."""
-    windows = solution.windows
-    # frames that are late move fast links by many times the noise, which the whitened residuals allow for
-    if windows.jitter is None:
-        residual = solution.errors * windows.weight
-    else:
-        residual = solution.evaluation.residual
-    known = windows.weight > 0
-    inner = known[:, 1:-1] & known[:, :-2] & known[:, 2:]
-    off = np.abs(residual[:, 1:-1] - 0.5 * (residual[:, :-2] + residual[:, 2:]))
-    usual = np.ma.median(np.ma.array(off, mask=~inner), axis=(0, 1)) / NORMAL_MEDIAN
-    out = inner & (off > OUTLIER_DEVIATIONS * np.maximum(np.ma.filled(usual, np.inf), 1e-300))
-    # a neighbour of an outlier deviates half as much
-    return int((out & ~np.pad(out, ((0, 0), (1, 0), (0, 0)))[:, :-1]).sum())
 
 
 def lost_frames(prepared: Prepared, solution: Solution) -> Lost | None:

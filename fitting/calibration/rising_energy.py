@@ -19,10 +19,11 @@ from fitting.traces.noise import smooth_stretch
 from fitting.traces.planar import energies, wrap
 from fitting.traces.trace import Trace
 
-#: Stretches over which a run is averaged, the fraction of them in which the energy of a reversed run rises, and its
-#: total growth factor. Kicks raise it once.
+#: Number of stretches of a run whose median energies are compared.
 STRETCHES = 10
+#: Minimum fraction of the stretches in which the energy of a reversed run rises; a kick raises it once.
 RISING_FRACTION = 0.75
+#: Minimum factor by which the energy of a reversed run, or at the start of a second run, grows.
 RISE_FACTOR = 1.3
 #: Half width of the smoother of the energy, as a fraction of the shortest link's period.
 SMOOTHER_PERIODS = 0.06
@@ -77,9 +78,12 @@ def refuse_rising_energy(trace: Trace, model: Model, spans: Sequence[Interval], 
         )
 
 
-#: Frames to either side of a jump, and the multiple of their fastest motion by which angles move where a run starts.
+#: Number of frames on either side of a jump with which it is compared.
 NEAR_FRAMES = 5
+#: Minimum ratio of a jump to the fastest motion in these frames.
 JUMP_RATIO = 4.0
+#: Minimum length of a pause before a second run, in sampling intervals.
+PAUSE_INTERVALS = 10
 
 
 def _breaks(trace: Trace) -> np.ndarray:
@@ -89,5 +93,5 @@ def _breaks(trace: Trace) -> np.ndarray:
     near = np.nanmax(np.delete(around, NEAR_FRAMES, axis=2), axis=2, initial=0.0)
     beyond = move[NEAR_FRAMES:-NEAR_FRAMES] - JUMP_RATIO * near
     beyond[np.isnan(beyond).all(axis=1)] = -1.0  # nothing is known of these frames
-    missing = np.diff(trace.t)[NEAR_FRAMES:-NEAR_FRAMES] > 10 * trace.interval
+    missing = np.diff(trace.t)[NEAR_FRAMES:-NEAR_FRAMES] > PAUSE_INTERVALS * trace.interval
     return trace.t[NEAR_FRAMES + 1 : -NEAR_FRAMES][missing | (np.nanmedian(beyond, axis=1) > 0)]

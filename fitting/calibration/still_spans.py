@@ -8,7 +8,7 @@ import numpy as np
 
 from dropper_jax.model import Model
 from fitting.calibration.spans import Interval
-from fitting.estimate.rest import FEWEST_REST_FRAMES as FEWEST_AT_REST
+from fitting.estimate.rest import FEWEST_REST_FRAMES
 from fitting.estimate.windows import Span
 from fitting.traces.conventions import resting_angles
 from fitting.traces.planar import wrap
@@ -46,12 +46,15 @@ def without_held_starts(
     return [span for span in shortened if span.low < span.high], notes
 
 
-#: Shortest stretch [s], and in slowest periods: a motion is slow at its turning points, and slower as it decays.
+#: Length [s] of the shortest still stretch.
 SHORTEST_REST = 0.5
+#: Length of the shortest still stretch at the start and end of a trace, in periods of the line as one pendulum: a
+#: motion is slow at its turning points, and slower as it decays.
 FIRST_PERIODS = 0.5
 LAST_PERIODS = 2.0
-#: Frames of a running mean; limits of a still motion: standard deviations of the mean, and a minimum angle [rad].
+#: Number of frames of the running mean by which a link is still.
 MEAN_FRAMES = 5
+#: Change of that mean, in its standard deviations, and minimum change [rad], from which a link moves.
 STILL_DEVIATIONS = 5.0
 SMALLEST_MOVE = 0.002
 
@@ -72,7 +75,7 @@ def still_spans(trace: Trace, sigma: np.ndarray, slowest: float) -> list[Interva
         times = trace.t[whole][::direction]
         count = still_frames(times, trace.theta[whole][::direction], sigma)
         shortest = max(SHORTEST_REST, periods * slowest)
-        if count >= max(FEWEST_AT_REST, 2 * MEAN_FRAMES) and abs(times[count - 1] - times[0]) >= shortest:
+        if count >= max(FEWEST_REST_FRAMES, 2 * MEAN_FRAMES) and abs(times[count - 1] - times[0]) >= shortest:
             low, high = sorted((float(times[0]), float(times[count - 1])))
             spans.append((low, high))
     return list(dict.fromkeys(spans))

@@ -11,17 +11,13 @@ from fitting.calibration.disagreement import disagreement_warnings, disagreement
 from fitting.calibration.held_out import score_held_out
 from fitting.calibration.law_score_tests import score_tests
 from fitting.calibration.law_tests import law_warnings
+from fitting.calibration.outliers import outlier_warnings
 from fitting.calibration.prepared import Prepared
 from fitting.calibration.result import FitResult, chi2_per_dof, direction_text
 from fitting.estimate.residuals import CHI2_RANGE, CORRELATION_FLOOR, Solution
 from fitting.estimate.scene_fit import common_warnings
 from fitting.estimate.shooting import lyapunov
 from fitting.estimate.uncertainty import Uncertainty, uncertainty
-from fitting.traces.noise import NORMAL_MEDIAN
-
-#: Standard deviations beyond which a sample is an outlier (one in 2 million of normal noise), and how many are listed.
-OUTLIER_DEVIATIONS = 5.0
-NAMED_SAMPLES = 5
 
 #: Warnings for noise that is not white.
 NOISE_WARNINGS = {
@@ -58,7 +54,7 @@ def warnings_of(prepared: Prepared, solution: Solution, u: Uncertainty, chi2: fl
             "; windows are not joined there"
         )
     found += _noise_warnings(prepared, solution, u, chi2)
-    found += outliers(prepared, solution)
+    found += outlier_warnings(prepared, solution)
     failed = int(solution.evaluation.failed.sum())
     if failed:
         found.append(f"{failed} steps of the final simulation are above the solver's tolerance or have no derivative")
@@ -88,31 +84,6 @@ def _noise_warnings(prepared: Prepared, solution: Solution, u: Uncertainty, chi2
     elif chi2 < CHI2_RANGE[0] and any(trace.se is not None for trace in prepared.traces):
         found.append(f"chi-square per degree of freedom is {chi2:.3g}: the stated standard errors are too large")
     return found
-
-
-def outliers(prepared: Prepared, solution: Solution) -> list[str]:
-    """A line on outlying samples, with run, link and time, if there are any."""
-    windows = solution.windows
-    size = np.ma.array(np.abs(solution.evaluation.residual), mask=windows.weight == 0)
-    # relative to the residuals' own spread, which outliers do not widen
-    size = np.ma.filled(size / np.maximum(np.ma.median(size, axis=(0, 1)) / NORMAL_MEDIAN, 1e-300), 0.0)
-    out = np.argwhere(size > OUTLIER_DEVIATIONS)
-    if not len(out):
-        return []
-    positions = []
-    for window, slot, column in out[np.argsort(-size[tuple(out.T)])[:NAMED_SAMPLES]]:
-        trace = prepared.traces[windows.run[window]]
-        positions.append(f"{trace.column_name(column)} at {windows.times()[window, slot]:.3f} s")
-    more = ""
-    if len(out) > len(positions):
-        more = f" and {len(out) - len(positions)} more"
-    advice = ". Use --student to reduce their weight"
-    if solution.problem.loss.redescends:
-        advice = ""
-    return [
-        f"{len(out)} samples stand out by more than {OUTLIER_DEVIATIONS:g} standard deviations: "
-        f"{', '.join(positions)}{more}{advice}"
-    ]
 
 
 def summarise(prepared: Prepared, method: str, solution: Solution) -> FitResult:

@@ -29,7 +29,13 @@ from fitting.traces.trace import Trace
 
 @dataclass(frozen=True)
 class WindowPlan:
-    """Sizes of the windows: time step [s], maximum length [s], steps of the short ones that are joined."""
+    """Sizes of the windows.
+
+    Attributes:
+        dt: time step [s].
+        length: maximum length of a window [s].
+        short: number of steps of the short windows that are joined.
+    """
 
     dt: float
     length: float
@@ -71,9 +77,10 @@ def program_capacity(samples: Samples, plan: WindowPlan) -> tuple[int, int]:
     return program_space(samples.traces, length, plan.dt)
 
 
-#: Maximum turn of a link in a step [rad] at the start of a fit, and the fraction of windows that it applies to. The
-#: error of a fourth-order scheme over a window is then below the usual noise; otherwise `refine` halves the step.
+#: Maximum turn of a link in a step [rad] at the start of a fit. The error of a fourth-order scheme in a window is then
+#: below the usual noise; otherwise `refine` halves the step.
 TURN_PER_STEP = 0.25
+#: Fraction of the windows in which links turn by less.
 TURN_QUANTILE = 0.98
 
 

@@ -46,6 +46,7 @@ from dropper_jax.base.read import (
     read_list,
     read_table,
     read_text,
+    refuse,
 )
 from dropper_jax.load.packaged import parse_toml
 from dropper_jax.scene import SceneData
@@ -205,7 +206,10 @@ def read_run(
         values.append(y[keep])
     own = dict(read_table(table.get("scene", {}), f"{path}.scene"))
     own |= _recorded_motions(files, motions, path)
-    return Run(read_name(table, path, default), tuple(times), tuple(values), own)
+    name = read_name(table, path, default)
+    if "/" in name or "\\" in name:  # the fitted scene of a run is written under its name
+        raise refuse(f"{path}.name", name, "cannot be used in the name of a file", "a name without a slash")
+    return Run(name, tuple(times), tuple(values), own)
 
 
 def _files(given: Plain, path: str, folder: Path) -> tuple[list[Columns], str]:

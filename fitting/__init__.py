@@ -19,7 +19,7 @@ PUBLIC = {
     "FitSettings": "calibration.fit_settings",
     "GradientDescent": "estimate.descent",
     "Huber": "estimate.loss",
-    "Method": "calibration.estimating",
+    "Method": "calibration.method",
     "Motion": "traces.synthetic",
     "SceneFit": "estimate.scene_fit",
     "StudentT": "estimate.loss",

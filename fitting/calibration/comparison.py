@@ -37,11 +37,11 @@ from fitting.calibration.cross_validation import (
     with_released_fitted,
 )
 from fitting.calibration.decision import REFUTED_PROBABILITY, chance, decide, decide_joined, deviation
-from fitting.calibration.estimating import with_residual_noise
 from fitting.calibration.law_fits import LAW_ITERATIONS, Family, better_fit, family_of, fit_law, least_loss
 from fitting.calibration.laws import LAW_PARTS, LAWS, Law, contains, part_of
+from fitting.calibration.method import with_residual_noise
 from fitting.calibration.prepared import Prepared
-from fitting.calibration.undetected import dissipated_per_unit, undetected_parts
+from fitting.calibration.undetected_parts import dissipated_per_unit, undetected_parts
 from fitting.estimate.factors import solve_spd
 from fitting.estimate.least_squares import Objective, descend, fit_windows
 from fitting.estimate.noise import lag_one

@@ -1,4 +1,4 @@
-"""Groups of numbers that may be wrong together, which `trials` frees with priors as wide as their usual errors."""
+"""Groups of numbers that may be wrong together; `group_trials` frees them with priors as wide as their usual errors."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class FaultGroup:
 
 
 def fault_groups(model: Model, free: Sequence[Parameter], shared: Sequence[Parameter]) -> list[FaultGroup]:
-    """The groups of a model, in the order in which `trials` fixes them again: those that others replace come first.
+    """The groups of a model, in the order in which they are fixed again: those that others can replace come first.
 
     Args:
         free: parameters that are already free.

@@ -1,4 +1,4 @@
-"""`fit`: from traces and a scene to calibrated parameters with honest errors."""
+"""`fit`: from traces and a scene to calibrated parameters with their errors."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ from dropper_jax.run.build import SceneLike
 from fitting.calibration.advice import advise
 from fitting.calibration.candidate import Candidate, omitted_parameter_bias
 from fitting.calibration.comparison import refuse_tied
-from fitting.calibration.estimating import Method, as_method, estimate
 from fitting.calibration.file_diagnosis import SUSPECT_CHI_SQUARE, name_wrong_file
 from fitting.calibration.fit_settings import AUTOMATIC, FitSettings
 from fitting.calibration.freeing import MOST_FREED, free_by_advice
@@ -23,6 +22,7 @@ from fitting.calibration.law_fits import with_law
 from fitting.calibration.law_tests import LawTest
 from fitting.calibration.likely_cause import free_too
 from fitting.calibration.lost_windows import FIRST_ITERATIONS, with_sound_windows
+from fitting.calibration.method import Method, as_method, estimate
 from fitting.calibration.preparation import TracesLike, prepare
 from fitting.calibration.prepared import Prepared
 from fitting.calibration.result import FitResult

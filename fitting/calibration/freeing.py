@@ -8,7 +8,7 @@ with fewest numbers is freed. The distance by which the others would move the es
 second round uses the requested method, whose joined windows detect smaller faults, with score tests alone.
 
 If the misfit is smooth, far above the noise, and not explained by any single candidate, the whole model is wrong. No
-sample is then an outlier, and groups of numbers are freed by `trials`.
+sample is then an outlier, and groups of numbers are freed by `group_trials`.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ import numpy as np
 from dropper_jax.base.errors import Progress, silent
 from fitting.calibration.advice import score_candidates
 from fitting.calibration.candidate import LEAST_GAIN, NAME_SEPARATOR, Candidate
+from fitting.calibration.group_trials import WRONG_CHI_SQUARE, free_groups, is_model_wrong
 from fitting.calibration.lost_frames import lost_frames, starts_from_previous_windows, windows_far_off
 from fitting.calibration.outliers import SEVERAL_OUTLIERS, count_outliers
 from fitting.calibration.possible_faults import candidate_simulator, with_freed
 from fitting.calibration.prepared import Prepared
-from fitting.calibration.trials import WRONG_CHI_SQUARE, free_groups, is_model_wrong
 from fitting.estimate.least_squares import fit_windows
 from fitting.estimate.loss import LEAST_SQUARES, Loss, StudentT
 from fitting.estimate.noise import log_volume

@@ -1,4 +1,4 @@
-"""Results of the score tests of a damping law (`laws`), and what they mean in words."""
+"""Results of the score tests of a damping law (`law_score_tests`), and what they mean in words."""
 
 from __future__ import annotations
 

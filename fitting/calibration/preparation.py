@@ -28,10 +28,10 @@ from fitting.estimate.rest import rests
 from fitting.estimate.simulator import Simulator, choose_stepper
 from fitting.parameters.missing_forces import tested_parameters
 from fitting.parameters.names import by_full_path, default_free, default_rig, full_names
-from fitting.parameters.of_scene import free_of_traces
 from fitting.parameters.parameter import Bounds, Parameter, Priors, StartValues, adjust_parameters, with_zero_damping
 from fitting.parameters.recordings import SharedMotion, convention_distance, merge_recordings
 from fitting.parameters.rig_priors import rig_priors
+from fitting.parameters.scene_parameters import free_of_traces
 from fitting.parameters.targets import RECORDING, LostTarget
 from fitting.traces.conventions import check_scale, settle_convention
 from fitting.traces.noise import noise

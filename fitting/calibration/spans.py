@@ -1,4 +1,4 @@
-"""Spans of time that are fitted, held out or at rest, also as found from the samples alone, and checks of the step."""
+"""Spans of time that are fitted, held out or at rest."""
 
 from __future__ import annotations
 

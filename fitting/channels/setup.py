@@ -27,8 +27,8 @@ from dropper_jax.model import Model
 from dropper_jax.run.build import build_model
 from fitting.channels.data import Data
 from fitting.parameters.names import full_names
-from fitting.parameters.of_scene import find_parameters, scene_parameter
 from fitting.parameters.parameter import Parameter, check_once
+from fitting.parameters.scene_parameters import find_parameters, scene_parameter
 from fitting.parameters.targets import Direction, ModelTarget, SetupTarget
 
 #: A number or array, of JAX in a program.

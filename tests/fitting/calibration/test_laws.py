@@ -15,7 +15,7 @@ from fitting.calibration import comparison
 from fitting.calibration.cross_validation import Scores, blocks, last_third, other_runs, score_window
 from fitting.calibration.decision import chance, decide, decide_joined, shares, verdict
 from fitting.calibration.laws import LAW_PARTS, LAWS, Law, contains
-from fitting.calibration.undetected import undetected_parts
+from fitting.calibration.undetected_parts import undetected_parts
 from fitting.estimate.normal_equations import Prior
 
 

@@ -1,4 +1,4 @@
-"""One fit by one of the estimators, with noise estimated from its own residuals."""
+"""Method of a fit: which estimator finds the minimum, and one fit by it with the noise of its own residuals."""
 
 from __future__ import annotations
 

@@ -105,10 +105,12 @@ def compare_laws(prepared: Prepared, laws: Sequence[str] = tuple(LAWS), progress
     fits.fit_others(fullest, same)
     folds = with_released_fitted(blocks(fits.prepared.windows.run), fits.prepared.windows.released)
     scores = [score(solution, folds) for solution in fits.solutions.values()]
+    acting_parts = {}
+    for law in ordered:
+        acting_parts[law] = {same.get(part, part) for part in LAWS[law]}
     rows = []
     for row in fits.rows(scores):
-        parts = set(LAWS[row.name])
-        alike = tuple(law for law in ordered if law != row.name and {same.get(p, p) for p in LAWS[law]} == parts)
+        alike = tuple(law for law in ordered if law != row.name and acting_parts[law] == set(LAWS[row.name]))
         unseen = fits.undetected(fits.solutions[row.name], "dry" in LAWS[row.name])
         rows.append(replace(row, equals=alike, unseen=unseen))
     rows = decide(rows, [replace(scored, log_score=scored.log_score / memory) for scored in scores])

@@ -101,7 +101,7 @@ def predict(result: FitResult, run: int = 0) -> Prediction | None:
     at = np.arange(steps + 1) * windows.dt + begin
     near = _at_times(t, at, simulate(values, theta, omega))
     # where the run of the fit has no motion, as after a step that did not solve, there is nothing to compare
-    runs = np.isfinite(near).all(axis=1)
+    runs = np.all(np.isfinite(near), axis=1)
     if not runs[0]:
         return None
     t = t[runs]

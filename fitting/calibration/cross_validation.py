@@ -32,6 +32,9 @@ FEWEST_WINDOWS = 3
 #: Number of windows that are neither scored nor fitted, on either side of a block.
 GAP_WINDOWS = 1
 
+#: Fraction of a predicted window whose samples determine its start; the others are scored.
+START_FRACTION = 1 / 3
+
 #: The windows that a fold scores and those that it fits, (K,) bool each.
 Fold = tuple[np.ndarray, np.ndarray]
 
@@ -59,13 +62,16 @@ class Scores:
 def blocks(run: np.ndarray) -> list[Fold]:
     """The windows that each fold scores and fits, (K,) bool each, from the windows' runs (K,)."""
     count = len(run)
-    folds = min(MOST_BLOCKS, max(count // FEWEST_WINDOWS, min(count, 2), 1))
+    number = min(MOST_BLOCKS, max(count // FEWEST_WINDOWS, min(count, 2), 1))
     gap = GAP_WINDOWS if count >= 2 * FEWEST_WINDOWS else 0
     index = np.arange(count)
     near = (np.abs(index[:, None] - index) <= gap) & (run[:, None] == run)
-    parts = np.array_split(index, folds)
-    found = [(np.isin(index, part), ~near[part].any(axis=0)) for part in parts]
-    return [(scored, used) for scored, used in found if used.any()]
+    folds = []
+    for block in np.array_split(index, number):
+        used = ~near[block].any(axis=0)
+        if used.any():
+            folds.append((np.isin(index, block), used))
+    return folds
 
 
 def last_third(begin: np.ndarray, run: np.ndarray) -> list[Fold]:
@@ -108,9 +114,10 @@ def score(solution: Solution, folds: list[Fold]) -> Scores:
     along = scores(e, solution)[..., free]
     information = np.einsum("ksni,ksnj->kij", along, along, optimize=True)
     gradient = np.einsum("ksni,ksn->ki", along, e.residual, optimize=True)
-    # fraction of a window that determines its start
-    early = (windows.index / windows.step_counts[:, None] <= (1 / 3))[:, :, None] & (windows.weight > 0)
-    late = ~early & (windows.weight > 0)
+    known = windows.weight > 0
+    elapsed = windows.index / windows.step_counts[:, None]
+    early = known & (elapsed <= START_FRACTION)[:, :, None]
+    late = known & ~early
     found = np.zeros((3, windows.count))
     for scored, used in folds:
         S = information[used].sum(0) + prior.curvature[np.ix_(free, free)]

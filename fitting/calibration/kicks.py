@@ -81,8 +81,9 @@ def without_kicks(
         what = "is kicked or touched at"
         if len(kick.windows) > 1:
             what = "is disturbed, or moves out of its plane, from"
-        words = f" about {kick.time:.2f} s: windows from {kick.begin:.3g} to {last:.3g} s left out"
-        candidates.append(Candidate(f"{prepared.traces[kick.run].name} {what}{words}"))
+        name = prepared.traces[kick.run].name
+        left_out = f"windows from {kick.begin:.3g} to {last:.3g} s left out"
+        candidates.append(Candidate(f"{name} {what} about {kick.time:.2f} s: {left_out}"))
         removed.append(Span(kick.run, kick.begin, last))
         if kick.begin < windows.begin[kick.windows[0]]:
             windows = windows.end_early(kick.windows[0] - 1, kick.begin)
@@ -173,8 +174,10 @@ def _locate_kicks(trimmed: _TrimmedFit, windows: Windows) -> tuple[list[Kick], S
     good = trimmed.good.copy()
     limit = trimmed.limit
     while good.sum() >= _min_windows(windows):
+        follows_good = np.r_[True, good[:-1]]
+        same_run = np.r_[False, windows.run[1:] == windows.run[:-1]]
         # the window of the kick may itself have too few samples
-        first = np.flatnonzero(~good & np.r_[True, good[:-1]] & np.r_[False, windows.run[1:] == windows.run[:-1]])
+        first = np.flatnonzero(~good & follows_good & same_run)
         first = first[size[first] > KICK_RATIO * size[first - 1]]
         if not len(first):
             break

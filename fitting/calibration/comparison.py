@@ -47,7 +47,7 @@ from fitting.estimate.least_squares import Objective, descend, fit_windows
 from fitting.estimate.noise import lag_one
 from fitting.estimate.residuals import Solution
 from fitting.estimate.shooting import GAP_WEIGHTS, fit_shooting
-from fitting.estimate.step_size import finer_step, refine
+from fitting.estimate.step_size import refine, with_finer_step
 from fitting.estimate.windows import Windows
 from fitting.parameters.parameter import Parameter
 
@@ -244,7 +244,7 @@ class LawFits:
         most = order[-1]
         self.progress(0.95, f"law {most}, joined")
         begin = fit_law(self.prepared, family, most, [laws[most]])
-        widest = fit_shooting(begin, finer=finer_step)
+        widest = fit_shooting(begin, finer=with_finer_step)
         if widest.status != "ok" or not widest.gap_weight:
             return {}
         family = replace(family, substeps=widest.windows.substeps)

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fitting.estimate.blocks import scores
+from fitting.estimate.blocks import residual_scores
 from fitting.estimate.factors import scale_diagonal
 from fitting.estimate.normal_equations import bounded_step
 from fitting.estimate.residuals import Solution
@@ -111,7 +111,7 @@ def score(solution: Solution, folds: list[Fold]) -> Scores:
     low, high = solution.problem.step_bounds(solution.values)
     columns = np.concatenate([np.arange(m2), m2 + free])
     jacobian = e.jacobian[..., columns]
-    along = scores(e, solution)[..., free]
+    along = residual_scores(e, solution)[..., free]
     information = np.einsum("ksni,ksnj->kij", along, along, optimize=True)
     gradient = np.einsum("ksni,ksn->ki", along, e.residual, optimize=True)
     known = windows.weight > 0

@@ -35,7 +35,7 @@ from scipy.special import ndtri, stdtr
 from fitting.calibration.law_candidates import LawCandidate, law_candidates, with_coefficient_changes
 from fitting.calibration.law_tests import NOTICED_SHARE, SIGNIFICANCE, LawTest, LawTests, holm
 from fitting.calibration.prepared import Prepared
-from fitting.estimate.blocks import Pieces, block_of, jackknife, pieces
+from fitting.estimate.blocks import TimePieces, block_length, jackknife, time_pieces
 from fitting.estimate.factors import eliminate_rows, solve_spd
 from fitting.estimate.least_squares import objective_at
 from fitting.estimate.normal_equations import Evaluation, Prior, eliminate, move_along
@@ -109,7 +109,7 @@ class LinearModel(NamedTuple):
     information: np.ndarray
     gradient: np.ndarray
     evidence: float
-    parts: Pieces
+    parts: TimePieces
 
     def evidence_with(self, free: np.ndarray, variance: float) -> float:
         """Log evidence of the weight with these numbers free; minus infinity if rounding leaves them undetermined.
@@ -143,7 +143,7 @@ def linear_models(solution: Solution, evaluation: Evaluation, prior: Prior, vari
         moved = move_along(evaluation, step.dz)
         at_weight = replace(solution, evaluation=moved, eliminated=step.eliminated, gap_weight=weight)
         evidence = gain / variance - objective.log_volume(step)
-        models.append(LinearModel(step.information, step.gradient, evidence, pieces(at_weight, every)))
+        models.append(LinearModel(step.information, step.gradient, evidence, time_pieces(at_weight, every)))
     return models
 
 
@@ -306,11 +306,11 @@ def one_step(model: LinearModel, free: np.ndarray, variance: float) -> tuple[np.
     """Change of the free numbers by one step from the fit, its errors, and the blocks' degrees of freedom."""
     parts = model.parts
     information = model.information[np.ix_(free, free)]
-    own = Pieces(parts.gradient[:, free], parts.information[:, free][:, :, free], parts.run)
+    own = TimePieces(parts.gradient[:, free], parts.information[:, free][:, :, free], parts.run)
     moved = -solve_spd(information, own.gradient.sum(axis=0))
     # scores at the end of the step: its own effect is not scatter
     after = own._replace(gradient=own.gradient + own.information @ moved)
-    length = block_of(after, information)
+    length = block_length(after, information)
     count = len(after.run)
     blocks = [np.arange(i, min(i + length, count)) for i in range(0, count, length)]
     by_noise = variance * np.diag(solve_spd(information, np.eye(len(free))))

@@ -21,7 +21,7 @@ from fitting.channels.result import VERDICTS, Between, ChannelFit, combine_runs,
 from fitting.channels.setup import find_free
 from fitting.estimate.least_squares import continue_fit, first_solution
 from fitting.estimate.loss import LEAST_SQUARES, Loss, as_loss, initial_loss
-from fitting.estimate.residual_noise import NOISE_ROUNDS, fit_with_noise, pose_again
+from fitting.estimate.residual_noise import NOISE_ROUNDS, fit_with_noise, transfer_solution
 from fitting.estimate.scene_fit import common_warnings
 from fitting.estimate.step_size import refine
 from fitting.parameters.names import by_full_path, default_free, full_names
@@ -44,7 +44,7 @@ NOISE_TOLERANCE = 0.01
 DATA_SECTIONS = ("start", "channel", "camera")
 
 
-def pose(
+def make_problem(
     source: str | Path | Values | Data,
     scene: Scene,
     free: Sequence[str] | None,
@@ -188,12 +188,12 @@ def fit_channels(
         raise SceneError(f"iterations: {iterations} is too small; allowed: at least 1")
     loss = as_loss(loss)
     scene = load_scene(scene).with_equal_steps()
-    problem = pose(data, scene, free, own, start or {}, bounds or {}, priors or {})
+    problem = make_problem(data, scene, free, own, start or {}, bounds or {}, priors or {})
     progress(0.0, "first run")
     point = first_point(problem, initial_loss(loss))
     point = settle_noise(point, iterations, part_of(progress, 0.0, 0.7))
     if point.status == "ok" and point.problem.loss != loss:
-        point = pose_again(point, replace(point.problem, loss=loss), point.evaluation)
+        point = transfer_solution(point, replace(point.problem, loss=loss), point.evaluation)
         point = settle_noise(point, iterations, progress)
     if check_step and point.status == "ok":
         say = part_of(progress, 0.7, 0.95)

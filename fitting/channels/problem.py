@@ -18,7 +18,7 @@ from dropper_jax.run.build import build_model, stepper_of
 from fitting.channels.data import ByChannel, Data, Run, Series
 from fitting.channels.observe import Plan, differentiate_channels
 from fitting.channels.setup import setup_with_directions
-from fitting.estimate.noise import correlates, lag_one_by_source, whiten
+from fitting.estimate.noise import is_correlated, lag_one_by_source, whiten
 from fitting.estimate.residuals import Residuals, Solution, Timing
 from fitting.parameters.parameter import Parameter
 from fitting.parameters.targets import SetupTarget
@@ -179,7 +179,7 @@ class Problem(Residuals):
         """Correlation of neighbours in each channel (c,); whether any of them is significant."""
         residual = point.weights * point.evaluation.residual
         rho, sure = (a[:, 0] for a in lag_one_by_source(self.windows, residual, len(self.data.sensors)))
-        return rho, correlates(np.abs(rho), sure)
+        return rho, is_correlated(np.abs(rho), sure)
 
     def failure(self, evaluation: Evaluation) -> str:
         """The step that did not converge."""

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from fitting.traces.trace import Trace
 
 #: Model error that a fit to a file may assume, as a fraction of the motion.
-SMALL_ERROR = 0.003
+LARGEST_MODEL_ERROR = 0.003
 
 
 def add_file_options(parser: argparse.ArgumentParser) -> None:
@@ -190,7 +190,7 @@ def model_error_of(result: FitResult) -> float | None:
     """The model error [rad] that explains a misfit; None where it is not small compared with the motion."""
     motion = min(float(np.nanstd(column)) for trace in result.traces for column in trace.theta.T)
     error = float(f"{result.rms:.2g}")
-    if error < SMALL_ERROR * motion and not result.wrong_file:
+    if error < LARGEST_MODEL_ERROR * motion and not result.wrong_file:
         return error
     return None
 

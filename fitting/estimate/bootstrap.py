@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from fitting.estimate.blocks import block_of, pieces, resample
+from fitting.estimate.blocks import block_length, resample, time_pieces
 from fitting.estimate.scene_fit import SceneFit
 from fitting.estimate.uncertainty import FEW_BLOCKS
 
@@ -45,10 +45,10 @@ def bootstrap(result: SceneFit, draws: int = 200, block: int | None = None, seed
     check_draws(draws)
     solution = result.solution
     free = solution.free
-    parts = pieces(solution, free)
+    parts = time_pieces(solution, free)
     information = solution.free_information
     if block is None:
-        block = block_of(parts, information)
+        block = block_length(parts, information)
     most = max(len(parts.run) // 2, 1)
     if not 1 <= block <= most:
         raise SceneError(f"bootstrap: blocks of {block} stretches; allowed: 1 to {most}, so that draws differ")

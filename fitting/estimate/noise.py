@@ -118,7 +118,7 @@ def motion(windows: Windows, traces: Sequence[Trace]) -> np.ndarray:
     return np.where(windows.weight > 0, found, 0.0)
 
 
-def in_units(evaluation: Evaluation, old: Windows, new: Windows) -> Evaluation:
+def in_noise_units(evaluation: Evaluation, old: Windows, new: Windows) -> Evaluation:
     """An evaluation in units of the old samples' noise, in those of the new ones."""
     ratio = np.where(new.weight > 0, new.weight / np.where(old.weight > 0, old.weight, 1.0), 0.0)
     residual = evaluation.residual * ratio
@@ -211,7 +211,7 @@ def lag_one_by_source(windows: Windows, residual: np.ndarray, sources: int) -> t
     return found[0], found[1]
 
 
-def correlates(
+def is_correlated(
     correlation: np.ndarray | float, error: np.ndarray | float, deviations: float = 5.0, floor: float = 0.1
 ) -> bool:
     """Whether a positive correlation of neighbours, or any of several, exceeds its standard errors and a floor."""

@@ -55,7 +55,7 @@ class Evaluation(NamedTuple):
 UNDEFINED_RATIO = 1e4
 
 
-def drop_wild(e: Evaluation) -> Evaluation:
+def drop_undefined(e: Evaluation) -> Evaluation:
     """The evaluation, with zero derivative and one more failed step for windows whose derivative is undefined."""
     size = np.abs(e.jacobian).max(axis=(1, 2, 3), initial=0.0)
     moving = size[size > 0]  # windows without samples have no derivative

@@ -26,7 +26,7 @@ from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model, State
 from fitting.estimate.static_poses import StaticPoses
-from fitting.estimate.windows import A, Starts, Windows, pick
+from fitting.estimate.windows import ArrayType, Starts, Windows, pick
 from fitting.parameters.parameter import Parameter
 from fitting.parameters.targets import ReleaseTarget
 from fitting.traces import planar
@@ -44,13 +44,13 @@ AXES = ("x", "y", "z")
 RELEASE_REACH = 0.5
 
 
-class ReleaseState(NamedTuple, Generic[A]):
+class ReleaseState(NamedTuple, Generic[ArrayType]):
     """Whether a window is released, its start [s] and run, and the derivative of theta_s by p (n, k); or K of each."""
 
-    released: A
-    begin: A
-    run: A
-    slope: A
+    released: ArrayType
+    begin: ArrayType
+    run: ArrayType
+    slope: ArrayType
 
 
 class ReleasedStarts(NamedTuple):

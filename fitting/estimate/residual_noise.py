@@ -27,8 +27,8 @@ from fitting.estimate.least_squares import objective_at
 from fitting.estimate.noise import (
     WHITE_CORRELATION,
     Noise,
-    correlates,
-    in_units,
+    in_noise_units,
+    is_correlated,
     lag_one,
     lag_one_by_source,
     log_volume,
@@ -83,11 +83,11 @@ class ResidualNoiseModel:
     def at(self, noise: Noise) -> Solution:
         """The solution in units of this noise, with recomputed normal equations."""
         windows = noise.apply_to(self.claimed, self.traces)
-        e = in_units(self.raw, self.claimed, windows)
+        e = in_noise_units(self.raw, self.claimed, windows)
         if noise.delay.any():  # which move the samples
             e = e._replace(residual=e.residual + windows.weight * (self.claimed.theta - windows.theta))
         problem = self.solution.problem.with_noise(noise, windows, self.solution.values)
-        return pose_again(self.solution, problem, whiten(windows, e))
+        return transfer_solution(self.solution, problem, whiten(windows, e))
 
     def fixed_point(self, noise: Noise, rounds: int = 3) -> Solution:
         """The solution in units of a noise with its sizes at their fixed point, or near it."""
@@ -128,7 +128,7 @@ class ResidualNoiseModel:
 
     def _likelier(self, found: Solution, tried: Solution | None) -> Solution:
         """A more complex noise model, if there is one whose log likelihood is higher by `LIKELIHOOD_GAIN`."""
-        if tried is None or not minus_two_log(tried) < minus_two_log(found) - 2 * LIKELIHOOD_GAIN:
+        if tried is None or not minus_two_log_likelihood(tried) < minus_two_log_likelihood(found) - 2 * LIKELIHOOD_GAIN:
             return found
         return tried
 
@@ -137,7 +137,7 @@ class ResidualNoiseModel:
         from scipy.optimize import minimize_scalar  # noqa: PLC0415 - slow to import, and white noise needs none
 
         def cost(x: float) -> float:
-            return minus_two_log(self.fixed_point(of(x), 2))
+            return minus_two_log_likelihood(self.fixed_point(of(x), 2))
 
         return float(minimize_scalar(cost, bounds=(low, high), method="bounded", options={"xatol": tolerance}).x)
 
@@ -145,7 +145,7 @@ class ResidualNoiseModel:
         """AR(1) noise of some channels (R, n), at first with a common memory; None if residuals do not support it."""
         noise = point.problem.noise
         correlation, error = lag_one_by_source(point.windows, point.evaluation.residual, len(self.floor))
-        if not correlates(correlation[mine], error[mine]):
+        if not is_correlated(correlation[mine], error[mine]):
             return None
 
         def with_memory(rho: np.ndarray | float) -> Noise:
@@ -167,7 +167,7 @@ class ResidualNoiseModel:
         """Correlation of neighbours in the residuals of some channels after a fit with correlated noise."""
         windows = noise.apply_to(self.claimed, self.traces)
         nothing = np.zeros((*windows.weight.shape, 0))
-        left = whiten(windows, in_units(self.raw._replace(jacobian=nothing), self.claimed, windows)).residual
+        left = whiten(windows, in_noise_units(self.raw._replace(jacobian=nothing), self.claimed, windows)).residual
         return lag_one(left, (windows.weight > 0) & mine[windows.source][:, None])[0]
 
     def _with_delay(self, point: Solution) -> Solution | None:
@@ -193,7 +193,7 @@ class ResidualNoiseModel:
         return self.fixed_point(delayed(self._likeliest(delayed, -1.5, 1.5, 0.02)))
 
 
-def pose_again(solution: Solution, problem: Residuals, evaluation: Evaluation) -> Solution:
+def transfer_solution(solution: Solution, problem: Residuals, evaluation: Evaluation) -> Solution:
     """The same point as a solution of another problem of the same motion, with new cost and normal equations."""
     objective = objective_at(problem, solution.gap_weight)
     known = objective.undamped_step(evaluation, solution.values, 0.0) or solution
@@ -209,7 +209,7 @@ def pose_again(solution: Solution, problem: Residuals, evaluation: Evaluation) -
     )
 
 
-def minus_two_log(point: Solution) -> float:
+def minus_two_log_likelihood(point: Solution) -> float:
     """Minus twice the restricted log likelihood of the noise in a solution's problem, up to constants."""
     reach = np.where(point.problem.held_mask, 0.0, np.inf)
     step = objective_at(point.problem, point.gap_weight).undamped_step(point.evaluation, point.values, reach)
@@ -224,7 +224,7 @@ def memory_of(point: Solution) -> float:
     """Number of samples equivalent to one of white noise, `(1 + rho)/(1 - rho)` by the correlation of neighbours."""
     rho, error = lag_one(point.evaluation.residual, point.windows.weight > 0)
     longest = max(1.0, point.windows.weight.shape[1] / 2)
-    if correlates(rho, error):
+    if is_correlated(rho, error):
         return min((1 + rho) / max(1 - rho, 1e-9), longest)
     return 1.0
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from dropper_jax.base.json_values import SCHEMA
 from dropper_jax.load.scene import Scene
-from fitting.estimate.residuals import E, P, Solution
+from fitting.estimate.residuals import EvaluationType, ProblemType, Solution
 from fitting.estimate.step_size import LARGEST_BIAS
 from fitting.estimate.uncertainty import FEW_BLOCKS, Uncertainty
 from fitting.parameters.parameter import Parameter
@@ -49,7 +49,7 @@ class Profile:
 
 
 @dataclass(kw_only=True)
-class SceneFit(Generic[P, E]):
+class SceneFit(Generic[ProblemType, EvaluationType]):
     """A scene fitted to measurements.
 
     Attributes:
@@ -63,7 +63,7 @@ class SceneFit(Generic[P, E]):
     """
 
     scene: Scene
-    solution: Solution[P, E]
+    solution: Solution[ProblemType, EvaluationType]
     uncertainty: Uncertainty
     warnings: list[str] = field(default_factory=list)
     seconds: float | dict[str, float] = 0.0

@@ -23,7 +23,7 @@ from dropper_jax.model import Model
 from dropper_jax.residual import Embedded, Stepper
 from dropper_jax.solvers import SOLVERS
 from dropper_jax.stepping.stepper import make_stepper
-from fitting.estimate.normal_equations import Evaluation, drop_wild
+from fitting.estimate.normal_equations import Evaluation, drop_undefined
 from fitting.estimate.release import Release
 from fitting.estimate.static_poses import StaticPoses
 from fitting.estimate.window_run import NEVER, WindowInputs, run_window
@@ -196,7 +196,7 @@ class Simulator:
             self._plain = len(again) <= MOST_UNSOLVED * windows.count
             better = self._run(values, [a[again] for a in inputs], windows, False)
             found = with_rows(found, again, better)
-        found = drop_wild(found)
+        found = drop_undefined(found)
         self._last = asked, starts, windows, found
         return found
 

@@ -66,7 +66,7 @@ def refine(
             return on
 
 
-def finer_step(solution: Solution) -> Solution | None:
+def with_finer_step(solution: Solution) -> Solution | None:
     """The solution on windows of half the step if the step's bias is too large; otherwise None."""
     bias, ahead = step_bias(solution)
     if ahead.problem.finest or not np.max(np.abs(bias), initial=0.0) > LARGEST_BIAS:

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtr, ndtri, stdtr, stdtrit
 
-from fitting.estimate.blocks import raised_to, scatter, scores
+from fitting.estimate.blocks import residual_scores, scatter, with_minimum_variance
 from fitting.estimate.factors import Factor, invert_spd, scale_diagonal
 from fitting.estimate.least_squares import objective_at
 from fitting.estimate.loss import Loss
@@ -43,7 +43,7 @@ def leverage(point: Solution) -> np.ndarray:
     own = root * point.evaluation.jacobian[..., :m2]
     taken = np.einsum("ksni,kij,ksnj->ksn", own, start_covariances(point)[0], own, optimize=True)
     if len(free):
-        score = (root * scores(point.evaluation, point))[..., free]
+        score = (root * residual_scores(point.evaluation, point))[..., free]
         scaled, size = scale_diagonal(point.free_information)
         inverse = np.linalg.pinv(scaled, hermitian=True) * np.outer(size, size)
         taken = taken + np.einsum("...p,pq,...q->...", score, inverse, score, optimize=True)
@@ -132,7 +132,7 @@ def uncertainty(solution: Solution) -> Uncertainty:
             data = solution.free_information - prior
             minimum = noise2 * np.diag(invert_spd(data / problem.memory + prior))
             covariance, blocks = found
-            covariance = raised_to(covariance, minimum)
+            covariance = with_minimum_variance(covariance, minimum)
             more = np.diag(covariance) / np.maximum(np.diag(white), 1e-300)
             inflation = float(np.sqrt(more.max(initial=1.0)))
     full = np.zeros((k, k))

@@ -322,14 +322,14 @@ def follow_motion(windows: Windows, move: np.ndarray, steps: int) -> list[Piece]
 
 
 #: Arrays of NumPy or of JAX.
-A = TypeVar("A", np.ndarray, Array)
+ArrayType = TypeVar("A", np.ndarray, Array)
 
 
-class Starts(NamedTuple, Generic[A]):
+class Starts(NamedTuple, Generic[ArrayType]):
     """Window starts: angles and rates, each (K, n), which close."""
 
-    theta: A
-    omega: A
+    theta: ArrayType
+    omega: ArrayType
 
 
 #: A named tuple of arrays with a row for each window.

@@ -15,7 +15,7 @@ from fitting.calibration.prediction import DIVERGED_ANGLE
 from fitting.calibration.summarise import summarise
 from fitting.estimate.descent import CONVERGED_DISTANCE, GradientDescent
 from fitting.estimate.least_squares import descend, fit_windows, objective_at
-from fitting.estimate.normal_equations import drop_wild
+from fitting.estimate.normal_equations import drop_undefined
 from fitting.estimate.step_size import LARGEST_BIAS, step_bias
 from fitting.estimate.uncertainty import uncertainty
 from fitting.report.report import one_run_picture
@@ -348,14 +348,14 @@ def test_one_window_without_a_derivative_does_not_hold_the_parameters(prepared, 
     sound = prepared.simulator(best.values, best.starts, windows)
     broken = sound._replace(jacobian=sound.jacobian.copy())
     broken.jacobian[3, 5:] *= 1e18
-    found = drop_wild(broken)
+    found = drop_undefined(broken)
     assert not found.jacobian[3].any()
     assert not found.end_jacobian[3].any()
     assert found.failed.tolist() == [k == 3 for k in range(windows.count)]
     np.testing.assert_array_equal(found.jacobian[:3], sound.jacobian[:3])
-    assert drop_wild(sound) is sound
+    assert drop_undefined(sound) is sound
     few = sound._replace(jacobian=np.where(np.arange(windows.count)[:, None, None, None] < 2, sound.jacobian, 0.0))
-    assert drop_wild(few) is few  # most windows without samples
+    assert drop_undefined(few) is few  # most windows without samples
 
 
 class Rough:

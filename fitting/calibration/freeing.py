@@ -125,13 +125,13 @@ class Freeing:
                 short = fit_windows(problem, prepared.values, prepared.starts, iterations=SHORT_FIT_ITERATIONS)
                 if not is_model_wrong(prepared, short):
                     tries.append(candidate)
-        freed = replace(self, freed=list(self.freed), refused=set())
-        freed.free_best(tries)
-        if not tries or freed.is_wrong():
+        trial = replace(self, freed=list(self.freed), refused=set())
+        trial.free_best(tries)
+        if not tries or trial.is_wrong():
             return False
-        self.prepared = freed.prepared
-        self.solution = freed.solution
-        self.freed = freed.freed
+        self.prepared = trial.prepared
+        self.solution = trial.solution
+        self.freed = trial.freed
         return True
 
     def free_groups(self, method: str) -> None:
@@ -150,15 +150,15 @@ class Freeing:
         fits = []
         for candidate in tries:
             prepared = with_freed(self.end, candidate.free, self.simulator)
-            freed = replace(self, prepared=prepared, solution=self.fit(prepared, "windows", self.loss))
-            gain = likelihood(freed.solution) - likelihood(self.solution)
-            if freed.solution.status == "ok" and gain >= LEAST_GAIN:
-                fits.append((replace(candidate, gain=gain), freed))
+            trial = replace(self, prepared=prepared, solution=self.fit(prepared, "windows", self.loss))
+            gain = likelihood(trial.solution) - likelihood(self.solution)
+            if trial.solution.status == "ok" and gain >= LEAST_GAIN:
+                fits.append((replace(candidate, gain=gain), trial))
             else:
                 self.refused.add(candidate.name)
         if not fits:
             return
-        most = max(freed.score for _, freed in fits)
+        most = max(trial.score for _, trial in fits)
         near = [pair for pair in fits if pair[1].score > most - INDISTINGUISHABLE_GAIN]
         # indistinguishable candidates keep their order
         near.sort(key=lambda pair: (len(pair[1].solution.values), -round(pair[1].score - self.score)))
@@ -168,8 +168,8 @@ class Freeing:
             names = best.prepared.names
             back = _back(best.prepared, best.solution, names[k:])
             doubt = {}
-            for other, freed in others:
-                moved = freed.solution.values[:k] - best.solution.values[:k]
+            for other, trial in others:
+                moved = trial.solution.values[:k] - best.solution.values[:k]
                 doubt[other.name] = dict(zip(names[:k], moved.tolist(), strict=True)) | back
             candidate = replace(candidate, name=NAME_SEPARATOR.join(c.name for c, _ in near), doubt=doubt)
             self.refused.update(doubt)

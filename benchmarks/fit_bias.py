@@ -20,10 +20,10 @@ from study import RESULTS, Found, collect, command, seeds_of, timed
 from dropper_jax import SceneError
 from dropper_jax.run.build import build
 from fitting import Convention, Trace, prepare
-from fitting.calibration.estimating import estimate
 from fitting.calibration.lost_windows import with_sound_windows
+from fitting.calibration.method import estimate
 from fitting.calibration.summarise import summarise
-from fitting.estimate.least_squares import descend, level_of
+from fitting.estimate.least_squares import descend, objective_at
 from fitting.estimate.residuals import Problem, Solution
 
 #: Rate of the camera of every third draw [1/s].
@@ -96,7 +96,7 @@ class Refit:
             problem = problem.finer()
         evaluation = problem.evaluate(self.solution.values, self.solution.starts)
         begin = replace(self.solution, problem=problem, evaluation=evaluation, history=[])
-        found = descend(level_of(problem, self.solution.gap_weight), begin, CONTINUED)
+        found = descend(objective_at(problem, self.solution.gap_weight), begin, CONTINUED)
         return found.values, found.status
 
 

@@ -19,7 +19,7 @@ from study import Found, command, say, seeds_of, store, versions
 
 from dropper_jax import Scene
 from fitting import fit_channels
-from fitting.channels.fit import pose
+from fitting.channels.fit import make_problem
 
 TRUTH = {"cdn": 1.4, "can": 0.9}
 START = {"cdn": 0.8, "can": 0.4}
@@ -96,7 +96,7 @@ def measurement(truth: Looks, noise: float, seed: int) -> Found:
 
 def plan(truth: Looks) -> list[Found]:
     """Errors to expect of tests of several durations, at the start values (of `truth`, the times count)."""
-    problem = pose(measurement(truth, 1.0, 0), flume(**START), FREE, (), {}, {}, {})
+    problem = make_problem(measurement(truth, 1.0, 0), flume(**START), FREE, (), {}, {}, {})
     slopes = problem.evaluate(problem.values).slopes[0]
     times = problem.data.runs[0].t
     noise = (NOISE["tension"], NOISE["tension"], NOISE["position"])

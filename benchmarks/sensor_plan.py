@@ -12,7 +12,7 @@ import numpy as np
 from study import command, say, store
 
 from dropper_jax import load_scene
-from fitting.channels.fit import pose
+from fitting.channels.fit import make_problem
 
 SCENE, LONGEST = "dropper-release-a", 8.0
 DAMPING = ["effects.linear_damping.b_l", "effects.quadratic_damping.b_q"]
@@ -79,7 +79,9 @@ def main() -> None:
     every = channels()
     scene = load_scene(SCENE).with_values({"run.dt": 1 / 240, "run.save_every": 2, "run.duration": LONGEST})
     free = [*DAMPING, "start.release_force.0.2", *(name for one in every for name in defects(one))]
-    problem = pose({"run": [{"file": files(every)}], "channel": every}, scene.with_equal_steps(), free, (), {}, {}, {})
+    problem = make_problem(
+        {"run": [{"file": files(every)}], "channel": every}, scene.with_equal_steps(), free, (), {}, {}, {}
+    )
     names = [p.name for p in problem.parameters]
     evaluation = problem.evaluate(problem.values)
     slopes = evaluation.slopes[0]

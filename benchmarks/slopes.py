@@ -29,7 +29,7 @@ from dropper_jax.run.quantities import Quantity
 from dropper_jax.run.quantity_names import quantity
 from fitting.sensitivity import Local, local, study
 from fitting.sensitivity.derivatives import changed_study
-from fitting.sensitivity.differences import DIFFERENCES
+from fitting.sensitivity.differences import DIFFERENCE_SIZES
 from fitting.sensitivity.problem import Study
 from fitting.sensitivity.result import KNOWN, NOT_RESOLVED, OTHER_BRANCH
 from fitting.sensitivity.study_runs import Run, StudyRuns, measure_run
@@ -269,7 +269,7 @@ def draw_plateau(stored: Path, picture: Path) -> None:
     """Slopes against the size of the difference, one panel for each quantity; the band is that of the two sizes."""
     found = json.loads(stored.read_text())
     sizes = found["sizes"]
-    both = [sizes.index(size) for size in DIFFERENCES]
+    both = [sizes.index(size) for size in DIFFERENCE_SIZES]
     with style.plot_style():
         figure = figures.new_figure(9.5, 3.4)
         panels = figure.subplots(1, len(found["quantities"]))

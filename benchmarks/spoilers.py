@@ -19,14 +19,14 @@ from scipy.interpolate import CubicSpline
 from study import RESULTS, Found, command, say, store, timed
 
 from fitting import Convention, FitSettings, Trace, prepare
-from fitting.calibration.advice import candidate_simulator
 from fitting.calibration.candidate import omitted_parameter_bias
-from fitting.calibration.estimating import estimate
-from fitting.calibration.freeing import free_by_advice, with_freed
+from fitting.calibration.freeing import free_by_advice
 from fitting.calibration.lost_windows import with_sound_windows
+from fitting.calibration.method import estimate
+from fitting.calibration.possible_faults import candidate_simulator, with_freed
 from fitting.calibration.prepared import Prepared
 from fitting.calibration.summarise import summarise
-from fitting.estimate.least_squares import level_of
+from fitting.estimate.least_squares import objective_at
 from fitting.estimate.noise import Noise
 from fitting.estimate.residual_noise import ResidualNoiseModel
 from fitting.estimate.simulator import Simulator
@@ -197,7 +197,7 @@ def bound(prepared: Prepared, d: Draw, simulator: Simulator) -> np.ndarray:
     claimed = np.array(prepared.sigma)
     noise = Noise(NOISE / claimed, np.full(claimed.shape, decay), np.array([d.jitter]))
     point = ResidualNoiseModel(solution, prepared.claimed_windows(solution), prepared.traces, prepared.floor).at(noise)
-    step = level_of(point.problem, CLOSED).undamped_step(point.evaluation, point.values, np.inf)
+    step = objective_at(point.problem, CLOSED).undamped_step(point.evaluation, point.values, np.inf)
     try:
         return np.sqrt(np.diag(np.linalg.inv(step.information)))[:2]
     except np.linalg.LinAlgError:  # the model with the true error did not fit: no bound
@@ -213,7 +213,7 @@ def one(kind: str, number: int, shared: list[Simulator]) -> Found:
     prepared = with_sound_windows(with_freed(prepared, [], shared[0]), keep_jumps=True)
     at = free_by_advice(prepared, estimate, "shooting", simulator=shared[0])
     solution = at.solution
-    known = replace(solution.problem.known, doubt=omitted_parameter_bias(at.names, solution.problem.parameters))
+    known = replace(solution.problem.known, doubt=omitted_parameter_bias(at.freed, solution.problem.parameters))
     solution.problem = replace(solution.problem, known=known)
     result = summarise(at.prepared, "shooting", solution)
     u = result.uncertainty
@@ -221,13 +221,13 @@ def one(kind: str, number: int, shared: list[Simulator]) -> Found:
         kind_of_noise = "white"
     else:
         kind_of_noise = solution.problem.noise.kind
-    names = [candidate.name for candidate in at.names]
+    names = [candidate.name for candidate in at.freed]
     first = next(iter([*([] if kind_of_noise == "white" else [kind_of_noise]), *names]), "")
     return {
         "spoiler": kind, "draw": number, "truth": d.name, "first": first, "names": names, "noise": kind_of_noise,
         "status": result.status, "values": solution.values[:2].tolist(), "std_error": u.std_error[:2].tolist(),
         "low": u.low[:2].tolist(), "high": u.high[:2].tolist(), "bound": bound(prepared, d, shared[0]).tolist(),
-        "gap_weight": solution.gap_weight, "gains": [c.gain for c in at.names],
+        "gap_weight": solution.gap_weight, "gains": [c.gain for c in at.freed],
         "law": result.laws.wrong.name if result.laws.wrong else "",
         "least_p": min((test.p for test in result.laws.tests), default=1.0),
     }  # fmt: skip

@@ -17,7 +17,7 @@ from study import RESULTS, Found, collect, command, describe, timed
 import dropper_jax as dj
 from fitting import Convention, Trace, fit
 from fitting.cli.sweep import use_cores
-from fitting.sweep.against_trace import PARTS, sweep_against_trace
+from fitting.sweep.against_trace import TRACE_PARTS, sweep_against_trace
 
 #: Thesis Table E.1: b_l [kg/s] and b_q [kg/m].
 PAIRS = {
@@ -72,7 +72,8 @@ def main(args) -> None:
         # all truths have one sweep, which the first one runs
         scores, times = timed(partial(sweep_against_trace, *given, listed=True, chunk=8, quantities=[]))
         ranks = {
-            name: {by: rank(getattr(scores, by)[:, part], case) for by in MEASURES} for part, name in enumerate(PARTS)
+            name: {by: rank(getattr(scores, by)[:, part], case) for by in MEASURES}
+            for part, name in enumerate(TRACE_PARTS)
         }
         fit_, fit_times = timed(partial(fitted, traces[case], np.array(pairs[case])))
         cost = {"sweep_cpu_s": times["processor_s"], "fit_cpu_s": fit_times["processor_s"]}

@@ -89,6 +89,18 @@ def nearest(word: str, candidates: Iterable[str]) -> str:
     return f"known: {', '.join(candidates)}"
 
 
+def require_positive(option: str, value: float, unit: str = "") -> None:
+    """Reject a number that is not above 0 and finite.
+
+    Args:
+        option: what the message starts with.
+        unit: as printed after a number, such as `" s"`.
+    """
+    if not 0 < value < float("inf"):
+        problem = "infinite" if value == float("inf") else "not positive"
+        raise SceneError(f"{option}: {value} is {problem}; allowed: > 0{unit}")
+
+
 #: Called with the completed fraction, 0 to 1, and a few words.
 Progress = Callable[[float, str], None]
 

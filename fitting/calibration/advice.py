@@ -22,118 +22,18 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import chdtrc
 
-from dropper_jax.base.errors import SceneError
-from dropper_jax.model import Model
 from fitting.calibration.candidate import Candidate
-from fitting.calibration.law_fits import PARTS
 from fitting.calibration.law_tests import holm
+from fitting.calibration.possible_faults import candidate_simulator, possible_faults
 from fitting.calibration.prepared import Prepared
 from fitting.calibration.result import FitResult
 from fitting.estimate.factors import invert_spd, solve_spd
-from fitting.estimate.least_squares import level_of
+from fitting.estimate.least_squares import objective_at
 from fitting.estimate.normal_equations import eliminate, prior_of
-from fitting.estimate.release import TIME, Release
 from fitting.estimate.residuals import Solution
 from fitting.estimate.simulator import Simulator
-from fitting.parameters.missing_forces import tested_parameters
 from fitting.parameters.parameter import Parameter
-from fitting.parameters.paths import resolve
 from fitting.parameters.rig_priors import rig_priors
-from fitting.parameters.targets import (
-    CAMERA,
-    CLOCK,
-    LOST,
-    MARKER,
-    NODE,
-    SCALE,
-    CameraTarget,
-    ClockTarget,
-    LostTarget,
-    ModelTarget,
-)
-
-#: Standard deviations of numbers without a prior. A fraction of the value for quantities measured on a bench or
-#: computed from a drawing; angles [rad] for markers that are glued, and encoders set to zero, by eye; a fraction for
-#: clocks.
-PRIOR_FRACTION = 0.1
-PRIOR_ANGLE = 0.05
-PRIOR_CLOCK = 0.01
-
-#: Parameters whose derivatives are taken together with those of the starts.
-TOGETHER = 4
-#: Windows, and lost stretches of frames, that programs reserve space for.
-SLACK = 2
-LOST_STRETCHES = 2
-
-
-class PossibleFault(NamedTuple):
-    """Numbers of the scene that may be wrong: a name, the paths that free them, and the numbers at these paths."""
-
-    name: str
-    paths: list[str]
-    parameters: list[Parameter]
-
-
-def candidates(model: Model, release: Release | None) -> list[PossibleFault]:
-    """The candidates whose numbers the scene has."""
-    links = model.line.links
-    named = [
-        ("lengths of links", ["line.0.length"]),
-        ("position of the second end", _second_end(model)),
-        ("roll of the camera", [CAMERA]),
-    ]
-    if links > 1:
-        named += [(f"marker of link {j}", [f"{MARKER}.{j}"]) for j in range(links)]
-        named += [(f"marker of node {i}", [f"{NODE}.{i}"]) for i in range(links + 1)]
-    named += [
-        ("rate of the clock", [CLOCK]),
-        ("scale of the rig", [SCALE]),
-        ("gravity", ["effects.weight.gravity"]),
-        ("centres of mass", ["line.0.centre_of_mass"]),
-        ("moments of inertia", ["line.0.inertia"]),
-    ]
-    if links > 1 and not model.line.compound:
-        named.append(("masses", ["line.0.mass"]))
-    if release is not None:
-        named += [(f"start of run {i}", [f"{TIME}.{i}"]) for i in range(release.runs)]
-    faults = []
-    for name, paths in named:
-        parameters = _existing(model, paths, release)
-        if parameters:
-            faults.append(PossibleFault(name, paths, parameters))
-    return faults
-
-
-def _second_end(model: Model) -> list[str]:
-    """Paths of the position of a fixed second end; empty for a free one."""
-    point = int(model.geometry.held_points[-1])
-    if model.end_held:
-        return [f"point.{point}.position.0", f"point.{point}.position.2"]
-    return []
-
-
-def candidate_simulator(prepared: Prepared, further: Sequence[Parameter] = ()) -> Simulator:
-    """A simulator whose programs know the free parameters, those of all candidates and others, with space for lost
-    frames."""
-    own = prepared.simulator
-    model = own.model
-    more = {}
-    for fault in candidates(model, own.release):
-        more |= {p.name: p for p in fault.parameters}
-    more |= {p.name: p for p in further}
-    for name in prepared.names:
-        more.pop(name, None)
-    if own.knows([*prepared.parameters, *more.values()]):
-        return own
-    every = [p for p in prepared.parameters if not p.is_lost]
-    for p in tested_parameters(model, every):
-        more.setdefault(p.name, p)
-    lost = [Parameter(f"{LOST}.-.{i}", LostTarget(-1, i), 0.0, unit="s") for i in range(LOST_STRETCHES)]
-    simulator = Simulator(
-        model, [*every, *more.values(), *lost], own.stepper, own.release, tangents=own.freedoms + TOGETHER
-    )
-    simulator.capacity = SLACK * prepared.windows.steps, SLACK * prepared.windows.theta.shape[1]
-    return simulator
 
 
 def advise(result: FitResult) -> list[Candidate]:
@@ -197,7 +97,7 @@ def _not_free(prepared: Prepared, parameters: Sequence[Parameter]) -> list[Untes
     free = {p.name for p in parameters}
     found: list[UntestedCandidate] = []
     end = len(parameters)
-    for name, paths, every in candidates(prepared.simulator.model, prepared.simulator.release):
+    for name, paths, every in possible_faults(prepared.simulator.model, prepared.simulator.release):
         more = tuple(p for p in every if p.name not in free)
         if not more or any(known.startswith(tuple(paths)) for known in free):
             continue
@@ -215,7 +115,7 @@ def joint_information(
     values = np.concatenate([solution.values, [p.value for p in more]])
     extended = replace(problem, simulator=simulator.view_of(every), parameters=every, frozen=None, known=known)
     evaluation = extended.evaluate(values, solution.starts)
-    system = level_of(extended, solution.gap_weight).system(evaluation, values)
+    system = objective_at(extended, solution.gap_weight).system(evaluation, values)
     no_change = np.zeros(len(values))
     step = eliminate(system, 0.0, extended.prior(values), no_change, no_change)
     prior = prior_of(every, values, known.common)
@@ -235,7 +135,7 @@ class ScoreChange(NamedTuple):
 
 
 #: Fraction of a candidate's information that must remain once the free parameters are accounted for.
-LEAST_INFORMATION = 1e-7
+LEAST_INFORMATION_SHARE = 1e-7
 
 
 def score_change(
@@ -253,83 +153,10 @@ def score_change(
         A = A - S[np.ix_(mine, free)] @ inner[:, :-1]
         u = u - S[np.ix_(mine, free)] @ inner[:, -1]
     scale = 1 / np.sqrt(np.diag(S)[mine])
-    if np.linalg.eigvalsh(A * np.outer(scale, scale))[0] < LEAST_INFORMATION:
+    if np.linalg.eigvalsh(A * np.outer(scale, scale))[0] < LEAST_INFORMATION_SHARE:
         return None
     change = -solve_spd(A, u)
     gain = float(-0.5 * u @ change)
     error = np.sqrt(np.diag(invert_spd(A)))
     p = float(chdtrc(len(A), max(2 * gain, 0.0)))
     return ScoreChange(change, error, -inner @ np.append(change, 1.0), gain, p)
-
-
-@dataclass(frozen=True)
-class Group:
-    """Numbers that are freed together, and those that replace them when they are fixed again."""
-
-    name: str
-    parameters: tuple[Parameter, ...]
-    instead: tuple[Parameter, ...] = ()
-
-
-def groups(model: Model, free: Sequence[Parameter], shared: Sequence[Parameter]) -> list[Group]:
-    """What may be wrong in a model; groups that others are more likely to replace come first and are fixed first.
-
-    Args:
-        free: parameters that are already free.
-        shared: friction that was free as one number for all joints; separate joints replace it.
-    """
-    line = model.line
-    body = []
-    markers = []  # for one link the camera represents its marker
-    if line.links > 1:
-        body = ["line.0.mass"]
-        markers = [MARKER]
-    if line.compound:  # for one link the inertia represents its mass
-        body = ["line.0.inertia", "line.0.centre_of_mass"]
-    # lengths before the end that they replace: the end has too few numbers to replace them
-    named = [
-        ("rate of the clock", [CLOCK]),
-        ("lengths of links", ["line.0.length"]),
-        ("position of the second end", _second_end(model)),
-        ("markers", markers),
-        ("roll of the camera", [CAMERA]),
-        ("inertia", body),
-        ("linear drag", [PARTS["linear"]]),
-        ("quadratic drag", [PARTS["quadratic"]]),
-        ("viscous friction of each joint", [PARTS["joint viscous"]]),
-        ("dry friction of each joint", [PARTS["dry"]]),
-    ]
-    known = {p.name for p in free} - {p.name for p in shared}
-    found = []
-    for name, paths in named:
-        own = []
-        for path in paths:
-            own += [q for q in _existing(model, [path]) if q.name not in known]
-        instead = tuple(p for p in shared if p.name in paths)
-        if own and (len(own) > 1 or not instead):
-            found.append(Group(name, tuple(_with_width(model, q) for q in own), instead))
-    return found
-
-
-def _existing(model: Model, paths: Sequence[str], release: Release | None = None) -> list[Parameter]:
-    """The numbers at these paths; empty if the scene lacks one."""
-    try:
-        return list(resolve(model, paths, release=release))
-    except SceneError:
-        return []
-
-
-def _with_width(model: Model, p: Parameter) -> Parameter:
-    """A parameter with the default prior of its kind if none is given; coefficients have none."""
-    width = 0.0
-    if isinstance(p.where, CameraTarget):
-        width = PRIOR_ANGLE
-    elif isinstance(p.where, ClockTarget):
-        width = PRIOR_CLOCK
-    elif isinstance(p.where, ModelTarget) and p.where.section == "lines":
-        width = PRIOR_FRACTION * abs(p.value)
-    elif isinstance(p.where, ModelTarget) and p.where.section == "points":
-        width = PRIOR_FRACTION * float(np.mean(np.asarray(model.line.length)))
-    if width > 0:
-        return replace(p, prior=(p.value, width))
-    return p

@@ -11,11 +11,11 @@ from dropper_jax.base.json_values import Json
 from fitting.parameters.parameter import Parameter
 
 #: Gain in log likelihood below which a candidate is not suggested.
-WORTH = 6.0
+LEAST_GAIN = 6.0
 #: Separator of the names of indistinguishable candidates in reports.
-OR = " or "
+NAME_SEPARATOR = " or "
 #: Probability, over all candidates, below which a candidate is reported.
-UNLIKELY = 0.01
+REPORTED_PROBABILITY = 0.01
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class Candidate:
     @property
     def worth_naming(self) -> bool:
         """Whether the candidate is worth reporting."""
-        return self.gain > WORTH and self.p < UNLIKELY
+        return self.gain > LEAST_GAIN and self.p < REPORTED_PROBABILITY
 
     @property
     def identifiable(self) -> bool:
@@ -70,7 +70,7 @@ class Candidate:
         largest = max(self.changes, key=lambda name: abs(self.changes[name] / self.errors[name]))
         change = f"{largest} by {self.changes[largest]:+.3g} +- {self.errors[largest]:.2g}"
         gain = f"--free ...,{','.join(self.free)} would gain {self.gain:.0f} in log likelihood ({change})"
-        return f"{OR.join([self.name, *self.alike])}: {gain}"
+        return f"{NAME_SEPARATOR.join([self.name, *self.alike])}: {gain}"
 
 
 def omitted_parameter_bias(names: Sequence[Candidate], parameters: Sequence[Parameter]) -> tuple[np.ndarray, ...]:
@@ -78,7 +78,7 @@ def omitted_parameter_bias(names: Sequence[Candidate], parameters: Sequence[Para
 
     A candidate that was freed later in its own right is no longer in doubt.
     """
-    freed = {candidate.name.split(OR)[0] for candidate in names}
+    freed = {candidate.name.split(NAME_SEPARATOR)[0] for candidate in names}
     found = []
     for candidate in names:
         for name, move in candidate.doubt.items():

@@ -36,29 +36,18 @@ from fitting.calibration.cross_validation import (
     score,
     with_released_fitted,
 )
-from fitting.calibration.decision import LACKS, chance, decide, decide_joined, deviation
-from fitting.calibration.estimating import with_residual_noise
-from fitting.calibration.law_fits import (
-    ITERATIONS,
-    LADDER,
-    PARTS,
-    Family,
-    Law,
-    better_fit,
-    contains,
-    family_of,
-    fit_law,
-    least_loss,
-    part_of,
-)
+from fitting.calibration.decision import REFUTED_PROBABILITY, chance, decide, decide_joined, deviation
+from fitting.calibration.law_fits import LAW_ITERATIONS, Family, better_fit, family_of, fit_law, least_loss
+from fitting.calibration.laws import LAW_PARTS, LAWS, Law, contains, part_of
+from fitting.calibration.method import with_residual_noise
 from fitting.calibration.prepared import Prepared
-from fitting.calibration.undetected import dissipated_per_unit, undetected_parts
+from fitting.calibration.undetected_parts import dissipated_per_unit, undetected_parts
 from fitting.estimate.factors import solve_spd
 from fitting.estimate.least_squares import Objective, descend, fit_windows
 from fitting.estimate.noise import lag_one
 from fitting.estimate.residuals import Solution
-from fitting.estimate.shooting import SCHEDULE, fit_shooting
-from fitting.estimate.step_size import finer_step, refine
+from fitting.estimate.shooting import GAP_WEIGHTS, fit_shooting
+from fitting.estimate.step_size import refine, with_finer_step
 from fitting.estimate.windows import Windows
 from fitting.parameters.parameter import Parameter
 
@@ -66,18 +55,18 @@ if TYPE_CHECKING:
     from fitting.calibration.result import FitResult
 
 #: Evaluations of joined windows between a law and one that contains it.
-ONWARD = 15
+JOINED_ITERATIONS = 15
 #: Maximum evaluations of a law started from the end of a larger one, which suffices in the same local minimum.
-NEAR = 8
+RESTART_ITERATIONS = 8
 #: Maximum number of larger laws to start from, as each may have found a better local minimum.
-TRIES = 3
+MOST_RESTARTS = 3
 #: Cost, in multiples of the fullest law's, above which a law does not justify finer steps.
-FAR = 10.0
+FINE_STEP_COST_RATIO = 10.0
 #: Loss of log likelihood, by the fullest law's covariance, above which no other local minimum can rescue a law.
-HOPELESS = 1000.0
+HOPELESS_LOSS = 1000.0
 
 
-def compare(result: FitResult, laws: Sequence[str] = tuple(LADDER), progress: Progress = silent) -> list[Law]:
+def compare(result: FitResult, laws: Sequence[str] = tuple(LAWS), progress: Progress = silent) -> list[Law]:
     """Which damping laws the traces of a fit leave possible; see `compare_laws`.
 
     Raises:
@@ -94,19 +83,21 @@ def refuse_tied(option: str, parameters: Sequence[Parameter]) -> None:
         raise SceneError(f"{option}: not with {tied!r} free. Omit it, or free paths of the scene such as b_l")
 
 
-def compare_laws(prepared: Prepared, laws: Sequence[str] = tuple(LADDER), progress: Progress = silent) -> list[Law]:
+def compare_laws(prepared: Prepared, laws: Sequence[str] = tuple(LAWS), progress: Progress = silent) -> list[Law]:
     """Fit laws to the same windows by `windows`, and report which of them the traces leave possible.
 
     Other free parameters of the fit (inertias, camera) are free in every law. Friction in joints is one number for all,
     or one for each if the scene or the fit specifies it so.
 
     Raises:
-        SceneError: a law of unknown name.
+        SceneError: no law, or one of unknown name.
     """
+    if not laws:
+        raise SceneError("laws: none given. Use two or more of them")
     for law in laws:
-        if law not in LADDER:
-            raise SceneError(f"laws: {law!r} is unknown; {nearest(law, LADDER)}")
-    ordered = sorted(laws, key=lambda law: (len(LADDER[law]), list(LADDER).index(law)))
+        if law not in LAWS:
+            raise SceneError(f"laws: {law!r} is unknown; {nearest(law, LAWS)}")
+    ordered = sorted(laws, key=lambda law: (len(LAWS[law]), list(LAWS).index(law)))
     fits = LawFits(prepared, ordered, progress)
     fullest = fits.fit_fullest()
     memory = fullest.problem.memory
@@ -114,16 +105,19 @@ def compare_laws(prepared: Prepared, laws: Sequence[str] = tuple(LADDER), progre
     fits.fit_others(fullest, same)
     folds = with_released_fitted(blocks(fits.prepared.windows.run), fits.prepared.windows.released)
     scores = [score(solution, folds) for solution in fits.solutions.values()]
+    acting_parts = {}
+    for law in ordered:
+        acting_parts[law] = {same.get(part, part) for part in LAWS[law]}
     rows = []
     for row in fits.rows(scores):
-        alike = tuple(other for other in ordered if other != row.name and _same_law(row.name, other, same))
-        unseen = fits.undetected(fits.solutions[row.name], "dry" in LADDER[row.name])
+        alike = tuple(law for law in ordered if law != row.name and acting_parts[law] == set(LAWS[row.name]))
+        unseen = fits.undetected(fits.solutions[row.name], "dry" in LAWS[row.name])
         rows.append(replace(row, equals=alike, unseen=unseen))
     rows = decide(rows, [replace(scored, log_score=scored.log_score / memory) for scored in scores])
     possible = {row.name: fits.solutions[row.name] for row in rows if row.possible}
     if len(possible) == 1:
         return rows
-    dry = any("dry" in LADDER[law] for law in possible)
+    dry = any("dry" in LAWS[law] for law in possible)
     joined = fits.join(possible, fits.families[dry])
     costs = {law: solution.cost / memory for law, solution in joined.items()}
     return decide_joined(rows, costs, {law: fits.undetected(solution, dry) for law, solution in joined.items()})
@@ -150,7 +144,7 @@ class LawFits:
         others = [name for name in prepared.names if part_of(name) is None]
         self.families: dict[bool, Family] = {}
         self.per_unit: dict[bool, np.ndarray] = {}
-        for dry in sorted({"dry" in LADDER[law] for law in laws}):
+        for dry in sorted({"dry" in LAWS[law] for law in laws}):
             family = family_of(prepared, others, dry)
             self.families[dry] = family
             self.per_unit[dry] = dissipated_per_unit(prepared, family.simulator, family.owner)
@@ -160,7 +154,7 @@ class LawFits:
 
     def family(self, law: str) -> Family:
         """The family of a law."""
-        return self.families["dry" in LADDER[law]]
+        return self.families["dry" in LAWS[law]]
 
     def fit(self, law: str, inner: list[Solution]) -> Solution:
         """A law fitted from the best of those that it contains."""
@@ -178,8 +172,8 @@ class LawFits:
         self.prepared = self.prepared.noisy(fullest.problem.noise)
         self.fullest_fits = {name: fullest}
         for dry, family in self.families.items():
-            self.families[dry] = replace(family, enough=FAR * fullest.cost)
-            law = next(law for law in reversed(self.laws) if ("dry" in LADDER[law]) == dry)
+            self.families[dry] = replace(family, enough=FINE_STEP_COST_RATIO * fullest.cost)
+            law = next(law for law in reversed(self.laws) if ("dry" in LAWS[law]) == dry)
             if law != name:  # otherwise the step error would distinguish the schemes, and so the laws
                 self.fullest_fits[law] = refine(self.fit(law, [fullest]))
             substeps = self.fullest_fits[law].windows.substeps
@@ -199,7 +193,7 @@ class LawFits:
             same: parts that act like others, whose laws are left out.
         """
         for i, law in enumerate(self.laws):
-            if set(same) & set(LADDER[law]):
+            if set(same) & set(LAWS[law]):
                 continue
             self.progress(0.95, f"law {i + 1} of {len(self.laws)}: {law}")
             inner = [solution for name, solution in self.solutions.items() if contains(law, name)]
@@ -207,16 +201,16 @@ class LawFits:
                 inner.append(self.fullest_fits[law])
             self.solutions[law] = self.fit(law, inner)
         widest = self.family(self.laws[-1])
-        near = [law for law in self.solutions if least_loss(fullest, widest, law) < HOPELESS]
+        near = [law for law in self.solutions if least_loss(fullest, widest, law) < HOPELESS_LOSS]
         self.costs = {law: solution.cost / solution.problem.memory for law, solution in self.solutions.items()}
         for law in reversed(near):
             larger_laws = [name for name in self.solutions if contains(name, law)]
-            for _ in range(TRIES):
+            for _ in range(MOST_RESTARTS):
                 probability = {}
                 for name in larger_laws:
-                    parts = len(LADDER[name]) - len(LADDER[law])
+                    parts = len(LAWS[name]) - len(LAWS[law])
                     probability[name] = chance(self.costs[law] - self.costs[name], parts)
-                if min(probability.values(), default=1.0) >= LACKS:
+                if min(probability.values(), default=1.0) >= REFUTED_PROBABILITY:
                     break
                 larger = min(probability, key=probability.__getitem__)
                 larger_laws.remove(larger)
@@ -228,11 +222,11 @@ class LawFits:
         start = self.solutions[larger]
         used = self.family(larger).free_mask(law)
         problem = replace(start.problem, frozen=~used)
-        inside = fit_windows(problem, np.where(used, start.values, 0.0), start.starts, iterations=NEAR)
+        inside = fit_windows(problem, np.where(used, start.values, 0.0), start.starts, iterations=RESTART_ITERATIONS)
         if not inside.cost < own.cost:
             return
         values = np.array([inside.by_name[p.name] for p in own.problem.parameters])  # the larger one may have more
-        again = fit_windows(own.problem, values, inside.starts, iterations=ITERATIONS)
+        again = fit_windows(own.problem, values, inside.starts, iterations=LAW_ITERATIONS)
         self.solutions[law] = better_fit([own, again])
         for fit in (inside, self.solutions[law]):
             self.costs[law] = min(self.costs[law], fit.cost / fit.problem.memory)
@@ -246,15 +240,15 @@ class LawFits:
         """
         if not self.prepared.windows.follows.any():
             return {}
-        order = sorted(laws, key=lambda law: len(LADDER[law]))
+        order = sorted(laws, key=lambda law: len(LAWS[law]))
         most = order[-1]
         self.progress(0.95, f"law {most}, joined")
         begin = fit_law(self.prepared, family, most, [laws[most]])
-        widest = fit_shooting(begin, finer=finer_step)
+        widest = fit_shooting(begin, finer=with_finer_step)
         if widest.status != "ok" or not widest.gap_weight:
             return {}
         family = replace(family, substeps=widest.windows.substeps)
-        schedule = [weight for weight in SCHEDULE if weight >= widest.gap_weight]
+        schedule = [weight for weight in GAP_WEIGHTS if weight >= widest.gap_weight]
         joined: dict[str, Solution] = {}
         for law in order:
             self.progress(0.95, f"law {law}, joined")
@@ -265,8 +259,8 @@ class LawFits:
             if inner:  # the additional parts start at zero
                 best = min(inner, key=lambda solution: solution.cost)
                 problem = replace(best.problem, frozen=~family.free_mask(law))
-                level = Objective(problem, widest.gap_weight, intermediate=True)
-                tries.append(descend(level, replace(best, problem=problem), ONWARD))
+                objective = Objective(problem, widest.gap_weight, intermediate=True)
+                tries.append(descend(objective, replace(best, problem=problem), JOINED_ITERATIONS))
             if not any(solution.status == "ok" for solution in tries):
                 begin = fit_law(self.prepared, family, law, [laws[law]])
                 tries.append(fit_shooting(begin, choose=False, schedule=schedule))
@@ -331,22 +325,17 @@ SAME_COSINE = 1 - 1e-4
 def _same_parts(laws: Sequence[str], prepared: Prepared, first: Solution) -> dict[str, str]:
     """Parts of one coefficient that act like another, which replaces them; a part that the fit already has stays."""
     owner = [part_of(name) for name in first.problem.names]
-    single = {part for law in laws for part in LADDER[law] if owner.count(part) == 1}
+    single = {part for law in laws for part in LAWS[law] if owner.count(part) == 1}
     asked = {part_of(name) for name in prepared.names}
     columns = first.evaluation.jacobian[..., first.problem.freedoms :].reshape(-1, len(owner))
     unit = columns / np.maximum(np.sqrt(np.sum(columns**2, axis=0)), 1e-300)
     same: dict[str, str] = {}
-    parts = sorted(single, key=lambda part: (part not in asked, list(PARTS).index(part)))
+    parts = sorted(single, key=lambda part: (part not in asked, list(LAW_PARTS).index(part)))
     for part, other in combinations(parts, 2):
         cosine = abs(unit[:, owner.index(part)] @ unit[:, owner.index(other)])
         if part not in same and cosine >= SAME_COSINE:
             same[other] = part
     return same
-
-
-def _same_law(law: str, other: str, same: Mapping[str, str]) -> bool:
-    """Whether another law is this one under another name."""
-    return {same.get(part, part) for part in LADDER[other]} == set(LADDER[law])
 
 
 def remaining_decrease(solution: Solution) -> float:

@@ -20,15 +20,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fitting.estimate.blocks import scores
+from fitting.estimate.blocks import residual_scores
 from fitting.estimate.factors import scale_diagonal
 from fitting.estimate.normal_equations import bounded_step
 from fitting.estimate.residuals import Solution
 
-#: Maximum number of blocks, minimum number of windows per block, windows dropped on either side of it.
-BLOCKS = 5
-SMALLEST = 3
-GAP = 1
+#: Maximum number of blocks.
+MOST_BLOCKS = 5
+#: Minimum number of windows per block.
+FEWEST_WINDOWS = 3
+#: Number of windows that are neither scored nor fitted, on either side of a block.
+GAP_WINDOWS = 1
+
+#: Fraction of a predicted window whose samples determine its start; the others are scored.
+START_FRACTION = 1 / 3
 
 #: The windows that a fold scores and those that it fits, (K,) bool each.
 Fold = tuple[np.ndarray, np.ndarray]
@@ -57,13 +62,16 @@ class Scores:
 def blocks(run: np.ndarray) -> list[Fold]:
     """The windows that each fold scores and fits, (K,) bool each, from the windows' runs (K,)."""
     count = len(run)
-    folds = min(BLOCKS, max(count // SMALLEST, min(count, 2), 1))
-    gap = GAP if count >= 2 * SMALLEST else 0
+    number = min(MOST_BLOCKS, max(count // FEWEST_WINDOWS, min(count, 2), 1))
+    gap = GAP_WINDOWS if count >= 2 * FEWEST_WINDOWS else 0
     index = np.arange(count)
     near = (np.abs(index[:, None] - index) <= gap) & (run[:, None] == run)
-    parts = np.array_split(index, folds)
-    found = [(np.isin(index, part), ~near[part].any(axis=0)) for part in parts]
-    return [(scored, used) for scored, used in found if used.any()]
+    folds = []
+    for block in np.array_split(index, number):
+        used = ~near[block].any(axis=0)
+        if used.any():
+            folds.append((np.isin(index, block), used))
+    return folds
 
 
 def last_third(begin: np.ndarray, run: np.ndarray) -> list[Fold]:
@@ -74,7 +82,7 @@ def last_third(begin: np.ndarray, run: np.ndarray) -> list[Fold]:
         mine = mine[np.argsort(begin[mine])]
         first = max(1, len(mine) - max(1, len(mine) // 3))
         scored[mine[first:]] = True
-        used[mine[: max(first - GAP, 1)]] = True
+        used[mine[: max(first - GAP_WINDOWS, 1)]] = True
     if scored.any() and used.any():
         return [(scored, used)]
     return []
@@ -103,12 +111,13 @@ def score(solution: Solution, folds: list[Fold]) -> Scores:
     low, high = solution.problem.step_bounds(solution.values)
     columns = np.concatenate([np.arange(m2), m2 + free])
     jacobian = e.jacobian[..., columns]
-    along = scores(e, solution)[..., free]
+    along = residual_scores(e, solution)[..., free]
     information = np.einsum("ksni,ksnj->kij", along, along, optimize=True)
     gradient = np.einsum("ksni,ksn->ki", along, e.residual, optimize=True)
-    # fraction of a window that determines its start
-    early = (windows.index / windows.step_counts[:, None] <= (1 / 3))[:, :, None] & (windows.weight > 0)
-    late = ~early & (windows.weight > 0)
+    known = windows.weight > 0
+    elapsed = windows.index / windows.step_counts[:, None]
+    early = known & (elapsed <= START_FRACTION)[:, :, None]
+    late = known & ~early
     found = np.zeros((3, windows.count))
     for scored, used in folds:
         S = information[used].sum(0) + prior.curvature[np.ix_(free, free)]
@@ -119,7 +128,7 @@ def score(solution: Solution, folds: list[Fold]) -> Scores:
 
 
 #: Value added to the diagonal of a start's scaled precision: few samples leave some directions open.
-FLOOR = 1e-12
+DIAGONAL_FLOOR = 1e-12
 
 
 def score_window(
@@ -140,7 +149,7 @@ def score_window(
     precision[m2:, m2:] += S
     # rows and columns in units in which the diagonal is 1
     before, size = scale_diagonal(precision)
-    before = before + FLOOR * np.eye(len(size))
+    before = before + DIAGONAL_FLOOR * np.eye(len(size))
     W = jacobian[late] * size
     after = before + W.T @ W
     left = moved[late] - W @ np.linalg.solve(before, (A.T @ r) * size)

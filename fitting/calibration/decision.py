@@ -23,18 +23,20 @@ import numpy as np
 from scipy.special import chdtrc
 
 from fitting.calibration.cross_validation import Scores
-from fitting.calibration.law_fits import LADDER, Law, contains
+from fitting.calibration.laws import LAWS, Law, contains
 
-#: Probability below which a missing coefficient counts as shown (0.01 over some ten laws), and above which an
-#: additional one counts as needless.
-LACKS = 0.001
-NEEDLESS = 0.01
-#: A law that does not contain the better one is refuted if its log score is worse by this many of its standard errors
-#: and by at least this amount, or if its likelihood is that much worse with as many coefficients or more.
-STANDARD_ERRORS = 2.5
-WORSE = 3.0
+#: Probability below which the coefficients that a law lacks are significant: 0.01 over some ten laws.
+REFUTED_PROBABILITY = 0.001
+#: Probability above which additional coefficients count as needless.
+NEEDLESS_PROBABILITY = 0.01
+#: A law that does not contain the better one is refuted if its log score is worse by this number of standard errors.
+REFUTING_ERRORS = 2.5
+#: Minimum loss of log score for that; the same loss of log likelihood refutes a law of as many coefficients or more.
+REFUTING_LOSS = 3.0
+#: Loss of log likelihood with joined windows at which a law is refuted by another one of no more coefficients.
+JOINED_REFUTING_LOSS = 4.0
 #: Draws of windows for the laws' weights.
-DRAWS = 1000
+RESAMPLES = 1000
 
 
 def chance(gain: float, coefficients: int) -> float:
@@ -51,7 +53,7 @@ def decide(rows: list[Law], scores: list[Scores]) -> list[Law]:
     best = int(np.argmax(logs.sum(1)))
     apart = logs - logs[best]
     totals = apart.sum(1).tolist()
-    errors = (deviation(apart) * np.sqrt(logs.shape[1])).tolist()
+    errors = sum_errors(apart).tolist()
     weights = shares(logs, np.random.default_rng(0)).tolist()
     # the cost of a fit that did not converge is an upper limit: a law that passes with it passes
     reasons = [""] * len(rows)
@@ -84,8 +86,8 @@ def decide_joined(rows: list[Law], costs: Mapping[str, float], unseen: Mapping[s
     reasons = _by_likelihood(some, [""] * len(some))
     for (i, a), b in product(enumerate(some), some):
         apart = a.cost - b.cost
-        # difference of log likelihood with joined windows at which a law is refuted by another of no more coefficients
-        if not reasons[i] and a.coefficients >= b.coefficients and not contains(a.name, b.name) and apart > 4.0:
+        comparable = a.coefficients >= b.coefficients and not contains(a.name, b.name)
+        if not reasons[i] and comparable and apart > JOINED_REFUTING_LOSS:
             reasons[i] = f"is less likely than {b.name}, by {apart:.1f} in log likelihood"
     for row, reason in zip(some, reasons, strict=True):
         found[row.name] = replace(found[row.name], refuted=reason)
@@ -107,13 +109,13 @@ def _by_likelihood(rows: list[Law], reasons: list[str]) -> list[str]:
         if not reasons[i] and contains(rows[j].name, rows[i].name):
             gain = rows[i].cost - rows[i].unreached - rows[j].cost
             p = chance(gain, rows[j].coefficients - rows[i].coefficients)
-            if p < LACKS:
+            if p < REFUTED_PROBABILITY:
                 reasons[i] = f"lacks what {rows[j].name} has (p = {p:.1g})"
     # from the simplest law on: a law is needless only if a simpler law that it contains remains
     for j, i in product(sorted(alive, key=lambda j: rows[j].coefficients), alive):
         if not reasons[j] and not reasons[i] and contains(rows[j].name, rows[i].name):
             p = chance(rows[i].cost - rows[j].cost, rows[j].coefficients - rows[i].coefficients)
-            more = set(LADDER[rows[j].name]) - set(LADDER[rows[i].name])
+            more = set(LAWS[rows[j].name]) - set(LAWS[rows[i].name])
             # if a law has several more parts, one of them alone must be undecided
             between = [k for k in alive if contains(rows[k].name, rows[i].name)]
             between = [k for k in between if contains(rows[j].name, rows[k].name)]
@@ -121,7 +123,7 @@ def _by_likelihood(rows: list[Law], reasons: list[str]) -> list[str]:
                 open_parts = any(not reasons[k] for k in between)
             else:
                 open_parts = more & set(rows[j].unseen)
-            if p > NEEDLESS and not open_parts:
+            if p > NEEDLESS_PROBABILITY and not open_parts:
                 reasons[j] = f"needs no more than {rows[i].name} (p = {p:.1g})"
     return reasons
 
@@ -132,13 +134,12 @@ def _by_prediction(rows: list[Law], reasons: list[str], logs: np.ndarray, alive:
     for i, j in product(alive, alive):
         if not reasons[i] and not reasons[j] and i != j and rows[i].coefficients >= rows[j].coefficients:
             apart = logs[j] - logs[i]
-            error = 0.0
-            if len(apart):
-                error = np.sqrt(len(apart)) * np.std(apart)
-            predicts = apart.sum() > max(STANDARD_ERRORS * error, WORSE)
-            likelier = rows[i].cost - rows[j].cost > WORSE and apart.sum() > 0
+            loss = float(apart.sum())
+            error = float(sum_errors(apart[None])[0])
+            predicts = loss > REFUTING_LOSS and loss > REFUTING_ERRORS * error
+            likelier = rows[i].cost - rows[j].cost > REFUTING_LOSS and loss > 0
             if not contains(rows[i].name, rows[j].name) and (predicts or likelier):
-                reasons[i] = f"predicts worse than {rows[j].name}, by {apart.sum():.1f} +- {error:.1f}"
+                reasons[i] = f"predicts worse than {rows[j].name}, by {loss:.1f} +- {error:.1f}"
     return reasons
 
 
@@ -150,9 +151,14 @@ def deviation(rows: np.ndarray) -> np.ndarray:
     return np.full(len(rows), np.nan)
 
 
+def sum_errors(rows: np.ndarray) -> np.ndarray:
+    """Standard errors of the sums of rows (laws, windows), whose windows are independent."""
+    return deviation(rows) * np.sqrt(rows.shape[1])
+
+
 def shares(logs: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Weights (laws,) of log scores (laws, K), a mean over resampled windows (Yao et al. 2018, pseudo-BMA+)."""
-    drawn = rng.dirichlet(np.ones(logs.shape[1]), DRAWS) * logs.shape[1]
+    drawn = rng.dirichlet(np.ones(logs.shape[1]), RESAMPLES) * logs.shape[1]
     totals = drawn @ logs.T
     weights = np.exp(totals - totals.max(axis=1, keepdims=True))
     return np.mean(weights / weights.sum(axis=1, keepdims=True), axis=0)

@@ -12,7 +12,7 @@ from fitting.estimate.residuals import Solution
 #: Stretches of time in which deviations are averaged.
 STRETCHES = 10
 #: Standard errors of such a mean above which a recording disagrees: of normal noise one link in 170 000.
-DISAGREES = 5.0
+DISAGREEMENT_ERRORS = 5.0
 
 
 @dataclass(frozen=True)
@@ -115,7 +115,7 @@ def _row(name: str, link: int, mine: Deviations, rest: list[Deviations], edges: 
         high=float(edges[worst + 1]),
         mean=float(mean[worst]),
         std_error=float(error[worst]),
-        stretches=int((size > DISAGREES).sum()),
+        stretches=int((size > DISAGREEMENT_ERRORS).sum()),
     )
 
 

@@ -1,4 +1,4 @@
-"""`fit`: from traces and a scene to calibrated parameters with honest errors."""
+"""`fit`: from traces and a scene to calibrated parameters with their errors."""
 
 from __future__ import annotations
 
@@ -13,18 +13,19 @@ from dropper_jax.run.build import SceneLike
 from fitting.calibration.advice import advise
 from fitting.calibration.candidate import Candidate, omitted_parameter_bias
 from fitting.calibration.comparison import refuse_tied
-from fitting.calibration.estimating import Method, as_method, estimate
+from fitting.calibration.file_diagnosis import SUSPECT_CHI_SQUARE, name_wrong_file
+from fitting.calibration.fit_settings import AUTOMATIC, FitSettings
 from fitting.calibration.freeing import MOST_FREED, free_by_advice
 from fitting.calibration.kicks import without_kicks
+from fitting.calibration.law_candidates import QUADRATIC
 from fitting.calibration.law_fits import with_law
-from fitting.calibration.law_score_tests import QUADRATIC
 from fitting.calibration.law_tests import LawTest
 from fitting.calibration.likely_cause import free_too
-from fitting.calibration.lost_windows import FIRST, with_sound_windows
-from fitting.calibration.preparation import AUTOMATIC, FitSettings, TracesLike, prepare
+from fitting.calibration.lost_windows import FIRST_ITERATIONS, with_sound_windows
+from fitting.calibration.method import Method, as_method, estimate
+from fitting.calibration.preparation import TracesLike, prepare
 from fitting.calibration.prepared import Prepared
 from fitting.calibration.result import FitResult
-from fitting.calibration.short_windows import SUSPECT, name_wrong_file
 from fitting.calibration.spans import Interval
 from fitting.calibration.summarise import summarise
 from fitting.estimate.loss import LEAST_SQUARES, Loss, as_loss
@@ -93,7 +94,7 @@ def fit(
         prepared = replace(prepared, begin=whole.begin, starts=prepared.starts_from_samples())
         left = method.iterations
     else:
-        left = max(method.iterations - prepared.iterations, min(method.iterations - 1, FIRST), 1)
+        left = max(method.iterations - prepared.iterations, min(method.iterations - 1, FIRST_ITERATIONS), 1)
     solution = estimate(prepared, replace(method, iterations=left), loss, progress)
     solution.iterations += prepared.iterations
     result = with_wrong_file(summarise(prepared, method.name, solution), whole)
@@ -142,7 +143,7 @@ def fit_and_free(
     if chosen.name != "gradient":
         joined = chosen.name
     end = free_by_advice(sound, again, joined, loss, progress=progress)
-    freed = [*kicks, *end.names]
+    freed = [*kicks, *end.freed]
     doubt = omitted_parameter_bias(freed, end.prepared.parameters)
     prepared = end.prepared
     solution = end.solution
@@ -153,7 +154,7 @@ def fit_and_free(
     solution.iterations += prepared.iterations
     result = summarise(replace(prepared, known=known), chosen.name, solution)
     result = with_wrong_file(free_laws(result, chosen, end.loss, freed, progress), whole)
-    result.add_advice(end.found)
+    result.add_advice(end.tested)
     progress(1.0, result.status)
     return result
 
@@ -220,7 +221,7 @@ def with_wrong_file(result: FitResult, prepared: Prepared) -> FitResult:
     Args:
         prepared: with all windows.
     """
-    if result.status != "ok" or result.chi2_per_dof > SUSPECT:
+    if result.status != "ok" or result.chi2_per_dof > SUSPECT_CHI_SQUARE:
         result.wrong_file = name_wrong_file(prepared)
     return result
 

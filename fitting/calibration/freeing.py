@@ -3,12 +3,12 @@
 The first round is over separate windows, which remain solvable for any misfit. Isolated outliers switch on Student's
 loss, and missing frames free a jump of the clock. Candidates from the score tests (`advice`) are tried. If several are
 promising, each is fitted and their likelihoods decide, each with the noise that it leaves, minus `log(N)/2` per number.
-Candidates within `MARGIN` of the best cannot be distinguished. They are reported together and the one with fewest
-numbers is freed. The distance by which the others would move the estimates is added to the errors. The second round
-uses the requested method, whose joined windows detect smaller faults, with score tests alone.
+Candidates within `INDISTINGUISHABLE_GAIN` of the best cannot be distinguished. They are reported together and the one
+with fewest numbers is freed. The distance by which the others would move the estimates is added to the errors. The
+second round uses the requested method, whose joined windows detect smaller faults, with score tests alone.
 
 If the misfit is smooth, far above the noise, and not explained by any single candidate, the whole model is wrong. No
-sample is then an outlier, and groups of numbers are freed by `trials`.
+sample is then an outlier, and groups of numbers are freed by `group_trials`.
 """
 
 from __future__ import annotations
@@ -19,58 +19,42 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from dropper_jax.base.errors import Progress, silent
-from fitting.calibration.advice import candidate_simulator, score_candidates
-from fitting.calibration.candidate import OR, WORTH, Candidate
-from fitting.calibration.lost_frames import (
-    SEVERAL,
-    count_outliers,
-    lost_frames,
-    starts_from_previous_windows,
-    windows_far_off,
-)
-from fitting.calibration.preparation import at_frames
+from fitting.calibration.advice import score_candidates
+from fitting.calibration.candidate import LEAST_GAIN, NAME_SEPARATOR, Candidate
+from fitting.calibration.group_trials import WRONG_CHI_SQUARE, free_groups, is_model_wrong
+from fitting.calibration.lost_frames import lost_frames, starts_from_previous_windows, windows_far_off
+from fitting.calibration.outliers import SEVERAL_OUTLIERS, count_outliers
+from fitting.calibration.possible_faults import candidate_simulator, with_freed
 from fitting.calibration.prepared import Prepared
-from fitting.calibration.trials import WRONG, free_groups, is_model_wrong
 from fitting.estimate.least_squares import fit_windows
 from fitting.estimate.loss import LEAST_SQUARES, Loss, StudentT
 from fitting.estimate.noise import log_volume
 from fitting.estimate.residuals import Solution
 from fitting.estimate.simulator import Simulator
 from fitting.estimate.windows import pick
-from fitting.parameters.paths import resolve
 from fitting.parameters.targets import LOST
 
-#: Maximum number of candidates freed one after another, and how many of them are fitted before one is chosen.
+#: Maximum number of candidates that are freed one after another.
 MOST_FREED = 6
-TRIED = 4
+#: Maximum number of candidates that are fitted before one of them is chosen.
+MOST_FITTED = 4
 #: Difference of log likelihoods below which candidates are indistinguishable.
-MARGIN = 3.0
-#: Log of the number of jumps searched, which one gains by chance; minimum size of a jump in frames, below which the
-#: misfit is of another kind.
-CHANCE = 9.0
-LEAST_LOST = 0.7
-
-
-def with_freed(prepared: Prepared, paths: Sequence[str], simulator: Simulator, value: float | None = None) -> Prepared:
-    """The preparation with more free parameters, which start from `value` or from the scene's own."""
-    more = resolve(prepared.simulator.model, paths, release=prepared.simulator.release)
-    more = [p for p in at_frames(more, prepared.traces) if p.name not in prepared.names]
-    own = [p.value for p in more]
-    if value is not None:
-        own = [value] * len(more)
-    begin = np.append(prepared.values, own)
-    return prepared.with_parameters([*prepared.parameters, *more], begin, simulator)
+INDISTINGUISHABLE_GAIN = 3.0
+#: Gain in log likelihood that a jump has by chance: the log of the number of jumps that are searched.
+JUMP_SEARCH_GAIN = 9.0
+#: Minimum size of a jump [frames]; smaller ones are a misfit of another kind.
+LEAST_LOST_FRAMES = 0.7
 
 
 #: Fraction of the best candidate's gain that another one must promise to be tried as well.
-WORTH_TRYING = 0.3
+PROMISING_SHARE = 0.3
 
 
 def promising(found: Sequence[Candidate], refused: Collection[str] = ()) -> list[Candidate]:
     """The candidates to try next, the best first: those that promise more than their parameters cost."""
     named = [c for c in found if c.worth_naming and c.worth > 0 and c.name not in refused]
     best = max((c.worth for c in named), default=0.0)
-    return [c for c in named if c.worth > WORTH_TRYING * best][:TRIED]
+    return [c for c in named if c.worth > PROMISING_SHARE * best][:MOST_FITTED]
 
 
 def likelihood(solution: Solution) -> float:
@@ -87,7 +71,7 @@ def _back(prepared: Prepared, solution: Solution, mine: Sequence[str]) -> dict[s
 #: Correlated noise leaves a chi-square of up to 10.
 REST_CHI_SQUARE = 20.0
 #: A wrong candidate creeps: on the measured double pendulum a whole fit took 40 evaluations and explained nothing.
-SHORT_FIT = 6
+SHORT_FIT_ITERATIONS = 6
 
 
 @dataclass
@@ -100,8 +84,8 @@ class Freeing:
         loss: used for the fit.
         fit: an estimator: `fit(prepared, method, loss)`, with `frozen` parameters.
         simulator: knows the numbers of all candidates.
-        names: freed candidates, in order.
-        found: results of the score tests for the rest.
+        freed: candidates that are free, in order.
+        tested: score tests of the others.
         refused: names of candidates that were tried and do not help.
     """
 
@@ -111,8 +95,8 @@ class Freeing:
     fit: Callable[..., Solution]
     simulator: Simulator
     progress: Progress
-    names: list[Candidate] = field(default_factory=list)
-    found: list[Candidate] = field(default_factory=list)
+    freed: list[Candidate] = field(default_factory=list)
+    tested: list[Candidate] = field(default_factory=list)
     refused: set[str] = field(default_factory=set)
 
     @property
@@ -126,7 +110,7 @@ class Freeing:
         penalty = 0.5 * np.log(max(self.solution.windows.samples, 2))
         return likelihood(self.solution) - penalty * len(self.prepared.parameters)
 
-    def is_wrong(self, limit: float = WRONG) -> bool:
+    def is_wrong(self, limit: float = WRONG_CHI_SQUARE) -> bool:
         """Whether a smooth misfit far above the noise is left."""
         return is_model_wrong(self.prepared, self.solution, limit)
 
@@ -138,16 +122,16 @@ class Freeing:
             for candidate in promising(score_candidates(self.prepared, self.solution, self.simulator)):
                 prepared = with_freed(self.end, candidate.free, self.simulator)
                 problem = prepared.problem(self.loss)
-                short = fit_windows(problem, prepared.values, prepared.starts, iterations=SHORT_FIT)
+                short = fit_windows(problem, prepared.values, prepared.starts, iterations=SHORT_FIT_ITERATIONS)
                 if not is_model_wrong(prepared, short):
                     tries.append(candidate)
-        freed = replace(self, names=list(self.names), refused=set())
-        freed.free_best(tries)
-        if not tries or freed.is_wrong():
+        trial = replace(self, freed=list(self.freed), refused=set())
+        trial.free_best(tries)
+        if not tries or trial.is_wrong():
             return False
-        self.prepared = freed.prepared
-        self.solution = freed.solution
-        self.names = freed.names
+        self.prepared = trial.prepared
+        self.solution = trial.solution
+        self.freed = trial.freed
         return True
 
     def free_groups(self, method: str) -> None:
@@ -159,23 +143,23 @@ class Freeing:
         self.solution = fit_windows(self.prepared.problem(self.loss), self.prepared.values, self.prepared.starts)
         if method == "windows" or not self.is_wrong():  # else the other method's fit follows
             self.solution = self.fit(self.prepared, "windows", self.loss)
-        self.names += names
+        self.freed += names
 
     def free_best(self, tries: Sequence[Candidate]) -> None:
         """Free the best of several candidates, by fitting them."""
         fits = []
         for candidate in tries:
             prepared = with_freed(self.end, candidate.free, self.simulator)
-            freed = replace(self, prepared=prepared, solution=self.fit(prepared, "windows", self.loss))
-            gain = likelihood(freed.solution) - likelihood(self.solution)
-            if freed.solution.status == "ok" and gain >= WORTH:
-                fits.append((replace(candidate, gain=gain), freed))
+            trial = replace(self, prepared=prepared, solution=self.fit(prepared, "windows", self.loss))
+            gain = likelihood(trial.solution) - likelihood(self.solution)
+            if trial.solution.status == "ok" and gain >= LEAST_GAIN:
+                fits.append((replace(candidate, gain=gain), trial))
             else:
                 self.refused.add(candidate.name)
         if not fits:
             return
-        most = max(freed.score for _, freed in fits)
-        near = [pair for pair in fits if pair[1].score > most - MARGIN]
+        most = max(trial.score for _, trial in fits)
+        near = [pair for pair in fits if pair[1].score > most - INDISTINGUISHABLE_GAIN]
         # indistinguishable candidates keep their order
         near.sort(key=lambda pair: (len(pair[1].solution.values), -round(pair[1].score - self.score)))
         (candidate, best), *others = near
@@ -184,19 +168,19 @@ class Freeing:
             names = best.prepared.names
             back = _back(best.prepared, best.solution, names[k:])
             doubt = {}
-            for other, freed in others:
-                moved = freed.solution.values[:k] - best.solution.values[:k]
+            for other, trial in others:
+                moved = trial.solution.values[:k] - best.solution.values[:k]
                 doubt[other.name] = dict(zip(names[:k], moved.tolist(), strict=True)) | back
-            candidate = replace(candidate, name=OR.join(c.name for c, _ in near), doubt=doubt)
+            candidate = replace(candidate, name=NAME_SEPARATOR.join(c.name for c, _ in near), doubt=doubt)
             self.refused.update(doubt)
         self.prepared = best.prepared
         self.solution = best.solution
-        self.names.append(candidate)
+        self.freed.append(candidate)
 
     def free_outliers(self) -> None:
         """Student's loss if there are isolated outliers."""
         count = count_outliers(self.solution)
-        if self.loss != LEAST_SQUARES or count < SEVERAL:
+        if self.loss != LEAST_SQUARES or count < SEVERAL_OUTLIERS:
             return
         prepared = self.end
         solution = self.fit(prepared, "windows", StudentT())
@@ -204,7 +188,7 @@ class Freeing:
             self.loss = StudentT()
             self.prepared = prepared
             self.solution = solution
-            self.names.append(Candidate(f"outliers ({count} samples)", ("--student",), gain=float(count)))
+            self.freed.append(Candidate(f"outliers ({count} samples)", ("--student",), gain=float(count)))
 
     def reconsider(self, candidate: Candidate) -> Freeing:
         """The fit without one of several freed candidates, or with another one instead, if that is more likely.
@@ -212,8 +196,8 @@ class Freeing:
         With two faults, the first candidate to be freed had to explain both.
         """
         mine = [name for name in self.prepared.names if name.startswith(candidate.free)]
-        rest = [c for c in self.names if c is not candidate]
-        if not mine or candidate not in self.names or not any(c.changes for c in rest):
+        rest = [c for c in self.freed if c is not candidate]
+        if not mine or candidate not in self.freed or not any(c.changes for c in rest):
             return self
         keep = [i for i, p in enumerate(self.prepared.parameters) if p.name not in mine]
         fewer = [self.prepared.parameters[i] for i in keep]
@@ -221,11 +205,11 @@ class Freeing:
         solution = self.fit(prepared, "windows", self.loss)
         if solution.status != "ok":
             return self
-        without = replace(self, prepared=prepared, solution=solution, names=rest, found=[], refused=set())
+        without = replace(self, prepared=prepared, solution=solution, freed=rest, tested=[], refused=set())
         if not without.score > self.score:
             found = score_candidates(prepared, solution, self.simulator)
             found = [c for c in found if c.worth_naming and c.name not in candidate.name]
-            without.free_best(found[:TRIED])
+            without.free_best(found[:MOST_FITTED])
         if without.score > self.score:
             without.refused = self.refused
             return without
@@ -236,11 +220,11 @@ class Freeing:
         self.prepared = self.end
         self.solution = self.fit(self.prepared, method, self.loss)
         while self.solution.status == "ok" and not self.is_wrong():
-            self.progress(0.9, f"testing what may be wrong, {len(self.names)} freed")
-            self.found = score_candidates(self.prepared, self.solution, self.simulator)
-            named = [c for c in self.found if c.worth_naming]
+            self.progress(0.9, f"testing what may be wrong, {len(self.freed)} freed")
+            self.tested = score_candidates(self.prepared, self.solution, self.simulator)
+            named = [c for c in self.tested if c.worth_naming]
             best = next((c for c in named if c.name not in self.refused), None)
-            if best is None or len(self.names) >= MOST_FREED:
+            if best is None or len(self.freed) >= MOST_FREED:
                 break
             prepared = with_freed(self.end, best.free, self.simulator)
             solution = self.fit(prepared, method, self.loss)
@@ -250,11 +234,11 @@ class Freeing:
             back = _back(prepared, solution, list(best.changes))
             doubt = {}
             for c in named:
-                if c is not best and (c.name in best.alike or 0 <= best.worth - c.worth < MARGIN):
+                if c is not best and (c.name in best.alike or 0 <= best.worth - c.worth < INDISTINGUISHABLE_GAIN):
                     doubt[c.name] = {p: c.moves.get(p, 0.0) - move for p, move in best.moves.items()} | back
             self.prepared = prepared
             self.solution = solution
-            self.names.append(replace(best, doubt=doubt))
+            self.freed.append(replace(best, doubt=doubt))
 
     def fit_without_far_off(self) -> Solution:
         """A fit without the windows that contain a jump: their misfit would be taken for damping and for noise."""
@@ -300,14 +284,18 @@ class Freeing:
             solution = self.fit(prepared, "windows", self.loss)
             gain = likelihood(solution) - likelihood(self.solution)
             seconds = float(solution.values[-1])
-            if solution.status != "ok" or gain < WORTH + CHANCE or abs(seconds) < LEAST_LOST * trace.interval:
+            if (
+                solution.status != "ok"
+                or gain < LEAST_GAIN + JUMP_SEARCH_GAIN
+                or abs(seconds) < LEAST_LOST_FRAMES * trace.interval
+            ):
                 return
             self.prepared = prepared
             self.solution = solution
             words = f"{seconds / trace.interval:.1f} lost frames before frame {lost.frame} of {trace.name}"
             words += f" ({trace.t[lost.frame]:.3f} s)"
             errors = {name: float(solution.information[-1, -1]) ** -0.5}
-            self.names.append(Candidate(words, (name,), {name: seconds}, errors, gain))
+            self.freed.append(Candidate(words, (name,), {name: seconds}, errors, gain))
 
 
 def free_by_advice(
@@ -332,23 +320,23 @@ def free_by_advice(
     if at.is_wrong() and not at.free_one_fault():
         at.free_groups(method)
     wrong = at.is_wrong()
-    first = len(at.names)
+    first = len(at.freed)
     if not wrong:
         at.free_outliers()
-    begin = replace(at, names=list(at.names))
-    while not wrong and at.solution.status == "ok" and len(at.names) - first < MOST_FREED:
-        progress(0.5, f"testing what may be wrong, {len(at.names)} freed")
-        at.found = score_candidates(at.prepared, at.solution, at.simulator)
-        tries = promising(at.found, at.refused)
+    begin = replace(at, freed=list(at.freed))
+    while not wrong and at.solution.status == "ok" and len(at.freed) - first < MOST_FREED:
+        progress(0.5, f"testing what may be wrong, {len(at.freed)} freed")
+        at.tested = score_candidates(at.prepared, at.solution, at.simulator)
+        tries = promising(at.tested, at.refused)
         if not tries:
             break
         at.free_best(tries)
         at.free_outliers()
     if not wrong and at.is_wrong(REST_CHI_SQUARE):
         begin.free_groups(method)
-        if len(begin.names) > first:
+        if len(begin.freed) > first:
             at = begin
-    for candidate in at.names[len(begin.names) :]:
+    for candidate in at.freed[len(begin.freed) :]:
         at = at.reconsider(candidate)
     if method != "windows":
         at.continue_with(method)

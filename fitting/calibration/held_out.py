@@ -8,9 +8,10 @@ import numpy as np
 
 from fitting.calibration.prepared import Prepared, program_space
 from fitting.calibration.spans import Interval, frames_between
+from fitting.estimate.first_starts import first_starts
 from fitting.estimate.least_squares import fit_windows
 from fitting.estimate.residuals import Solution
-from fitting.estimate.windows import Span, Windows, fewest_frames, first_starts
+from fitting.estimate.windows import Span, Windows, fewest_frames
 
 
 @dataclass(frozen=True)
@@ -80,6 +81,8 @@ def _shape(prepared: Prepared) -> tuple[int, int]:
 
 #: Maximum evaluations for the starts of held-out windows, at each part of them.
 START_ITERATIONS = 30
+#: Parts of a held-out window whose angles are used in turn: the start must be near the motion to follow all of it.
+FITTED_PARTS = (0.2, 0.5, 1.0)
 
 
 def fit_starts(prepared: Prepared, windows: Windows, values: np.ndarray) -> Solution:
@@ -90,8 +93,7 @@ def fit_starts(prepared: Prepared, windows: Windows, values: np.ndarray) -> Solu
     starts = first_starts(prepared.simulator.model_at(values), traces, windows, prepared.sigma)
     problem = prepared.problem(frozen=np.ones(len(values), bool))
     problem = replace(problem, windows=windows, simulator=problem.simulator.view_of_starts())
-    # fractions of a held-out window whose angles are used in turn to find its start
-    for part in (0.2, 0.5, 1.0):
+    for part in FITTED_PARTS:
         solution = fit_windows(
             replace(problem, windows=windows.early(part)), values, starts, iterations=START_ITERATIONS
         )

@@ -27,17 +27,18 @@ from fitting.estimate.windows import Span, Starts, Windows, pick, with_rows
 from fitting.traces.planar import wrap
 
 #: Fraction of the windows that a search starts with and must leave: a kick early in a run may disturb most of them.
-TRUSTED = 1 / 3
+TRUSTED_FRACTION = 1 / 3
 #: Maximum number of rounds of a search.
-ROUNDS = 5
+SEARCH_ROUNDS = 5
 #: Maximum evaluations of a fit of starts alone.
-ITERATIONS = 12
+START_ITERATIONS = 12
 #: Ratio of a window's misfit to that of most, and to the previous one, above which only a kick explains it. The misfit
 #: of lengths wrong by 1 % or of a wrong law changes by less than a factor 4 from one window to the next.
-KICKED = 6.0
-#: Quantile of a window's residuals that measures its misfit regardless of a few outliers, and that of normal noise.
-QUANTILE = 0.9
-NORMAL = 1.645
+KICK_RATIO = 6.0
+#: Quantile of a window's absolute residuals that measures its misfit regardless of a few outliers.
+MISFIT_QUANTILE = 0.9
+#: That quantile of standard normal noise.
+NORMAL_QUANTILE = 1.645
 
 
 class Kick(NamedTuple):
@@ -80,8 +81,9 @@ def without_kicks(
         what = "is kicked or touched at"
         if len(kick.windows) > 1:
             what = "is disturbed, or moves out of its plane, from"
-        words = f" about {kick.time:.2f} s: windows from {kick.begin:.3g} to {last:.3g} s left out"
-        candidates.append(Candidate(f"{prepared.traces[kick.run].name} {what}{words}"))
+        name = prepared.traces[kick.run].name
+        left_out = f"windows from {kick.begin:.3g} to {last:.3g} s left out"
+        candidates.append(Candidate(f"{name} {what} about {kick.time:.2f} s: {left_out}"))
         removed.append(Span(kick.run, kick.begin, last))
         if kick.begin < windows.begin[kick.windows[0]]:
             windows = windows.end_early(kick.windows[0] - 1, kick.begin)
@@ -127,12 +129,12 @@ class _TrimmedFit(NamedTuple):
     @property
     def limit(self) -> float:
         """Misfit above which only a kick explains a window."""
-        return KICKED * float(np.median(self.misfit[self.good]))
+        return KICK_RATIO * float(np.median(self.misfit[self.good]))
 
 
 def _min_windows(windows: Windows) -> int:
     """Minimum number of good windows."""
-    return int(np.ceil(TRUSTED * windows.count))
+    return int(np.ceil(TRUSTED_FRACTION * windows.count))
 
 
 def _trimmed_fit(solution: Solution, fit: Callable[[np.ndarray, Solution], Solution]) -> _TrimmedFit | None:
@@ -142,9 +144,9 @@ def _trimmed_fit(solution: Solution, fit: Callable[[np.ndarray, Solution], Solut
     min_windows = _min_windows(windows)
     good = size <= np.sort(size)[min(max(min_windows, 2), windows.count) - 1]
     clean = solution
-    if not np.any(size > KICKED * np.median(size[good])):
+    if not np.any(size > KICK_RATIO * np.median(size[good])):
         return None
-    for _ in range(ROUNDS):
+    for _ in range(SEARCH_ROUNDS):
         clean = fit(~good, clean)
         from_own_start = _only_starts(clean, windows, clean.starts)
         starts = starts_from_previous_windows(from_own_start, ~good)
@@ -156,7 +158,7 @@ def _trimmed_fit(solution: Solution, fit: Callable[[np.ndarray, Solution], Solut
         starts = with_rows(from_own_start.starts, better, pick(from_previous_window.starts, better))
         clean = replace(clean, starts=starts)
         before = good
-        good = size <= KICKED * np.median(size[good])
+        good = size <= KICK_RATIO * np.median(size[good])
         if good.sum() < min_windows or (before == good).all():
             break
     return _TrimmedFit(clean, size, good)
@@ -172,9 +174,11 @@ def _locate_kicks(trimmed: _TrimmedFit, windows: Windows) -> tuple[list[Kick], S
     good = trimmed.good.copy()
     limit = trimmed.limit
     while good.sum() >= _min_windows(windows):
+        follows_good = np.r_[True, good[:-1]]
+        same_run = np.r_[False, windows.run[1:] == windows.run[:-1]]
         # the window of the kick may itself have too few samples
-        first = np.flatnonzero(~good & np.r_[True, good[:-1]] & np.r_[False, windows.run[1:] == windows.run[:-1]])
-        first = first[size[first] > KICKED * size[first - 1]]
+        first = np.flatnonzero(~good & follows_good & same_run)
+        first = first[size[first] > KICK_RATIO * size[first - 1]]
         if not len(first):
             break
         from_own_start = _only_starts(clean, windows, clean.starts)
@@ -211,7 +215,7 @@ def _first_missed(solution: Solution, which: np.ndarray, starts: Starts, limit: 
     """
     mine = solution.windows.pick(which)
     known = (mine.weight > 0).any(axis=2)
-    late = known & (np.cumsum(known, axis=1) > QUANTILE * known.sum(axis=1, keepdims=True))
+    late = known & (np.cumsum(known, axis=1) > MISFIT_QUANTILE * known.sum(axis=1, keepdims=True))
     earlier = replace(mine, weight=np.where(late[..., None], 0.0, mine.weight))
     found = _only_starts(solution, earlier, pick(starts, which))
     error = np.abs(wrap(found.evaluation.theta - mine.theta)) * mine.weight
@@ -226,14 +230,14 @@ def misfit(solution: Solution) -> np.ndarray:
     rows = np.where(windows.weight > 0, error, np.nan).reshape(windows.count, -1)
     known = ~np.isnan(rows).all(axis=1)
     found = np.zeros(windows.count)
-    found[known] = np.nanquantile(rows[known], QUANTILE, axis=1) / NORMAL
+    found[known] = np.nanquantile(rows[known], MISFIT_QUANTILE, axis=1) / NORMAL_QUANTILE
     return np.where(np.isfinite(found), found, np.inf)
 
 
 def _only_starts(solution: Solution, windows: Windows, starts: Starts) -> Solution:
     """The starts of windows alone, at a solution's parameters."""
     problem = replace(solution.problem, windows=windows)
-    starts, evaluation = fit_starts(problem, solution.values, starts, ITERATIONS)
+    starts, evaluation = fit_starts(problem, solution.values, starts, START_ITERATIONS)
     return replace(solution, problem=problem, starts=starts, evaluation=evaluation)
 
 

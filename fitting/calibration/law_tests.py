@@ -1,4 +1,4 @@
-"""Results of the score tests of a damping law (`laws`), and what they mean in words."""
+"""Results of the score tests of a damping law (`law_score_tests`), and what they mean in words."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from fitting.parameters.names import free_option
 from fitting.parameters.targets import RECORDING
 
 #: Probability of a candidate's t, over the whole family, below which the law counts as wrong.
-LEVEL = 0.01
+SIGNIFICANCE = 0.01
 #: Fraction of a reported value from which its change by a candidate matters.
-SHARE = 0.05
+NOTICED_SHARE = 0.05
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ class LawTests:
     @property
     def significant(self) -> list[LawTest]:
         """Candidates that the traces show, whether they matter or not."""
-        return [test for test in self.tests if test.p < LEVEL]
+        return [test for test in self.tests if test.p < SIGNIFICANCE]
 
     @property
     def wrong(self) -> LawTest | None:
@@ -113,6 +113,6 @@ def law_warnings(laws: LawTests) -> list[str]:
         small = laws.significant[0]
         lines.append(
             f"the trace shows {small.name} (t = {small.t:.1f}, p = {small.p:.1g}), which changes no value by more than "
-            f"its errors and {SHARE:.0%}"
+            f"its errors and {NOTICED_SHARE:.0%}"
         )
     return lines

@@ -13,43 +13,34 @@ Checked in this order, by short windows whose starts and damping are free:
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
-from dropper_jax.base.errors import SceneError
-from fitting.calibration.advice import candidate_simulator, candidates
-from fitting.calibration.freeing import with_freed
+from fitting.calibration.possible_faults import candidate_simulator, possible_faults, with_freed
 from fitting.calibration.prepared import Prepared
-from fitting.estimate.least_squares import fit_windows
-from fitting.estimate.release import TIME
-from fitting.estimate.windows import Span, first_starts
-from fitting.parameters.names import DAMPING_PATHS, free_option
+from fitting.calibration.short_windows import fit_short_windows
+from fitting.estimate.release import RELEASE_TIME
+from fitting.estimate.windows import Span
+from fitting.parameters.names import free_option
 from fitting.parameters.parameter import Parameter
 from fitting.parameters.targets import NODE
-from fitting.traces.noise import without_spikes
 from fitting.traces.trace import Trace
 
-#: Fraction of chi-square that a right cause may leave, and chi-square per sample of a window that is explained.
-LEAVES = 0.1
-EXPLAINED = 9.0
+#: Fraction of chi-square that a right cause may leave.
+CHI_SQUARE_LEFT = 0.1
+#: Chi-square per sample up to which a window is explained.
+EXPLAINED_CHI_SQUARE = 9.0
+#: Chi-square of a later candidate over that of an earlier one, which is more common, from which the later one counts.
+LATER_SHARE = 0.5
+#: Maximum relative change of a number outside the effects by a plausible cause.
+PLAUSIBLE_CHANGE = 0.5
 #: Fraction of samples on the line through their neighbours, above which they are interpolated.
-INTERPOLATED = 0.4
+INTERPOLATED_FRACTION = 0.4
 #: Fraction of the motion by which short windows miss smoothed samples at most; wrong models miss more.
-SMALL = 0.04
+SMOOTHED_MISS = 0.04
 #: Short windows in the order of time that find a driven beginning.
-PIECES = 12
-#: Evaluations of short windows.
-EVALUATIONS = 4
-
-
-class Misfit(NamedTuple):
-    """Chi-square per sample of short windows (K,), the fraction of the motion missed, and the parameters (k,)."""
-
-    chi2: np.ndarray
-    part: float
-    values: np.ndarray
+BEGINNING_WINDOWS = 12
 
 
 class Cause(NamedTuple):
@@ -59,47 +50,6 @@ class Cause(NamedTuple):
     remedy: str
 
 
-def fit_short_windows(
-    prepared: Prepared, pieces: Sequence[Span], paths: Sequence[str] = (), traces: Sequence[Trace] | None = None
-) -> Misfit:
-    """Short windows fitted with their starts, damping and the parameters at `paths` free.
-
-    Of a fit's parameters only the damping is fitted, starting from zero: a wrong file makes all others arbitrary.
-
-    Args:
-        pieces: run, start and end [s] of the windows.
-        traces: other ones than those of the preparation.
-    """
-    at = replace(prepared, traces=[without_spikes(trace) for trace in traces or prepared.traces])
-    try:
-        windows = at.cut(min(high - low for _, low, high in pieces), pieces)
-    except SceneError:
-        return Misfit(np.array([np.inf]), np.inf, prepared.values)
-    names = prepared.names
-    damping = np.array([name.startswith(DAMPING_PATHS) for name in names])
-    free = damping | [name.startswith(tuple(paths)) for name in names]
-    values = np.where(damping, [p.low for p in prepared.parameters], prepared.values)
-    starts = first_starts(prepared.simulator.model_at(values), at.traces, windows, at.sigma)
-    problem = replace(at.problem(frozen=~free), windows=windows)
-    solution = fit_windows(problem, values, starts, iterations=EVALUATIONS)
-    weight = windows.weight
-    mean = np.sum(weight * windows.theta, axis=1) / np.maximum(weight.sum(axis=1), 1e-300)
-    chi2 = _mean_square(solution.errors * weight, weight)
-    moved = _mean_square((windows.theta - mean[:, None]) * weight, weight)
-    chi2 = np.where(np.isfinite(chi2), chi2, np.inf)
-    part = float(np.median(np.sqrt(chi2 / np.maximum(moved, 1e-300))))
-    return Misfit(chi2, part, solution.values)
-
-
-def _mean_square(size: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Mean square (K,) of windows' samples (K, S, n), without the largest 5 %, which may be outliers."""
-    found = []
-    for one, known in zip(size, weight > 0, strict=True):
-        square = np.sort(one[known] ** 2)
-        found.append(square[: int(np.ceil(0.95 * len(square)))].mean())
-    return np.array(found)
-
-
 def likely_cause(prepared: Prepared, pieces: Sequence[Span]) -> Cause:
     """The likeliest cause.
 
@@ -107,7 +57,7 @@ def likely_cause(prepared: Prepared, pieces: Sequence[Span]) -> Cause:
         pieces: run, start and end [s] of short windows that move.
     """
     trace = prepared.traces[0]
-    if _interpolated(trace) > INTERPOLATED:
+    if _interpolated(trace) > INTERPOLATED_FRACTION:
         return Cause(
             "angles interpolated between frames, as clicked by hand",
             "leave the cells of frames that were not measured empty",
@@ -115,7 +65,7 @@ def likely_cause(prepared: Prepared, pieces: Sequence[Span]) -> Cause:
     given = fit_short_windows(prepared, pieces)
     return (
         _wrong_number(prepared, pieces, float(np.median(given.chi2)))
-        or _driven_beginning(prepared, pieces[0][2] - pieces[0][1])
+        or driven_beginning(prepared, pieces[0][2] - pieces[0][1])
         or _shared_errors(prepared, given.part)
         or Cause(
             "a line of other links than the scene's, or a force that the scene lacks",
@@ -128,25 +78,27 @@ def _wrong_number(prepared: Prepared, pieces: Sequence[Span], given: float) -> C
     """The number of the scene that explains most if it is free."""
     free = prepared.names
     simulator = candidate_simulator(prepared)
-    best = max(LEAVES * given, EXPLAINED)
+    best = max(CHI_SQUARE_LEFT * given, EXPLAINED_CHI_SQUARE)
     cause = None
-    for name, paths, _ in candidates(prepared.simulator.model, prepared.simulator.release):
-        if any(path.startswith((NODE, TIME)) for path in paths) or any(one.startswith(tuple(paths)) for one in free):
+    for name, paths, _ in possible_faults(prepared.simulator.model, prepared.simulator.release):
+        if any(path.startswith((NODE, RELEASE_TIME)) for path in paths) or any(
+            one.startswith(tuple(paths)) for one in free
+        ):
             continue
         tried = with_freed(prepared, paths, simulator)
         found = fit_short_windows(tried, pieces, paths)
         left = float(np.median(found.chi2))
         if left < best and _plausible(tried.parameters, found.values):
-            # another candidate that explains as much is less common than those before it
-            best = 0.5 * left
+            best = LATER_SHARE * left
             cause = Cause(f"wrong {name}", free_too(prepared, paths))
     return cause
 
 
 def _plausible(parameters: Sequence[Parameter], values: np.ndarray) -> bool:
-    """Whether no number outside the effects is changed by more than half of it."""
+    """Whether no number outside the effects is changed by more than `PLAUSIBLE_CHANGE`."""
     for p, value in zip(parameters, values, strict=True):
-        if p.value and not p.name.startswith("effects.") and abs(value - p.value) > 0.5 * abs(p.value):
+        in_effects = p.name.startswith("effects.")
+        if p.value and not in_effects and abs(value - p.value) > PLAUSIBLE_CHANGE * abs(p.value):
             return False
     return True
 
@@ -156,30 +108,37 @@ def free_too(prepared: Prepared, paths: Sequence[str]) -> str:
     return f"free them: {free_option(prepared.names, paths)}"
 
 
-def _driven_beginning(prepared: Prepared, length: float) -> Cause | None:
-    """Windows that miss the angles until some time, and none later."""
+def driven_beginning(prepared: Prepared, length: float) -> Cause | None:
+    """A beginning whose windows miss the angles, while all later ones explain them.
+
+    Args:
+        length: of a short window [s].
+    """
     windows = prepared.windows
     low = float(windows.begin.min())
     high = float(windows.ends.max())
-    starts = np.linspace(low, high - length, PIECES)
+    starts = np.linspace(low, high - length, BEGINNING_WINDOWS)
     mine = np.unique(windows.run)
-    if len(mine) > 1 or length >= (high - low) / PIECES:
+    if len(mine) > 1 or length >= (high - low) / BEGINNING_WINDOWS:
         return None
     pieces = [Span(int(mine[0]), begin, begin + length) for begin in starts.tolist()]
     chi2 = fit_short_windows(prepared, pieces).chi2
-    missed = np.flatnonzero(chi2 > EXPLAINED)
-    if len(chi2) != PIECES or not len(missed) or missed[-1] > PIECES // 2 or len(missed) < 0.5 * (missed[-1] + 1):
+    missed = np.flatnonzero(chi2 > EXPLAINED_CHI_SQUARE)
+    if len(chi2) != BEGINNING_WINDOWS or not len(missed):
         return None
-    until = starts[min(missed[-1] + 1, PIECES - 1)]
+    first_explained = missed[-1] + 1
+    if first_explained > BEGINNING_WINDOWS // 2 + 1 or len(missed) < 0.5 * first_explained:
+        return None
+    until = starts[min(first_explained, BEGINNING_WINDOWS - 1)]
     return Cause(
-        f"a hand or a drive that moves the line in the first {until:.3g} s",
+        f"a hand or a drive that moves the line until {until:.3g} s",
         f"leave them out: --held-out {low:.3g}:{until:.3g}",
     )
 
 
 def _shared_errors(prepared: Prepared, part: float) -> Cause | None:
     """Errors of the angles above their noise, a small part of the motion."""
-    if part > SMALL:
+    if part > SMOOTHED_MISS:
         return None
     trace = prepared.traces[0]
     sigma = float(np.median(prepared.sigma[0]))

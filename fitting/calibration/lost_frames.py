@@ -1,7 +1,7 @@
-"""Faults of single frames: isolated outliers, and frames that are missing without being marked.
+"""Frames that are missing without being marked.
 
-Missing frames make the traces jump along the flow: a fitted window, continued through the next one, meets its samples
-again that many frames later. The frame f and the number of lost frames k are those that maximise
+They make the traces jump along the flow: a fitted window, continued through the next one, meets its samples again that
+many frames later. The frame f and the number of lost frames k are those that maximise
 
     sum_{i >= f} rho(r_i) - rho(r_i,k),      r_i,k = (theta(t_i + k dt) - measured_i)/sigma
 
@@ -21,19 +21,17 @@ from fitting.estimate.windows import Starts, Windows, fill, pick, with_rows
 from fitting.traces.planar import wrap
 
 #: Numbers of lost frames that are tested; negative numbers are duplicate frames.
-LAGS = tuple(k for k in range(-20, 61) if k)
+LOST_COUNTS = tuple(k for k in range(-20, 61) if k)
 #: Number of frames after a jump that are needed to identify it.
-AFTER = 6
-#: Bound of rho, and gain per unit of the remaining misfit above which a jump is tried.
-BOUND = 50.0
-SHOWN = 40.0
-#: Ratio of a window's mean square to the median above which a first fit omits it, and the maximum fraction omitted.
-FAR = 4.0
-FAR_FRACTION = 1 / 3
-#: Deviations of a sample from the mean of its neighbours above which it is an outlier, and the number of outliers above
-#: which they are a kind of noise.
-OUTLYING = 6.0
-SEVERAL = 3
+FRAMES_AFTER_JUMP = 6
+#: Bound of rho.
+LARGEST_RHO = 50.0
+#: Gain per unit of the remaining misfit above which a jump is tried.
+JUMP_GAIN = 40.0
+#: Ratio of a window's mean square to the median above which a first fit omits it.
+OMITTED_RATIO = 4.0
+#: Maximum fraction of the windows that a first fit omits.
+MOST_OMITTED = 1 / 3
 
 
 class Lost(NamedTuple):
@@ -42,23 +40,6 @@ class Lost(NamedTuple):
     run: int
     frame: int
     frames: int
-
-
-def count_outliers(solution: Solution) -> int:
-    """Number of samples that deviate from the residuals on both sides of them: no smooth misfit does that."""
-    windows = solution.windows
-    # frames that are late move fast links by many times the noise, which the whitened residuals allow for
-    if windows.jitter is None:
-        residual = solution.errors * windows.weight
-    else:
-        residual = solution.evaluation.residual
-    known = windows.weight > 0
-    inner = known[:, 1:-1] & known[:, :-2] & known[:, 2:]
-    off = np.abs(residual[:, 1:-1] - 0.5 * (residual[:, :-2] + residual[:, 2:]))
-    usual = np.ma.median(np.ma.array(off, mask=~inner), axis=(0, 1)) / 0.6745
-    out = inner & (off > OUTLYING * np.maximum(np.ma.filled(usual, np.inf), 1e-300))
-    # a neighbour of an outlier deviates half as much
-    return int((out & ~np.pad(out, ((0, 0), (1, 0), (0, 0)))[:, :-1]).sum())
 
 
 def lost_frames(prepared: Prepared, solution: Solution) -> Lost | None:
@@ -76,7 +57,7 @@ def lost_frames(prepared: Prepared, solution: Solution) -> Lost | None:
     found = solution.problem.simulator(solution.values, starts, both).theta
     if not np.isfinite(found).all():
         return None
-    best = SHOWN
+    best = JUMP_GAIN
     where = None
     half = np.any(windows.weight > 0, axis=2).sum(axis=1) // 2  # none of windows that were not fitted
     for pair, times in enumerate(both.times()):
@@ -106,8 +87,8 @@ def windows_far_off(solution: Solution) -> np.ndarray:
     """Windows (K,) whose residuals are far larger than those of most; none if there are many."""
     known = solution.windows.weight > 0
     size = np.sum(np.where(known, solution.errors, 0.0) ** 2, axis=(1, 2)) / np.maximum(known.sum(axis=(1, 2)), 1)
-    off = size > FAR * np.median(size)
-    return off & (off.mean() <= FAR_FRACTION)
+    off = size > OMITTED_RATIO * np.median(size)
+    return off & (off.mean() <= MOST_OMITTED)
 
 
 def _extend_windows(prepared: Prepared, right: np.ndarray) -> Windows:
@@ -133,16 +114,16 @@ def best_jump(angle: np.ndarray, measured: np.ndarray, weight: np.ndarray, first
     count = len(angle)
     best = (0.0, 0, 0)
     known = (weight > 0).sum(axis=1)
-    for lag in LAGS:
+    for lag in LOST_COUNTS:
         low = max(0, -lag)
         high = min(count, count - lag)
-        if high - max(low, first) < AFTER:
+        if high - max(low, first) < FRAMES_AFTER_JUMP:
             continue
         later = _rho(wrap(angle[low + lag : high + lag] - measured[low:high]) * weight[low:high])
         left = _sum_from(later) / np.maximum(_sum_from(known[low:high]), 1)
         gain = _sum_from(plain[low:high] - later) / np.maximum(2 * left, 1.0)
         begin = max(first - low, 0)
-        at = begin + int(np.argmax(gain[begin : high - low - AFTER + 1]))
+        at = begin + int(np.argmax(gain[begin : high - low - FRAMES_AFTER_JUMP + 1]))
         if gain[at] > best[0]:
             best = float(gain[at]), low + at, lag
     return best
@@ -150,7 +131,7 @@ def best_jump(angle: np.ndarray, measured: np.ndarray, weight: np.ndarray, first
 
 def _rho(residual: np.ndarray) -> np.ndarray:
     """Loss (S,) of residuals (S, n), bounded for each sample."""
-    return np.minimum(0.5 * residual**2, BOUND).sum(axis=1)
+    return np.minimum(0.5 * residual**2, LARGEST_RHO).sum(axis=1)
 
 
 def _sum_from(x: np.ndarray) -> np.ndarray:

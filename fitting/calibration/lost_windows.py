@@ -21,33 +21,34 @@ from scipy.special import chdtri
 from dropper_jax.base.errors import Progress, part_of, silent
 from fitting.calibration.lost_frames import lost_frames, starts_from_previous_windows
 from fitting.calibration.prepared import Prepared
+from fitting.estimate.first_starts import first_starts
 from fitting.estimate.least_squares import fit_starts, fit_windows, window_costs
 from fitting.estimate.loss import LEAST_SQUARES, Loss, initial_loss
 from fitting.estimate.noise import Noise
 from fitting.estimate.residuals import Problem, Solution
 from fitting.estimate.uncertainty import start_covariances
-from fitting.estimate.windows import Piece, Span, Starts, Windows, fewest_frames, first_starts, pick, with_rows
+from fitting.estimate.windows import Piece, Span, Starts, Windows, fewest_frames, pick, with_rows
 
 #: Ratio of a window's mean square residual to that of most windows above which it is lost.
-FAR = 4.0
+LOST_RATIO = 4.0
 #: Probability of such a ratio by noise alone below which it is lost.
-CHANCE = 1e-7
+LOST_PROBABILITY = 1e-7
 #: RMS error [rad] below which no window is lost: rounding and the friction of a bearing deviate less.
-SMALLEST = 2e-3
+LEAST_LOST_ERROR = 2e-3
 #: The same if the model itself misses most windows: a wrong branch of a link deviates much more.
-BRANCH = 0.05
+BRANCH_ERROR = 0.05
 #: Ratio of a gap's mean square to its expectation above which windows are not joined.
-FAR_GAP = 25.0
+BROKEN_GAP_DISTANCE = 25.0
 #: Ratio of its size to the median gap above which they are not.
-LARGE_GAP = 5.0
+BROKEN_GAP_RATIO = 5.0
 #: Maximum fraction of such gaps.
 MOST_BREAKS = 0.03
 #: Minimum number of gaps that define what is usual.
 FEWEST_GAPS = 6
 #: Rounds of restarts and fits.
-ROUNDS = 4
+RECOVERY_ROUNDS = 4
 #: Evaluations for the starts alone.
-ITERATIONS = 12
+START_ITERATIONS = 12
 #: Maximum contribution of a sample, as a multiple of the mean square of most windows: one outlier cannot make a window
 #: lost. 10 % of the samples must deviate by more than five standard deviations, as on a wrong branch.
 LARGEST_SQUARE = 30.0
@@ -63,16 +64,16 @@ def lost_windows(solution: Solution) -> np.ndarray:
     size = np.minimum(square, LARGEST_SQUARE * unit).sum(axis=1) / freedom
     size = np.where(np.isfinite(size), size, np.inf)
     typical = _usual(size, known)
-    limit = typical * np.maximum(FAR, chdtri(freedom, CHANCE) / freedom)
+    limit = typical * np.maximum(LOST_RATIO, chdtri(freedom, LOST_PROBABILITY) / freedom)
     rms = np.sqrt(np.sum(solution.errors**2, axis=(1, 2)) / np.maximum(known, 1))
     noise = solution.problem.noise
     assumed = 1.0
     if noise is not None:
         assumed = float(np.mean(noise.factor**2))
-    least = BRANCH
-    if typical * assumed < FAR / 2:  # the model explains most windows
-        least = SMALLEST
-    small = rms < least  # not of NaN
+    smallest = BRANCH_ERROR
+    if typical * assumed < LOST_RATIO / 2:  # the model explains most windows
+        smallest = LEAST_LOST_ERROR
+    small = rms < smallest  # not of NaN
     return (known > 0) & (size > limit) & ~small
 
 
@@ -100,13 +101,13 @@ def recover_windows(
         The preparation with the fitted windows and with `left_out` set, and their solution.
     """
     jump: tuple[int, float] | None = None
-    for number in range(ROUNDS + 1):
+    for number in range(RECOVERY_ROUNDS + 1):
         if solution.status != "ok":
             solution = _with_starts(solution, np.ones(solution.windows.count, bool), solution.starts)
         lost = lost_windows(solution) & ~_windows_at(solution.windows, jump)
         if not lost.any():
             break
-        if number == ROUNDS:
+        if number == RECOVERY_ROUNDS:
             prepared, solution = _leave_out(prepared, solution, lost)
         else:
             solution = restart(prepared, solution, lost)
@@ -136,16 +137,19 @@ def _windows_at(windows: Windows, jump: tuple[int, float] | None) -> np.ndarray:
     return (windows.run == run) & (windows.begin - windows.dt <= time) & (time <= windows.ends + windows.dt)
 
 
+#: Noise that is assumed for the starts of lost windows, relative to the estimated one: polynomials of short reach, of
+#: the reach that the noise allows, and of long reach.
+START_NOISE_RATIOS = (0.2, 1.0, 5.0)
+
+
 def restart(prepared: Prepared, solution: Solution, lost: np.ndarray) -> Solution:
     """The solution with better starts of lost windows (K,) bool, if any are found."""
     windows = solution.windows.pick(lost)
     model = solution.problem.simulator.model_at(solution.values)
     ahead = pick(starts_from_previous_windows(solution, lost), lost)
     solution = _with_starts(solution, lost, ahead)
-    # noise assumed for the starts of lost windows relative to the true one: polynomials of short reach, of the reach
-    # that the noise allows, and of long reach
-    for share in (0.2, 1.0, 5.0):
-        sigma = [share * s for s in prepared.sigma]
+    for ratio in START_NOISE_RATIOS:
+        sigma = [ratio * s for s in prepared.sigma]
         solution = _with_starts(solution, lost, first_starts(model, prepared.traces, windows, sigma))
     return solution
 
@@ -154,7 +158,7 @@ def _with_starts(solution: Solution, which: np.ndarray, starts: Starts) -> Solut
     """The solution with other starts of some windows, fitted alone first, if these are better."""
     problem = solution.problem
     few = replace(problem, windows=solution.windows.pick(which))
-    starts, evaluation = fit_starts(few, solution.values, starts, ITERATIONS)
+    starts, evaluation = fit_starts(few, solution.values, starts, START_ITERATIONS)
     better = window_costs(problem, evaluation.residual) < window_costs(problem, solution.evaluation.residual[which])
     if not better.any():
         return solution
@@ -212,7 +216,7 @@ def break_far_gaps(prepared: Prepared, solution: Solution) -> Prepared:
     spread += found.after @ covariance[found.left + 1] @ np.swapaxes(found.after, 1, 2)
     distance = np.mean(found.value * np.linalg.solve(spread, found.value[..., None])[..., 0], axis=1)
     size = np.linalg.norm(found.value, axis=1)
-    far = (distance > FAR_GAP * max(1.0, np.median(distance))) & (size > LARGE_GAP * np.median(size))
+    far = (distance > BROKEN_GAP_DISTANCE * max(1.0, np.median(distance))) & (size > BROKEN_GAP_RATIO * np.median(size))
     if not 0 < far.sum() <= max(1, MOST_BREAKS * len(far)):
         return prepared
     right = found.left[far] + 1
@@ -240,8 +244,8 @@ def _leave_out(prepared: Prepared, solution: Solution, lost: np.ndarray) -> tupl
 
 
 #: Maximum iterations of a first fit before links are weighted by their misfit and windows are inspected one by one.
-EARLY = 5
-FIRST = 15
+EARLY_ITERATIONS = 5
+FIRST_ITERATIONS = 15
 
 
 def with_sound_windows(
@@ -261,18 +265,26 @@ def with_sound_windows(
     say = part_of(progress, 0.05, 0.35)
 
     def fit_again(problem: Problem, before: Solution) -> Solution:
-        found = fit_windows(problem, before.values, before.starts, iterations=min(FIRST, iterations), progress=say)
+        found = fit_windows(
+            problem, before.values, before.starts, iterations=min(FIRST_ITERATIONS, iterations), progress=say
+        )
         return replace(found, iterations=before.iterations + found.iterations)
 
     problem = prepared.problem(initial_loss(loss))
-    solution = fit_windows(problem, prepared.values, prepared.starts, iterations=min(EARLY, iterations), progress=say)
-    if solution.status != "ok" and iterations > EARLY:
+    solution = fit_windows(
+        problem, prepared.values, prepared.starts, iterations=min(EARLY_ITERATIONS, iterations), progress=say
+    )
+    if solution.status != "ok" and iterations > EARLY_ITERATIONS:
         prepared = replace(prepared, first_noise=uneven_noise(prepared, solution))
         solution = fit_again(prepared.problem(initial_loss(loss)), solution)
     prepared, solution = recover_windows(prepared, solution, fit_again, keep_jumps)
     if not keep_jumps:
         prepared = break_far_gaps(prepared, solution)
     return replace(prepared.starting_at(solution), iterations=solution.iterations)
+
+
+#: Ratio of two links' misfits, in units of their noise, above which links are weighted by their misfit.
+UNEVEN_RATIO = 3.0
 
 
 def uneven_noise(prepared: Prepared, solution: Solution) -> Noise | None:
@@ -284,7 +296,6 @@ def uneven_noise(prepared: Prepared, solution: Solution) -> Noise | None:
     windows = prepared.windows
     floor = np.ones((len(prepared.traces), windows.theta.shape[2]))
     noise = Noise.of_misfit(solution.errors * windows.weight, windows.weight > 0, windows.run, floor)
-    # ratio of two links' misfits, in units of their noise, above which links are weighted by misfit
-    if (noise.factor.max(axis=1) > 3.0 * noise.factor.min(axis=1)).any():
+    if (noise.factor.max(axis=1) > UNEVEN_RATIO * noise.factor.min(axis=1)).any():
         return noise
     return None

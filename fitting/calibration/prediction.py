@@ -25,7 +25,7 @@ from fitting.parameters.varied import vary
 from fitting.traces import planar
 
 #: RMS over the links [rad] at which two motions count as diverged.
-PARTED = 0.1
+DIVERGED_ANGLE = 0.1
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class Prediction:
     def text(self) -> str:
         """For people."""
         return (
-            f"one run from the start at {self.begin:.3g} s stays within {PARTED:g} rad of the trace for "
+            f"one run from the start at {self.begin:.3g} s stays within {DIVERGED_ANGLE:g} rad of the trace for "
             f"{self._until(self.diverged_at)}; a run that starts one standard error away stays with it for "
             f"{self._until(self.trusted)}"
         )
@@ -70,7 +70,7 @@ MOST_STEPS = 200_000
 
 
 def predict(result: FitResult, run: int = 0) -> Prediction | None:
-    """The run for trace `run`; None if no window of it has a start of its own, or if it would take too long."""
+    """The run for trace `run`; None if no window of it has its own start, or if the run fails or is too long."""
     windows = result.windows
     solution = result.solution
     mine = np.flatnonzero((windows.run == run) & ~windows.released)
@@ -100,9 +100,16 @@ def predict(result: FitResult, run: int = 0) -> Prediction | None:
     simulate = _simulator_of(result, steps)
     at = np.arange(steps + 1) * windows.dt + begin
     near = _at_times(t, at, simulate(values, theta, omega))
+    # where the run of the fit has no motion, as after a step that did not solve, there is nothing to compare
+    runs = np.all(np.isfinite(near), axis=1)
+    if not runs[0]:
+        return None
+    t = t[runs]
+    near = near[runs]
     other = _at_times(t, at, simulate(np.clip(values + error, low, high), theta + aside, omega))
-    measured = trace.theta[inside]
-    return Prediction(t, measured, near, _parting(t, other - near), _parting(t, measured - near))
+    measured = trace.theta[inside][runs]
+    trusted = min(_parting(t, other - near), _first_missing(t, other))
+    return Prediction(t, measured, near, trusted, _parting(t, measured - near))
 
 
 def _simulator_of(result: FitResult, steps: int) -> Callable[..., tuple[Array, Array]]:
@@ -139,26 +146,46 @@ def _simulator_of(result: FitResult, steps: int) -> Callable[..., tuple[Array, A
 
 
 def _at_times(t: np.ndarray, at: np.ndarray, motion: tuple[Array, Array]) -> np.ndarray:
-    """Angles at times t of a motion with angles and rates at times `at`."""
+    """Angles at times t of a motion with angles and rates at times `at`; NaN from where it is not finite."""
     from scipy.interpolate import CubicHermiteSpline  # noqa: PLC0415 - slow to import, and only a report needs it
 
-    angles, rates = motion
-    return CubicHermiteSpline(at, np.unwrap(np.asarray(angles), axis=0), np.asarray(rates))(t)
+    angles, rates = (np.asarray(part) for part in motion)
+    finite = np.isfinite(angles).all(axis=1) & np.isfinite(rates).all(axis=1)
+    count = int(np.logical_and.accumulate(finite).sum())
+    found = np.full((len(t), angles.shape[1]), np.nan)
+    if count > 1:
+        before = t <= at[count - 1] + 1e-9
+        spline = CubicHermiteSpline(at[:count], np.unwrap(angles[:count], axis=0), rates[:count])
+        found[before] = spline(t[before])
+    return found
+
+
+def _first_missing(t: np.ndarray, angles: np.ndarray) -> float:
+    """First time [s] at which angles (m, n) are not finite; infinite without any."""
+    missing = np.flatnonzero(~np.isfinite(angles).all(axis=1))
+    if len(missing):
+        return float(t[missing[0]])
+    return np.inf
+
+
+#: Length of time [s] over which differences of two motions are averaged.
+AVERAGED_TIME = 0.1
 
 
 def _parting(t: np.ndarray, difference: np.ndarray) -> float:
-    """First time [s] at which differences (m, n) [rad], as shortest turns, have an RMS above `PARTED`; else infinite.
+    """First time [s] at which the RMS of differences (m, n) [rad] exceeds `DIVERGED_ANGLE`; otherwise infinite.
 
-    The mean square is averaged over 0.05 s to either side, so that a single wrong sample does not count.
+    Differences count as shortest turns. The mean square is averaged over 0.05 s to either side, so that a single wrong
+    sample does not count.
     """
     difference = difference - 2 * np.pi * np.round(np.nan_to_num(difference) / (2 * np.pi))
-    width = max(1, round(0.1 / max(float(np.median(np.diff(t))), 1e-9)))
+    width = max(1, round(AVERAGED_TIME / max(float(np.median(np.diff(t))), 1e-9)))
     known = np.isfinite(difference)
     square = np.sum(np.where(known, difference, 0.0) ** 2, axis=1)
     square = np.convolve(square, np.ones(width), "same")
     count = np.convolve(known.sum(axis=1), np.ones(width), "same")
     rms = np.sqrt(square / np.maximum(count, 1))
-    beyond = np.flatnonzero(rms > PARTED)
+    beyond = np.flatnonzero(rms > DIVERGED_ANGLE)
     if len(beyond):
         return float(t[beyond[0]])
     return np.inf

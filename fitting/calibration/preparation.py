@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -15,107 +15,31 @@ from dropper_jax.base.errors import Progress, SceneError, nearest, silent
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model
 from dropper_jax.run.build import SceneLike, build
-from fitting.calibration.prepared import STEPS_PER_PERIOD, Prepared, Samples, fitted_parts, program_space
-from fitting.calibration.spans import (
-    Interval,
-    advice_on_rest,
-    check_spans,
-    check_step,
-    fitted_spans,
-    time_step,
-    without_held_starts,
-)
-from fitting.calibration.wrong_files import refuse_rising_energy, refuse_wrong_file
+from fitting.calibration.fit_settings import AUTOMATIC, FitSettings
+from fitting.calibration.prepared import Prepared, Samples, fitted_parts
+from fitting.calibration.rising_energy import refuse_rising_energy
+from fitting.calibration.spans import Interval, check_spans, fitted_spans
+from fitting.calibration.still_spans import advice_on_rest, without_held_starts
+from fitting.calibration.window_plan import check_step, plan_windows, program_capacity, windows_along_motion
+from fitting.calibration.wrong_files import refuse_wrong_file
 from fitting.estimate.normal_equations import Evaluation
 from fitting.estimate.release import Release, release_of
 from fitting.estimate.rest import rests
-from fitting.estimate.shooting import lyapunov, transitions
 from fitting.estimate.simulator import Simulator, choose_stepper
-from fitting.estimate.windows import (
-    SHORTEST_PART,
-    Starts,
-    Windows,
-    cut,
-    fewest_frames,
-    fill,
-    first_starts,
-    follow_motion,
-    longest_window,
-)
 from fitting.parameters.missing_forces import tested_parameters
 from fitting.parameters.names import by_full_path, default_free, default_rig, full_names
-from fitting.parameters.of_scene import free_of_traces
 from fitting.parameters.parameter import Bounds, Parameter, Priors, StartValues, adjust_parameters, with_zero_damping
-from fitting.parameters.recordings import SharedMotion, convention_distance, merge_recordings, stated_errors
+from fitting.parameters.recordings import SharedMotion, convention_distance, merge_recordings
 from fitting.parameters.rig_priors import rig_priors
+from fitting.parameters.scene_parameters import free_of_traces
 from fitting.parameters.targets import RECORDING, LostTarget
 from fitting.traces.conventions import check_scale, settle_convention
 from fitting.traces.noise import noise
 from fitting.traces.planar import check_planar, pendulum_period
-from fitting.traces.trace import Convention, Trace, as_trace, convention
-
-#: Maximum turn of a link in a step [rad] at the start of a fit, and the fraction of windows that it applies to. The
-#: error of a fourth-order scheme over a window is then below the usual noise; otherwise `refine` halves the step.
-TURN = 0.25
-FASTEST = 0.98
+from fitting.traces.trace import Trace, as_trace
 
 #: One run or several: CSV files or traces.
 TracesLike = Sequence[str | Path | Trace] | str | Path | Trace
-
-
-@dataclass(frozen=True)
-class FitSettings:
-    """How a fit reads traces and cuts them into windows.
-
-    Attributes:
-        window: maximum length of a window [s]; None: as far as small errors in the motion may grow.
-        dt: time step [s], at most the samples' interval; a shorter step that divides the interval is used. Default:
-            1/75 of the shortest link's period, or 1/200 for second order.
-        integrator: of the windows; default rattle_4 for point masses, otherwise energy_momentum. tsit5 and dop853 are
-            faster for lines that they support; their steps then end at multiples of `dt`.
-        rest: (low, high) [s] in which the line hangs at rest, before it moves or after it has stopped; these poses are
-            fitted together with the motion.
-        static_start: every run starts from the scene's `[start]` and is released at t = 0 of its clock; free names such
-            as `release.time` and `release.force` imply it.
-        zero, sign, unit: angle convention of the traces; default from the files, otherwise inferred from the scene.
-        columns: the files' columns if they have other names: `{"time": "timestamp", "theta_1": "angle"}`.
-        begin: samples before this time [s] are not fitted.
-        fixed: whether the scene's lengths and the zero of the angles are kept where neither the caller nor the scene's
-            `[fit]` lists what is free; otherwise a scale of the lengths and the zero are free too.
-        same_motion: whether the traces are recordings of one motion (`parameters.recordings`), not runs. All but the
-            first one have zeros, a scale and a delay, free unless the caller frees some of them by name.
-    """
-
-    window: float | None = None
-    dt: float | None = None
-    integrator: str | None = None
-    rest: Sequence[Interval] = ()
-    static_start: bool = False
-    zero: str | None = None
-    sign: str | int | None = None
-    unit: str | None = None
-    columns: Mapping[str, str] | None = None
-    begin: float | None = None
-    fixed: bool = False
-    same_motion: bool = False
-
-    @property
-    def convention(self) -> Convention:
-        """The given convention of the angles, checked."""
-        return convention(self.zero, self.sign, self.unit)
-
-
-#: No settings: everything from the traces and the scene.
-AUTOMATIC = FitSettings()
-
-
-@dataclass(frozen=True)
-class WindowPlan:
-    """Sizes of the windows: time step [s], maximum length [s], steps of the short ones that are joined."""
-
-    dt: float
-    length: float
-    short: int
 
 
 def at_frames(parameters: Sequence[Parameter], traces: Sequence[Trace]) -> tuple[Parameter, ...]:
@@ -319,7 +243,7 @@ def choose_samples(
     spans = fitted_spans(traces, until, sorted([*held, *rest]), settings.begin)
     traces, notes = with_model_error(traces, scene)
     sigma = [np.hypot(noise(trace), trace.model_error) for trace in fitted_parts(traces, spans)]
-    traces = [replace(trace, se=stated_errors(trace)) for trace in traces]
+    traces = [replace(trace, se=trace.total_error) for trace in traces]
     length = np.asarray(model.line.length)
     slowest = pendulum_period(np.sum(length))
     period = pendulum_period(length)
@@ -348,68 +272,3 @@ def with_model_error(traces: list[Trace], scene: Scene) -> tuple[list[Trace], li
     return list(traces), [
         f"model error as stated by the traces: {', '.join(errors)}; `model_error` in [fit] replaces it"
     ]
-
-
-def plan_windows(samples: Samples, simulator: Simulator, settings: FitSettings) -> WindowPlan:
-    """Time step and length of the windows.
-
-    Raises:
-        SceneError: a requested window longer than the trace.
-    """
-    period = samples.period
-    interval = samples.interval
-    span = max(one.high - one.low for one in samples.spans)
-    dt = time_step(samples.traces, settings.dt or period / STEPS_PER_PERIOD[simulator.stepper.integrator.order])
-    fewest = fewest_frames(simulator.model.line.links, simulator.freedoms)
-    short = max(SHORTEST_PART * period, fewest * interval)
-    link = float(np.mean(np.asarray(simulator.model.line.length)))
-    length = settings.window or longest_window(simulator.freedoms // 2, link, span, short)
-    if settings.window is not None and settings.window > span:
-        raise SceneError(f"window: {settings.window:g} s is longer than the trace; allowed: at most {span:g} s")
-    frame = max(1, round(interval / dt))
-    frames = max(1, int(length / dt / frame + 1e-6))
-    parts = max(1, int(length / short + 1e-6))
-    return WindowPlan(dt, length, max(1, frames // parts) * frame)
-
-
-#: Maximum length of held-out spans, in windows, that run in the windows' own program, compiled with space for them.
-LONGEST_HELD_OUT = 2.5
-
-
-def program_capacity(samples: Samples, plan: WindowPlan) -> tuple[int, int]:
-    """Steps and sample slots of the windows' programs."""
-    end = max(float(trace.t[-1]) for trace in samples.traces)
-    length = max((min(high, end) - low for low, high in samples.held_out), default=0.0)
-    if not plan.length < length < LONGEST_HELD_OUT * plan.length:
-        length = plan.length
-    return program_space(samples.traces, length, plan.dt)
-
-
-def windows_along_motion(
-    samples: Samples, simulator: Simulator, release: Release | None, plan: WindowPlan, values: np.ndarray
-) -> tuple[Windows, Starts, float]:
-    """Windows as long as the motion allows: short ones are run first and joined (`follow_motion`).
-
-    Returns:
-        The windows, the starts that their samples give, and the growth rate of small errors in the motion [1/s].
-    """
-    model = simulator.model
-    sigma = samples.sigma
-    fitted = samples.fitted
-    windows = cut(samples.traces, plan.short * plan.dt, plan.dt, sigma, samples.spans)
-    if release is not None:
-        windows = release.mark(windows, samples.traces)
-    starts = first_starts(model, fitted, windows, sigma)
-    # subdivisions of a step in which the fastest link of nearly all windows turns by at most `TURN`
-    fastest = float(np.quantile(np.abs(starts.omega).max(axis=1), FASTEST))
-    halvings = max(0, int(np.ceil(np.log2(max(plan.dt * fastest / TURN, 1e-9)))))
-    windows = replace(windows, substeps=2**halvings)
-    evaluation = simulator(values, starts, windows)
-    rate = lyapunov(simulator, windows, evaluation, values)
-    move = transitions(simulator, evaluation, values)
-    pieces = follow_motion(windows, move, int(plan.length / plan.dt + 1e-6))
-    windows = replace(fill(samples.traces, pieces, plan.dt, sigma), substeps=windows.substeps)
-    if release is not None:
-        windows = release.mark(windows, samples.traces)
-        simulator.parameters = release.bound_times(simulator.parameters, windows)
-    return windows, first_starts(model, fitted, windows, sigma), rate

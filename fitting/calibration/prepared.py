@@ -9,12 +9,13 @@ import numpy as np
 
 from dropper_jax.load.scene import Scene
 from fitting.calibration.spans import Interval
+from fitting.estimate.first_starts import first_starts
 from fitting.estimate.loss import LEAST_SQUARES, Loss
 from fitting.estimate.noise import Noise
 from fitting.estimate.residuals import Descent, Problem, Solution
 from fitting.estimate.rest import Rest
 from fitting.estimate.simulator import Simulator
-from fitting.estimate.windows import Piece, Span, Starts, Windows, cut, fill, first_starts
+from fitting.estimate.windows import Piece, Span, Starts, Windows, cut, fill
 from fitting.parameters.parameter import Parameter
 from fitting.parameters.rig_priors import JointPrior, rig_priors
 from fitting.traces.trace import Trace

@@ -14,14 +14,14 @@ from fitting.calibration.candidate import Candidate
 from fitting.calibration.decision import verdict
 from fitting.calibration.disagreement import Disagreement
 from fitting.calibration.held_out import HeldOut
-from fitting.calibration.law_fits import DRAG, Law
 from fitting.calibration.law_tests import LawTest, LawTests, freeing_option
+from fitting.calibration.laws import DRAG_PATHS, Law
 from fitting.calibration.prepared import Prepared
 from fitting.estimate.noise import Noise, mean_by_run
 from fitting.estimate.normal_equations import Evaluation
 from fitting.estimate.residuals import Problem, Solution
 from fitting.estimate.scene_fit import SceneFit
-from fitting.estimate.shooting import SCHEDULE
+from fitting.estimate.shooting import GAP_WEIGHTS
 from fitting.estimate.uncertainty import degrees_of_freedom
 from fitting.estimate.windows import Span, Windows
 from fitting.traces.conventions import LONGEST_GAP
@@ -41,8 +41,8 @@ def chi2_per_dof(prepared: Prepared, solution: Solution) -> float:
 
 
 #: chi-square per degree of freedom, and correlation of neighbouring residuals, above which a fit misses its trace.
-MISFIT = 2.0
-CORRELATED_MISFIT = 0.1
+MISFIT_CHI_SQUARE = 2.0
+MISFIT_CORRELATION = 0.1
 #: Gap weight from which windows whose noise keeps a memory join loosely: those of wrong laws reach 0.03 to 1.
 LOOSE_JOIN = 0.03
 #: Maximum fraction of the samples that may be left out of a fit with status `ok`.
@@ -139,8 +139,8 @@ class FitResult(SceneFit[Problem, Evaluation]):
         """
         noise = self.solution.problem.noise
         if noise is not None and noise.kind != "white":
-            return self.has_unexplained_joins or (self.chi2_per_dof > MISFIT and not self.windows_join)
-        return self.chi2_per_dof > MISFIT and abs(self.uncertainty.correlation_1[0]) > CORRELATED_MISFIT
+            return self.has_unexplained_joins or (self.chi2_per_dof > MISFIT_CHI_SQUARE and not self.windows_join)
+        return self.chi2_per_dof > MISFIT_CHI_SQUARE and abs(self.uncertainty.correlation_1[0]) > MISFIT_CORRELATION
 
     @property
     def has_unexplained_joins(self) -> bool:
@@ -157,7 +157,7 @@ class FitResult(SceneFit[Problem, Evaluation]):
 
         True of separate windows, of which nothing is known. Of 520 fits of right models, with any noise, all join.
         """
-        return self.solution.gap_weight is None or self.solution.gap_weight < SCHEDULE[0]
+        return self.solution.gap_weight is None or self.solution.gap_weight < GAP_WEIGHTS[0]
 
     @property
     def left_out_share(self) -> float:
@@ -279,7 +279,7 @@ class FitResult(SceneFit[Problem, Evaluation]):
         certain. With covariance C, `v = -C_lq/C_qq` has the minimum variance. None if no node moves at that speed: the
         combination would have no meaning.
         """
-        mine = [i for name in DRAG for i, p in enumerate(self.parameters) if p.name == name]
+        mine = [i for name in DRAG_PATHS for i, p in enumerate(self.parameters) if p.name == name]
         C = self.uncertainty.covariance[np.ix_(mine, mine)]
         if len(mine) < 2 or not (np.diag(C) > 0).all():
             return None
@@ -287,7 +287,7 @@ class FitResult(SceneFit[Problem, Evaluation]):
         if not 0.0 < speed <= self.fastest:
             return None
         value = self.values[mine[0]] + speed * self.values[mine[1]]
-        return Combination(DRAG, speed, value, np.sqrt(max(C[0, 0] + speed * C[0, 1], 0.0)))
+        return Combination(DRAG_PATHS, speed, value, np.sqrt(max(C[0, 0] + speed * C[0, 1], 0.0)))
 
     def note(self, i: int) -> str:
         """Remarks on parameter i."""

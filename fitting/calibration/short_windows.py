@@ -1,107 +1,100 @@
-"""Files that do not belong to the scene, found after a fit that does not explain the trace.
-
-Short windows are fitted as given and for each change that a file may need. They use the programs of that fit, with only
-starts and damping free. A change that lowers chi-square by a factor ten is reported. If none does, the likeliest cause
-is reported (`likely_cause`), provided that short windows miss the angles by more than right models do.
-"""
+"""Fits of short windows with their starts and the damping free: how well a scene explains a trace."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
-from fitting.calibration.likely_cause import fit_short_windows, likely_cause
+from dropper_jax.base.errors import SceneError
 from fitting.calibration.prepared import Prepared
+from fitting.estimate.first_starts import first_starts
+from fitting.estimate.least_squares import fit_windows
 from fitting.estimate.windows import Span
-from fitting.traces.conventions import Change, changes, late_columns, resting_angles, shift
-from fitting.traces.planar import wrap
-from fitting.traces.trace import Convention, Trace
+from fitting.parameters.names import DAMPING_PATHS
+from fitting.traces.noise import without_spikes
+from fitting.traces.trace import Trace
 
-#: Fraction of chi-square that a reported change may leave.
-LOWERS = 0.1
-#: Frames by which one column may be late that short windows try: within 20 % of the true one.
-SOME_LATE = (1, 2, 3, 5, 8, 12, 18, 26)
-#: Chi-square per degree of freedom above which short windows are tried, and per sample above which they are wrong.
-SUSPECT = 1000.0
-WRONG = 25.0
-#: Fraction of their motion by which short windows miss another rig. Low noise shows the errors of any model: those of a
-#: measured double pendulum are 8 times its noise, 0.05 % of the motion.
-OTHER_RIG = 3e-3
-#: Short windows, as many as one program runs in parallel; their length as a fraction of the shortest link's period and
-#: in frames. An acceleration that is wrong by g moves a link by a radian in that time.
-SHORT = 8
-PART = 0.35
-FRAMES = 6
-#: Maximum chi-square per sample of a reported change: right ones give 0.5 to 4.
-LARGEST_CHI_SQUARE = 9.0
+#: Number of short windows: as many as one program runs in parallel.
+SHORT_WINDOWS = 8
+#: Length of a short window in the shortest link's periods and in frames, the larger of both. An acceleration that is
+#: wrong by g moves a link by a radian in that time.
+WINDOW_PERIODS = 0.35
+WINDOW_FRAMES = 6
+#: Evaluations of short windows.
+SHORT_WINDOW_ITERATIONS = 4
+#: Fraction of the samples of a window that count; the largest of the others may be outliers.
+COUNTED_FRACTION = 0.95
 
 
-def name_wrong_file(prepared: Prepared) -> str:
-    """The change of the traces that short windows suggest, in a line; empty if they fit as given, and of several
-    recordings of one motion, which show each other's mistakes."""
-    if any(trace.recordings for trace in prepared.traces):
-        return ""
-    pieces = _moving_pieces(prepared)
-    links = prepared.traces[0].links
-    found = fit_short_windows(prepared, pieces)
-    given = float(np.median(found.chi2))
-    if not given > WRONG:
-        return ""
-    name = ", ".join(trace.name for trace in prepared.traces)
-    size = f"short windows miss the angles by {np.sqrt(given):.0f} times their noise as given"
-    frequent = [*changes(links), *_resting_shifts(prepared)]
-    rare = list(late_columns(links, SOME_LATE))
-    for group in (frequent, rare):
-        tried = []
-        for change in group:
-            traces = [_apply_change(trace, change) for trace in prepared.traces]
-            tried.append(float(np.median(fit_short_windows(prepared, pieces, traces=traces).chi2)))
-        left = min(tried)
-        change = group[int(np.argmin(tried))]
-        if left < min(LOWERS * given, LARGEST_CHI_SQUARE):
-            return (
-                f"{name}: {change.mistake}, as it seems: {size}, {np.sqrt(left):.2g} times without this mistake; "
-                f"to correct it: {change.fix}"
-            )
-    if not found.part > OTHER_RIG:
-        return ""
-    cause = likely_cause(prepared, pieces)
-    return f"{name}: {size}; likeliest cause: {cause.words}; {cause.remedy}"
+class Misfit(NamedTuple):
+    """What a fit of short windows misses.
+
+    Attributes:
+        chi2: chi-square per sample (K,).
+        part: median over the windows of the RMS error, as a fraction of the RMS motion.
+        values: parameters (k,).
+    """
+
+    chi2: np.ndarray
+    part: float
+    values: np.ndarray
 
 
-def _moving_pieces(prepared: Prepared) -> list[Span]:
+def fit_short_windows(
+    prepared: Prepared, pieces: Sequence[Span], paths: Sequence[str] = (), traces: Sequence[Trace] | None = None
+) -> Misfit:
+    """Short windows fitted with their starts, damping and the parameters at `paths` free.
+
+    Of a fit's parameters only the damping is fitted, starting from zero: a wrong file makes all others arbitrary.
+
+    Args:
+        pieces: run, start and end [s] of the windows.
+        traces: other ones than those of the preparation.
+    """
+    at = replace(prepared, traces=[without_spikes(trace) for trace in traces or prepared.traces])
+    try:
+        windows = at.cut(min(high - low for _, low, high in pieces), pieces)
+    except SceneError:
+        return Misfit(np.array([np.inf]), np.inf, prepared.values)
+    names = prepared.names
+    damping = np.array([name.startswith(DAMPING_PATHS) for name in names])
+    free = damping | [name.startswith(tuple(paths)) for name in names]
+    values = np.where(damping, [p.low for p in prepared.parameters], prepared.values)
+    starts = first_starts(prepared.simulator.model_at(values), at.traces, windows, at.sigma)
+    problem = replace(at.problem(frozen=~free), windows=windows)
+    solution = fit_windows(problem, values, starts, iterations=SHORT_WINDOW_ITERATIONS)
+    weight = windows.weight
+    mean = np.sum(weight * windows.theta, axis=1) / np.maximum(weight.sum(axis=1), 1e-300)
+    chi2 = _mean_square(solution.errors * weight, weight)
+    moved = _mean_square((windows.theta - mean[:, None]) * weight, weight)
+    chi2 = np.where(np.isfinite(chi2), chi2, np.inf)
+    part = float(np.median(np.sqrt(chi2 / np.maximum(moved, 1e-300))))
+    return Misfit(chi2, part, solution.values)
+
+
+def _mean_square(size: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Mean square (K,) of windows' samples (K, S, n), without the largest, which may be outliers."""
+    found = []
+    for one, known in zip(size, weight > 0, strict=True):
+        square = np.sort(one[known] ** 2)
+        counted = int(np.ceil(COUNTED_FRACTION * len(square)))
+        found.append(square[:counted].mean())
+    return np.array(found)
+
+
+def moving_pieces(prepared: Prepared) -> list[Span]:
     """Run, start and end of short windows, spread over those of the fit's that move more than the median."""
     windows = prepared.windows
     interval = max(trace.interval for trace in prepared.traces)
-    length = min(windows.length, max(PART * prepared.period, FRAMES * interval))
+    length = min(windows.length, max(WINDOW_PERIODS * prepared.period, WINDOW_FRAMES * interval))
     known = windows.weight > 0
     mean = np.sum(windows.theta * known, axis=1) / np.maximum(known.sum(axis=1), 1)
     moved = np.sum(known * (windows.theta - mean[:, None]) ** 2, axis=(1, 2)) / np.maximum(known.sum(axis=(1, 2)), 1)
     moved = np.where(windows.lengths > length * (1 - 1e-6), moved, -1.0)  # the rest of a window is too short
     moving = np.flatnonzero((moved >= np.median(moved[moved >= 0])) & (moved >= 0))
-    some = moving[np.unique(np.linspace(0, len(moving) - 1, SHORT).round().astype(int))]
+    some = moving[np.unique(np.linspace(0, len(moving) - 1, SHORT_WINDOWS).round().astype(int))]
     begins = zip(windows.run[some].tolist(), windows.begin[some].tolist(), strict=True)
     return [Span(run, begin, begin + length) for run, begin in begins]
-
-
-def _apply_change(trace: Trace, change: Change) -> Trace:
-    """A trace in the model's convention, changed in the convention of its file."""
-    at = Convention(trace.convention.zero or "horizontal", trace.convention.sign or 1, "rad")
-    raw = (at.sign or 1) * replace(at, sign=1).in_model(trace.theta)
-    return replace(trace, theta=at.in_model(change.apply(raw)), se=None)
-
-
-def _resting_shifts(prepared: Prepared) -> Iterator[Change]:
-    """Shifts of one column, or of all, that bring the mean directions of a free line to those at rest."""
-    model = prepared.simulator.model
-    trace = prepared.traces[0]
-    if model.end_held:
-        return  # open frames were handled before
-    mean = np.angle(np.nanmean(np.exp(1j * trace.theta), axis=0))
-    off = wrap(resting_angles(model) - mean) * trace.convention.turn
-    for part in (0.7, 1.0, 1.3):  # the mean of a few swings differs from the angle at rest
-        for j, by in enumerate(off):
-            yield shift(j, part * float(by))
-        yield shift(None, part * float(np.mean(off)))

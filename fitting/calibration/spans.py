@@ -1,4 +1,4 @@
-"""Spans of time that are fitted, held out or at rest, also as found from the samples alone, and checks of the step."""
+"""Spans of time that are fitted, held out or at rest."""
 
 from __future__ import annotations
 
@@ -7,26 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.model import Model
-from fitting.estimate.rest import FEWEST as FEWEST_AT_REST
 from fitting.estimate.windows import Span
-from fitting.traces.conventions import resting_angles
-from fitting.traces.planar import wrap
 from fitting.traces.trace import Trace
 
 #: From, to [s].
 Interval = tuple[float, float]
-
-
-def check_step(traces: Sequence[Trace], dt: float) -> None:
-    """Reject a requested step that is longer than the sampling interval.
-
-    Between steps angles are interpolated. A step that skips samples is probably a mistyped one: the default is shorter
-    than any motion that a camera can follow.
-    """
-    longest = max(trace.interval for trace in traces)
-    if not dt <= longest * (1 + 1e-6):
-        raise SceneError(f"dt: {dt:g} s is longer than the sampling interval; allowed: at most {longest:.4g} s")
 
 
 def check_spans(traces: Sequence[Trace], spans: Sequence[Interval], option: str = "held-out") -> tuple[Interval, ...]:
@@ -78,137 +63,3 @@ def fitted_spans(
     if not spans:
         raise SceneError("from, until, held-out: nothing remains to fit. Use spans that leave part of the trace")
     return spans
-
-
-def without_held_starts(
-    spans: Sequence[Span],
-    traces: Sequence[Trace],
-    sigma: Sequence[np.ndarray],
-    slowest: float,
-    model: Model,
-) -> tuple[list[Span], list[str]]:
-    """The fitted spans of traces without the still stretch before a release, and a note on each stretch left out.
-
-    Args:
-        traces: the samples of every run that may be fitted, the rest missing.
-        sigma: noise of each run's links (n,) [rad].
-        slowest: period [s] of the line as one pendulum.
-        model: of the line, whose ends hold it.
-    """
-    shortened = list(spans)
-    notes = []
-    for i, trace in enumerate(traces):
-        begin = held_start(trace, sigma[i], slowest, model)
-        if begin is None:
-            continue
-        for j, span in enumerate(shortened):
-            if span.run == i:
-                shortened[j] = span._replace(low=max(span.low, begin))
-        notes.append(
-            f"{trace.name} is held still until {begin:.3g} s, in a pose that its own ends do not hold: the fit "
-            "starts there"
-        )
-    return [span for span in shortened if span.low < span.high], notes
-
-
-#: Relative change of a step that rounded times of samples may cause.
-ROUNDED_TIMES = 1e-3
-
-
-def time_step(traces: Sequence[Trace], requested: float) -> float:
-    """The step [s] nearest below `requested` that divides the sampling interval, for uniform sampling.
-
-    Times in files are rounded: a step may exceed `requested` by that rounding.
-    """
-    intervals = [round(trace.interval, 12) for trace in traces]
-    if np.ptp(intervals) > 1e-9:
-        return requested
-    return max(intervals) / max(1, int(np.ceil(max(intervals) / requested - ROUNDED_TIMES)))
-
-
-#: Shortest stretch [s], and in slowest periods: a motion is slow at its turning points, and slower as it decays.
-SHORTEST = 0.5
-FIRST_PERIODS = 0.5
-LAST_PERIODS = 2.0
-#: Frames of a running mean; limits of a still motion: standard deviations of the mean, and a minimum angle [rad].
-WIDTH = 5
-STILL = 5.0
-SMALLEST_MOVE = 0.002
-
-
-def still_spans(trace: Trace, sigma: np.ndarray, slowest: float) -> list[Interval]:
-    """(from, to) [s] of the trace's first and last stretch at rest; frames without a sample at its ends do not count.
-
-    The first lasts at least half of the slowest period [s], the last at least two periods. A link is still as long as
-    the mean of five neighbouring frames stays within five of its standard deviations, at least 2 mrad, of its value at
-    that end of the trace. `sigma` (n,) [rad] is the noise of a frame.
-    """
-    spans: list[Interval] = []
-    known = np.flatnonzero(np.isfinite(trace.theta).any(axis=1))
-    if not len(known):
-        return spans
-    whole = slice(known[0], known[-1] + 1)
-    for direction, periods in ((1, FIRST_PERIODS), (-1, LAST_PERIODS)):
-        times = trace.t[whole][::direction]
-        count = still_frames(times, trace.theta[whole][::direction], sigma)
-        shortest = max(SHORTEST, periods * slowest)
-        if count >= max(FEWEST_AT_REST, 2 * WIDTH) and abs(times[count - 1] - times[0]) >= shortest:
-            low, high = sorted((float(times[0]), float(times[count - 1])))
-            spans.append((low, high))
-    return list(dict.fromkeys(spans))
-
-
-def still_frames(t: np.ndarray, theta: np.ndarray, sigma: np.ndarray) -> int:
-    """Number of still frames at the start of (k, n), up to the first pause of `SHORTEST` without samples."""
-    fewest = len(theta)
-    for column, size in zip(theta.T, sigma, strict=False):  # the noise of further recordings follows
-        known = np.flatnonzero(np.isfinite(column))
-        pause = np.abs(np.diff(t[known], prepend=t[0])) > SHORTEST
-        if pause.any():
-            known = known[: int(np.argmax(pause))]
-        if len(known) < 2 * WIDTH:
-            return 0
-        mean = np.convolve(column[known], np.full(WIDTH, 1 / WIDTH), "valid")
-        # relative to the mean of all still frames so far: the first few alone are too noisy
-        before = np.cumsum(mean) / np.arange(1, len(mean) + 1)
-        moves = np.flatnonzero(np.abs(mean[1:] - before[:-1]) > max(STILL * size / np.sqrt(WIDTH), SMALLEST_MOVE))
-        still = known[-1] + 1
-        if len(moves):
-            still = known[moves[0] + 1]
-        fewest = min(fewest, int(still))
-    return fewest
-
-
-#: Angle [rad] between a still pose and equilibrium above which something else must hold the line: errors of 1 % in
-#: lengths and ends move the pose of a line between fixed ends by less.
-HELD_ANGLE = 0.1
-
-
-def held_start(trace: Trace, sigma: np.ndarray, slowest: float, model: Model) -> float | None:
-    """Time [s] from which the line moves, if something other than its own ends holds it still before.
-
-    It is then not in the model's equilibrium. The frames of the running mean that contain the motion are omitted: the
-    line may be released in any of them.
-    """
-    spans = still_spans(trace, sigma, slowest)
-    known = np.flatnonzero(np.isfinite(trace.theta).any(axis=1))
-    if not spans or spans[0][0] > trace.t[known[0]]:
-        return None
-    still = trace.between(spans[0][0], spans[0][1] + 1e-6)
-    off = wrap(np.nanmedian(still.theta, axis=0) - resting_angles(model))
-    later = known[trace.t[known] > spans[0][1]][WIDTH:]
-    if len(later) and np.abs(off).max() > HELD_ANGLE:
-        return float(trace.t[later[0]])
-    return None
-
-
-def advice_on_rest(trace: Trace, sigma: np.ndarray, slowest: float) -> list[str]:
-    """A line for each stretch at rest that a fit could use as a pose but does not."""
-    lines = []
-    for low, high in still_spans(trace, sigma, slowest):
-        lines.append(
-            f"{trace.name} is at rest from {low:.3g} to {high:.3g} s. "
-            f"Use --rest {np.ceil(100 * low) / 100:g}:{np.floor(100 * high) / 100:g} to fit that pose as well: it "
-            "determines the rig's numbers, if only the scene's own hooks hold the line then"
-        )
-    return lines

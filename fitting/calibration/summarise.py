@@ -9,8 +9,9 @@ import numpy as np
 
 from fitting.calibration.disagreement import disagreement_warnings, disagreements
 from fitting.calibration.held_out import score_held_out
-from fitting.calibration.law_score_tests import test_laws
+from fitting.calibration.law_score_tests import score_tests
 from fitting.calibration.law_tests import law_warnings
+from fitting.calibration.outliers import outlier_warnings
 from fitting.calibration.prepared import Prepared
 from fitting.calibration.result import FitResult, chi2_per_dof, direction_text
 from fitting.estimate.residuals import CHI2_RANGE, CORRELATION_FLOOR, Solution
@@ -18,19 +19,15 @@ from fitting.estimate.scene_fit import common_warnings
 from fitting.estimate.shooting import lyapunov
 from fitting.estimate.uncertainty import Uncertainty, uncertainty
 
-#: Standard deviations beyond which a sample is an outlier (one in 2 million of normal noise), and how many are listed.
-STANDS_OUT = 5.0
-NAMED_SAMPLES = 5
-
 #: Warnings for noise that is not white.
-NAMED = {
+NOISE_WARNINGS = {
     "correlated": "the noise is correlated: a sample keeps part of the previous one; weights and errors allow for it",
     "jitter": "frame times have random errors, the same for all links; weights and errors allow for it",
 }
 
 
 #: Absolute correlation of two estimates above which they are reported as hard to distinguish.
-HARD_TO_DISTINGUISH = 0.98
+INDISTINCT_CORRELATION = 0.98
 
 
 def warnings_of(prepared: Prepared, solution: Solution, u: Uncertainty, chi2: float) -> list[str]:
@@ -40,7 +37,7 @@ def warnings_of(prepared: Prepared, solution: Solution, u: Uncertainty, chi2: fl
     found = common_warnings(solution, u)
     for direction in u.undetermined:
         found.append(f"not identifiable from the data: direction ({direction_text(direction)}) in relative changes")
-    close = np.argwhere(np.abs(np.triu(u.correlation, 1)) > HARD_TO_DISTINGUISH)
+    close = np.argwhere(np.abs(np.triu(u.correlation, 1)) > INDISTINCT_CORRELATION)
     for i, j in close:
         found.append(f"{names[i]} and {names[j]} are hard to distinguish (correlation {u.correlation[i, j]:.3f})")
     for name, error, at_bound in zip(names, u.std_error, u.at_bound, strict=True):
@@ -57,7 +54,7 @@ def warnings_of(prepared: Prepared, solution: Solution, u: Uncertainty, chi2: fl
             "; windows are not joined there"
         )
     found += _noise_warnings(prepared, solution, u, chi2)
-    found += outliers(prepared, solution)
+    found += outlier_warnings(prepared, solution)
     failed = int(solution.evaluation.failed.sum())
     if failed:
         found.append(f"{failed} steps of the final simulation are above the solver's tolerance or have no derivative")
@@ -79,7 +76,7 @@ def _noise_warnings(prepared: Prepared, solution: Solution, u: Uncertainty, chi2
         )
     noise = solution.problem.noise
     if noise is not None and noise.kind != "white":
-        found.append(NAMED[noise.kind])
+        found.append(NOISE_WARNINGS[noise.kind])
     elif chi2 > CHI2_RANGE[1]:
         found.append(
             f"chi-square per degree of freedom is {chi2:.3g}: the noise of the samples does not explain the residuals"
@@ -87,31 +84,6 @@ def _noise_warnings(prepared: Prepared, solution: Solution, u: Uncertainty, chi2
     elif chi2 < CHI2_RANGE[0] and any(trace.se is not None for trace in prepared.traces):
         found.append(f"chi-square per degree of freedom is {chi2:.3g}: the stated standard errors are too large")
     return found
-
-
-def outliers(prepared: Prepared, solution: Solution) -> list[str]:
-    """A line on outlying samples, with run, link and time, if there are any."""
-    windows = solution.windows
-    size = np.ma.array(np.abs(solution.evaluation.residual), mask=windows.weight == 0)
-    # relative to the residuals' own spread, which outliers do not widen
-    size = np.ma.filled(size / np.maximum(np.ma.median(size, axis=(0, 1)) / 0.6745, 1e-300), 0.0)
-    out = np.argwhere(size > STANDS_OUT)
-    if not len(out):
-        return []
-    positions = []
-    for window, slot, column in out[np.argsort(-size[tuple(out.T)])[:NAMED_SAMPLES]]:
-        trace = prepared.traces[windows.run[window]]
-        positions.append(f"{trace.column_name(column)} at {windows.times()[window, slot]:.3f} s")
-    more = ""
-    if len(out) > len(positions):
-        more = f" and {len(out) - len(positions)} more"
-    advice = ". Use --student to reduce their weight"
-    if solution.problem.loss.redescends:
-        advice = ""
-    return [
-        f"{len(out)} samples stand out by more than {STANDS_OUT:g} standard deviations: "
-        f"{', '.join(positions)}{more}{advice}"
-    ]
 
 
 def summarise(prepared: Prepared, method: str, solution: Solution) -> FitResult:
@@ -126,7 +98,7 @@ def summarise(prepared: Prepared, method: str, solution: Solution) -> FitResult:
     # held-out stretches use the same step size as the fit
     finer = replace(prepared, windows=replace(prepared.windows, substeps=windows.substeps))
     scored = finer.noisy(solution.problem.noise)
-    laws = test_laws(prepared, solution, u)
+    laws = score_tests(prepared, solution, u)
     rows = disagreements(prepared, solution)
     compiled = simulator.compile_s - prepared.compiled_before
     return FitResult(

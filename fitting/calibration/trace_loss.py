@@ -24,7 +24,7 @@ from fitting.traces import planar
 
 #: Gauss-Newton steps of the windows for one value with optimal starts: from the first starts, four leave 0.01 of
 #: chi-square per window on noisy traces of the lab dropper.
-INNER = 6
+START_STEPS = 6
 
 
 class Blocks(NamedTuple):
@@ -136,8 +136,8 @@ class TraceLoss:
     def _gauss_newton(self, params: Array, starts: Starts[Array] | None = None) -> GaussNewton:
         """The loss with the starts at their optimum, its gradient and information by the parameters (k,).
 
-        The elimination is written in JAX: `INNER` damped Gauss-Newton steps of every window's start in a `lax.scan`,
-        beginning at `starts`. The gradient is the partial one at that optimum (the envelope theorem), corrected to
+        The elimination is written in JAX: a `lax.scan` of `START_STEPS` damped Gauss-Newton steps of every window's
+        start, from `starts` on. The gradient is the partial one at that optimum (the envelope theorem), corrected to
         first order for the remaining slope of the starts. Use it directly; do not differentiate it again.
         """
         best = self._best(params, starts)
@@ -218,7 +218,7 @@ class TraceLoss:
 
         z = jnp.zeros(2 * m, params.dtype)
         nothing = jax.tree.map(jnp.zeros_like, jax.eval_shape(blocks, z))._replace(cost=jnp.asarray(jnp.inf))
-        return jax.lax.scan(trial, (nothing, z, jnp.asarray(10 * FIRST_DAMPING)), None, length=INNER)[0][0]
+        return jax.lax.scan(trial, (nothing, z, jnp.asarray(10 * FIRST_DAMPING)), None, length=START_STEPS)[0][0]
 
     @staticmethod
     def _regular(A: Array) -> Array:

@@ -21,7 +21,7 @@ from fitting.channels.result import VERDICTS, Between, ChannelFit, combine_runs,
 from fitting.channels.setup import find_free
 from fitting.estimate.least_squares import continue_fit, first_solution
 from fitting.estimate.loss import LEAST_SQUARES, Loss, as_loss, initial_loss
-from fitting.estimate.residual_noise import ROUNDS, fit_with_noise, pose_again
+from fitting.estimate.residual_noise import NOISE_ROUNDS, fit_with_noise, transfer_solution
 from fitting.estimate.scene_fit import common_warnings
 from fitting.estimate.step_size import refine
 from fitting.parameters.names import by_full_path, default_free, full_names
@@ -30,19 +30,21 @@ from fitting.parameters.rig_priors import JointPrior, rig_priors
 
 #: Residuals above this multiple of the sensor's noise, of which more than this fraction is kept from sample to sample,
 #: are those of a model, such as a rope of 12 links in place of 24 (1.7 and 0.7) or a bending stiffness 5 % off.
-LARGER = 1.25
-SMOOTH = 0.5
+LARGE_RESIDUAL_RATIO = 1.25
+SMOOTH_MEMORY = 0.5
+#: Ratio of the residuals to the sensor's noise, in either direction, from which there is a warning.
+OTHER_NOISE_RATIO = 2.0
 #: A step may leave ringing that stays small, but whose derivatives look like those of a chaotic motion.
 LARGEST_GROWTH = 1e3
 #: Growth of derivatives from the middle of a run to its end above which there is a warning.
 CHAOTIC_GROWTH = 10.0
 #: Errors of 3 % of the noise of several channels move estimates by 0.02 standard errors relative to each other.
-SAME_NOISE = 0.01
+NOISE_TOLERANCE = 0.01
 #: Sections of paths that do not belong to the scene's model.
-OF_DATA = ("start", "channel", "camera")
+DATA_SECTIONS = ("start", "channel", "camera")
 
 
-def pose(
+def make_problem(
     source: str | Path | Values | Data,
     scene: Scene,
     free: Sequence[str] | None,
@@ -60,7 +62,7 @@ def pose(
         free = default_free(scene)
     names = [name.strip() for name in free]
     mine = [name.strip() for name in own]
-    of_scene = [name for name in (*names, *mine) if ScenePath(name).section not in OF_DATA]
+    of_scene = [name for name in (*names, *mine) if ScenePath(name).section not in DATA_SECTIONS]
     if of_scene:
         scene = with_zero_damping(scene, full_names(scene, of_scene))
     data = source if isinstance(source, Data) else read_data(source, scene)
@@ -76,7 +78,7 @@ def pose(
     if not shared and not split:
         raise SceneError("free: nothing is free; allowed: paths of parameters")
     with_priors, known = rig_priors(scenes[0], build_model(scenes[0]), shared)
-    given = by_full_path(scenes[0], start, bounds, priors, OF_DATA)
+    given = by_full_path(scenes[0], start, bounds, priors, DATA_SECTIONS)
     every = adjust_parameters([*with_priors, *split], *given, wider=True)
     parameters = list(every[: len(shared)])
     split = every[len(shared) :]
@@ -186,12 +188,12 @@ def fit_channels(
         raise SceneError(f"iterations: {iterations} is too small; allowed: at least 1")
     loss = as_loss(loss)
     scene = load_scene(scene).with_equal_steps()
-    problem = pose(data, scene, free, own, start or {}, bounds or {}, priors or {})
+    problem = make_problem(data, scene, free, own, start or {}, bounds or {}, priors or {})
     progress(0.0, "first run")
     point = first_point(problem, initial_loss(loss))
     point = settle_noise(point, iterations, part_of(progress, 0.0, 0.7))
     if point.status == "ok" and point.problem.loss != loss:
-        point = pose_again(point, replace(point.problem, loss=loss), point.evaluation)
+        point = transfer_solution(point, replace(point.problem, loss=loss), point.evaluation)
         point = settle_noise(point, iterations, progress)
     if check_step and point.status == "ok":
         say = part_of(progress, 0.7, 0.95)
@@ -235,9 +237,9 @@ def warnings_of(result: ChannelFit) -> list[str]:
             continue
         ratio = row["noise"] / row["noise_claimed"]
         times = f"channel {row['name']}: residuals are {ratio:.2g} times the noise of its sensor"
-        if not 0.5 < ratio < 2:
+        if not 1 / OTHER_NOISE_RATIO < ratio < OTHER_NOISE_RATIO:
             found.append(times)
-        elif ratio > LARGER and row["kept"] > SMOOTH:
+        elif ratio > LARGE_RESIDUAL_RATIO and row["kept"] > SMOOTH_MEMORY:
             found.append(
                 f"{times} and keep {row['kept']:.0%} from sample to sample: the model misses part of the motion. Try "
                 "more links and a smaller step"
@@ -281,7 +283,9 @@ def settle_noise(point: ChannelSolution, iterations: int, progress: Progress = s
 
     def descend(point: ChannelSolution) -> ChannelSolution:
         turn = next(turns)  # at most ROUNDS and two more
-        return continue_fit(point, iterations, part_of(progress, turn / (ROUNDS + 2), (turn + 1) / (ROUNDS + 2)))
+        return continue_fit(
+            point, iterations, part_of(progress, turn / (NOISE_ROUNDS + 2), (turn + 1) / (NOISE_ROUNDS + 2))
+        )
 
     def claimed_series(point: ChannelSolution) -> Series:
         return point.problem.data.series(point.problem.claimed_noise, point.evaluation.shown)
@@ -289,7 +293,7 @@ def settle_noise(point: ChannelSolution, iterations: int, progress: Progress = s
     found = descend(point)
     found.iterations += point.iterations
     floor = (point.problem.floor / point.problem.claimed_noise)[:, None]
-    found = fit_with_noise(found, descend, claimed_series, floor, same=SAME_NOISE)
+    found = fit_with_noise(found, descend, claimed_series, floor, same=NOISE_TOLERANCE)
     if found.status != "ok":
         return found
     ended = descend(found)  # no steps if the last noise moves no parameter

@@ -30,8 +30,8 @@ from fitting.channels.position import find_link, share_of_link
 #: Axes of an accelerometer, by name.
 AXES = ("along", "across", "side")
 #: Weights of central differences of fourth order, of the rows two before to two after.
-FIRST = (1 / 12, -8 / 12, 0.0, 8 / 12, -1 / 12)
-SECOND = (-1 / 12, 16 / 12, -30 / 12, 16 / 12, -1 / 12)
+FIRST_DIFFERENCE = (1 / 12, -8 / 12, 0.0, 8 / 12, -1 / 12)
+SECOND_DIFFERENCE = (-1 / 12, 16 / 12, -30 / 12, 16 / 12, -1 / 12)
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ class Accelerometer(Inertial):
         along = self.link_direction(motion)
         mount = motion.nodes[:, self.first] + self.position * along
         inner = along[self.margin : -self.margin]
-        force = differences(mount, SECOND) / motion.spacing**2 + jnp.array([0.0, 0.0, 1.0]) * motion.gravity
+        force = differences(mount, SECOND_DIFFERENCE) / motion.spacing**2 + jnp.array([0.0, 0.0, 1.0]) * motion.gravity
         side = self.side(inner)
         axes = jnp.stack([inner, jnp.cross(side, inner), side])
         first, second, third = jnp.sum(force * axes, axis=2)
@@ -109,7 +109,7 @@ class Gyro(Inertial):
     def see(self, motion: SavedMotion) -> Array:
         along = self.link_direction(motion)
         inner = along[self.margin : -self.margin]
-        rate = differences(along, FIRST) / motion.spacing
+        rate = differences(along, FIRST_DIFFERENCE) / motion.spacing
         return jnp.sum(self.side(inner) * jnp.cross(inner, rate), axis=1, keepdims=True)
 
 

@@ -11,7 +11,7 @@ from dropper_jax.base.read import Values, read_integer, read_number, read_text
 from dropper_jax.scene import SceneData, WholeLine, whole_lines
 
 #: Relative rounding of a line's length, which is a sum of links.
-ROUNDING = 1e-9
+LENGTH_ROUNDING = 1e-9
 
 
 class Node(NamedTuple):
@@ -83,7 +83,7 @@ def find_link(scene: SceneData, table: Values, path: str) -> tuple[WholeLine, in
     if key == "at":
         at = _length_along(table, line, path)
         ends = np.cumsum(line.spec.length)
-        number = int(np.searchsorted(ends, at - ROUNDING * ends[-1])) + 1
+        number = int(np.searchsorted(ends, at - LENGTH_ROUNDING * ends[-1])) + 1
     elif key == "link":
         number = read_integer(table["link"], f"{path}.link")
     else:
@@ -124,7 +124,7 @@ def _length_along(table: Values, line: WholeLine, path: str) -> float:
     """The length [m] along a line from its first point, at the key `at`; at most that of the line."""
     at = read_number(table["at"], f"{path}.at", {"unit": "m"})
     length = float(np.cumsum(line.spec.length)[-1])
-    if not 0 <= at <= length * (1.0 + ROUNDING):
+    if not 0 <= at <= length * (1.0 + LENGTH_ROUNDING):
         raise SceneError(f"{path}.at: {at:g} m is outside line {line.name!r}; allowed: 0 to {length:g} m")
     return min(at, length)
 

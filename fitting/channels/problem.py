@@ -18,17 +18,17 @@ from dropper_jax.run.build import build_model, stepper_of
 from fitting.channels.data import ByChannel, Data, Run, Series
 from fitting.channels.observe import Plan, differentiate_channels
 from fitting.channels.setup import setup_with_directions
-from fitting.estimate.noise import correlates, lag_one_by_source, whiten
+from fitting.estimate.noise import is_correlated, lag_one_by_source, whiten
 from fitting.estimate.residuals import Residuals, Solution, Timing
 from fitting.parameters.parameter import Parameter
 from fitting.parameters.targets import SetupTarget
 
 #: Maximum factor by which one step may change a number of fixed sign.
-FACTOR = 3.0
+STEP_FACTOR = 3.0
 #: Maximum number of halvings of the step for its bias.
 MOST_HALVED = 2
 #: Relative extension of the duration: the last sample belongs to the previous piece.
-PAST_LAST = 1e-6
+DURATION_MARGIN = 1e-6
 #: Derivatives beyond this have squares that overflow in a sum.
 LARGEST_SLOPE = 1e100
 #: Why a run with such derivatives cannot be used.
@@ -139,12 +139,12 @@ class Problem(Residuals):
             p = self.parameters[i]
             value = values[i]
             if is_axial_stiffness(p) and value > 0:
-                low[i] = value * (1 - value / max(p.low, value / FACTOR))
-                high[i] = value * (1 - value / min(p.high, value * FACTOR))
+                low[i] = value * (1 - value / max(p.low, value / STEP_FACTOR))
+                high[i] = value * (1 - value / min(p.high, value * STEP_FACTOR))
             elif p.low >= 0 and value > 0:
                 if p.low > 0:  # otherwise it may become 0
-                    low[i] = max(low[i], (1 / FACTOR - 1) * value)
-                high[i] = min(high[i], (FACTOR - 1) * max(value, 0.1 * p.scale))
+                    low[i] = max(low[i], (1 / STEP_FACTOR - 1) * value)
+                high[i] = min(high[i], (STEP_FACTOR - 1) * max(value, 0.1 * p.scale))
         return low, high
 
     def after_step(self, values: np.ndarray, dp: np.ndarray) -> np.ndarray:
@@ -172,14 +172,14 @@ class Problem(Residuals):
             starts.append(times.min())
             duration += float(np.ptp(times))
         number = np.broadcast_to(self.windows.run[:, None], self.windows.t.shape)
-        duration *= 1 + PAST_LAST
+        duration *= 1 + DURATION_MARGIN
         return Timing(self.windows.t, number, self.sample_mask[..., 0], np.array(starts), duration, len(starts))
 
     def correlation(self, point: ChannelSolution) -> tuple[float | np.ndarray, bool]:
         """Correlation of neighbours in each channel (c,); whether any of them is significant."""
         residual = point.weights * point.evaluation.residual
         rho, sure = (a[:, 0] for a in lag_one_by_source(self.windows, residual, len(self.data.sensors)))
-        return rho, correlates(np.abs(rho), sure)
+        return rho, is_correlated(np.abs(rho), sure)
 
     def failure(self, evaluation: Evaluation) -> str:
         """The step that did not converge."""

@@ -46,6 +46,7 @@ from dropper_jax.base.read import (
     read_list,
     read_table,
     read_text,
+    refuse,
 )
 from dropper_jax.load.packaged import parse_toml
 from dropper_jax.scene import SceneData
@@ -67,10 +68,10 @@ from fitting.traces.csv_table import check_times, read_csv, refuse_twice
 #: Minimum number of samples of a channel.
 FEWEST_READINGS = 3
 #: Kinds of channels, and the keys that tables of all kinds share.
-CLASSES: tuple[type[Channel], ...] = (Angle, Position, Pixel, Tension, Depth, Accelerometer, Gyro)
-KINDS = {cls.kind: cls for cls in CLASSES}
-COMMON = ("name", "kind", "column", "columns", "unit", "camera", "noise", "noise_unit", "offset", "gain", "delay")
-LOCATIONS = ("line", "link", "node", "end", "at", "point")
+CHANNEL_CLASSES: tuple[type[Channel], ...] = (Angle, Position, Pixel, Tension, Depth, Accelerometer, Gyro)
+KINDS = {cls.kind: cls for cls in CHANNEL_CLASSES}
+COMMON_KEYS = ("name", "kind", "column", "columns", "unit", "camera", "noise", "noise_unit", "offset", "gain", "delay")
+POSITION_KEYS = ("line", "link", "node", "end", "at", "point")
 
 
 class Columns(NamedTuple):
@@ -115,7 +116,7 @@ def read_sensor(table: Values, path: str, scene: SceneData, cameras: tuple[Camer
     """
     read_table(table, path)
     cls = KINDS[read_text(require_value(table, path, "kind", ", ".join(KINDS)), f"{path}.kind", KINDS)]
-    check_keys(table, (*COMMON, *LOCATIONS, *cls.KEYS), path)
+    check_keys(table, (*COMMON_KEYS, *POSITION_KEYS, *cls.KEYS), path)
     camera = None
     if "camera" in table:
         names = [camera.name for camera in cameras]
@@ -205,7 +206,10 @@ def read_run(
         values.append(y[keep])
     own = dict(read_table(table.get("scene", {}), f"{path}.scene"))
     own |= _recorded_motions(files, motions, path)
-    return Run(read_name(table, path, default), tuple(times), tuple(values), own)
+    name = read_name(table, path, default)
+    if "/" in name or "\\" in name:  # the fitted scene of a run is written under its name
+        raise refuse(f"{path}.name", name, "cannot be used in the name of a file", "a name without a slash")
+    return Run(name, tuple(times), tuple(values), own)
 
 
 def _files(given: Plain, path: str, folder: Path) -> tuple[list[Columns], str]:

@@ -19,9 +19,9 @@ from fitting.estimate.uncertainty import Uncertainty, quantile, uncertainty
 from fitting.parameters.fitted_scene import fitted_scene
 
 #: Error of a parameter, over that of its prior, from which the data add next to nothing to the prior.
-PRIOR_ALONE = 0.95
+PRIOR_ERROR_SHARE = 0.95
 #: Sensitivity up to which a parameter is not determined: 1 % of the channel changes it by 20 %.
-INSENSITIVE = 0.05
+LEAST_SENSITIVITY = 0.05
 
 
 @dataclass(frozen=True)
@@ -143,7 +143,7 @@ def _verdict(point: ChannelSolution, i: int, se: float, sensitivity: np.ndarray)
     known = ("yes", "")
     if not p.low < p.high:
         return known
-    if p.prior is not None and se >= PRIOR_ALONE * p.prior[1]:
+    if p.prior is not None and se >= PRIOR_ERROR_SHARE * p.prior[1]:
         return "prior", "determined by its prior only"
     if p.prior is not None or p.low < 0:
         return known
@@ -152,7 +152,7 @@ def _verdict(point: ChannelSolution, i: int, se: float, sensitivity: np.ndarray)
     bound = ("upper bound", f"below {max(value, 0.0) + reach:.3g} {p.unit} with 95 %")
     if p.in_model and p.low == 0 and value < reach:  # it is compatible with zero
         return bound
-    if value > 0 and most <= INSENSITIVE:
+    if value > 0 and most <= LEAST_SENSITIVITY:
         moves = "no channel is sensitive to it"
         if most > 1e-6:
             name = point.problem.data.sensors[int(sensitivity.argmax())].channel.name

@@ -27,8 +27,8 @@ from dropper_jax.model import Model
 from dropper_jax.run.build import build_model
 from fitting.channels.data import Data
 from fitting.parameters.names import full_names
-from fitting.parameters.of_scene import find_parameters, scene_parameter
 from fitting.parameters.parameter import Parameter, check_once
+from fitting.parameters.scene_parameters import find_parameters, scene_parameter
 from fitting.parameters.targets import Direction, ModelTarget, SetupTarget
 
 #: A number or array, of JAX in a program.
@@ -70,7 +70,7 @@ class Setup(NamedTuple):
 
 
 #: Numeric fields of a start, and their units.
-STARTS = {
+START_UNITS = {
     "polar": "rad",
     "azimuth": "rad",
     "polar_rate": "rad/s",
@@ -118,7 +118,7 @@ def _of_setup(scene: Scene, data: Data, name: str, option: str) -> list[Paramete
 def _given_start(scene: Scene) -> dict[str, np.ndarray]:
     """Numeric fields that the scene's start gives, by name."""
     given = {}
-    for key in STARTS:
+    for key in START_UNITS:
         value = getattr(scene.start, key)
         if value is not None:
             given[key] = np.asarray(value, float)
@@ -131,7 +131,7 @@ def _numbers(scene: Scene, data: Data) -> list[Parameter]:
     for key, given in _given_start(scene).items():
         for at, value in np.ndenumerate(given):
             path = ".".join(["start", key, *map(str, at)])
-            found.append(Parameter(path, SetupTarget("start", 0, key, at), float(value), unit=STARTS[key]))
+            found.append(Parameter(path, SetupTarget("start", 0, key, at), float(value), unit=START_UNITS[key]))
     for i, sensor in enumerate(data.sensors):
         path = f"channel.{sensor.channel.name}"
         several = len(sensor.channel.columns) > 1

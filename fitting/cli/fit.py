@@ -77,7 +77,7 @@ def run(args: argparse.Namespace) -> int:
         check_without_scene(args)
     else:
         scene = read_scene(args)
-        check_intervals(args, scene)
+    check_intervals(args, scene)
     if scene is not None and names_toml(args.traces):
         if plot:
             raise SceneError("--plot: only for traces of angles. Use --report for channels, which draws every run")
@@ -113,7 +113,7 @@ def fit_to_angles(args: argparse.Namespace, scene: Scene | None, shared: Table) 
         shared: arguments of `fit` for both kinds of data.
     """
     from fitting.calibration.fit import fit, fit_and_free
-    from fitting.calibration.preparation import FitSettings
+    from fitting.calibration.fit_settings import FitSettings
 
     traces = []
     found = {}
@@ -162,15 +162,19 @@ def check_files(files: Sequence[str]) -> None:
         seen.add(path)
 
 
-def check_intervals(args: argparse.Namespace, scene: Scene) -> None:
-    """Reject intervals of parameters that are not free, and a bootstrap of one draw, before anything is fitted."""
+def check_intervals(args: argparse.Namespace, scene: Scene | None) -> None:
+    """Reject intervals of parameters that are not free, and a bootstrap of one draw, before anything is fitted.
+
+    Args:
+        scene: None: proposed from the file, so that its parameters are not known yet.
+    """
     from fitting.estimate.bootstrap import check_draws
     from fitting.parameters.names import default_free, default_rig
     from fitting.parameters.targets import RECORDING
 
     if args.bootstrap is not None:
         check_draws(args.bootstrap)
-    if not args.profile:
+    if not args.profile or scene is None:
         return
     free = args.free
     if free is None:

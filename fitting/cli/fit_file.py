@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from fitting.traces.trace import Trace
 
 #: Model error that a fit to a file may assume, as a fraction of the motion.
-SMALL_ERROR = 0.003
+LARGEST_MODEL_ERROR = 0.003
 
 
 def add_file_options(parser: argparse.ArgumentParser) -> None:
@@ -71,7 +71,7 @@ def given_of(args: argparse.Namespace) -> FileOptions:
 
 def is_trace_file(file: str, partial: bool) -> bool:
     """Whether a file has the columns of a trace, `t` and `theta_1`, or of any link if `partial`, under these names."""
-    from fitting.traces.lines import read_lines
+    from fitting.traces.text_lines import read_lines
 
     heads = [line for line in read_lines(Path(file))[:100] if not line.lstrip().startswith("#")]
     names = []
@@ -190,7 +190,7 @@ def model_error_of(result: FitResult) -> float | None:
     """The model error [rad] that explains a misfit; None where it is not small compared with the motion."""
     motion = min(float(np.nanstd(column)) for trace in result.traces for column in trace.theta.T)
     error = float(f"{result.rms:.2g}")
-    if error < SMALL_ERROR * motion and not result.wrong_file:
+    if error < LARGEST_MODEL_ERROR * motion and not result.wrong_file:
         return error
     return None
 

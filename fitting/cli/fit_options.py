@@ -13,11 +13,11 @@ from dropper_jax.cli.outputs import add_out
 from fitting.cli.fit_file import add_file_options
 
 if TYPE_CHECKING:
-    from fitting.calibration.estimating import Method
+    from fitting.calibration.method import Method
     from fitting.estimate.loss import Loss
 
 
-#: Those of `fitting.calibration.estimating`, which imports JAX.
+#: Those of `fitting.calibration.method`, which imports JAX.
 METHODS = ("windows", "shooting", "gradient")
 
 
@@ -178,7 +178,7 @@ def chosen_method(args: argparse.Namespace) -> Method:
     Raises:
         SceneError: settings of a descent for another method.
     """
-    from fitting.calibration.estimating import Method
+    from fitting.calibration.method import Method
 
     given = {key: getattr(args, key) for key in OF_DESCENT if getattr(args, key) is not None}
     if args.method != "gradient":

@@ -41,7 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from fitting.calibration.plan import plan, rows
+    from fitting.calibration.measurement_plan import plan, rows
 
     register_effects(args)
     found = plan(

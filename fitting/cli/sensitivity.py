@@ -13,7 +13,7 @@ from dropper_jax.cli.printing import done_object, print_warnings, progress
 help = "sensitivity of a quantity to parameters: derivatives, Sobol indices, Morris screening"
 
 #: Size of a global study that states none.
-SAMPLES = 64
+DEFAULT_SAMPLES = 64
 #: Options that set a value of the scene.
 OVERRIDES = ("integrator", "dt", "duration")
 
@@ -37,7 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="NAME=LO:HI",
         help="range of a parameter (default: +-20 %%)",
     )
-    parser.add_argument("--samples", type=int, help=f"size of a global study (default: {SAMPLES})")
+    parser.add_argument("--samples", type=int, help=f"size of a global study (default: {DEFAULT_SAMPLES})")
     parser.add_argument("--seed", type=int, help="of a global study (default: 0)")
     parser.add_argument(
         "--check", action="store_true", help="also compute derivatives by reverse mode, and the growth of errors"
@@ -61,7 +61,7 @@ def run(args: argparse.Namespace) -> int:
     ranges = None
     if args.method:
         ranges = sensitivity.ranges(problem, by_name(map(_range, args.range), "--range"))
-        samples = SAMPLES if args.samples is None else args.samples
+        samples = DEFAULT_SAMPLES if args.samples is None else args.samples
         found = sensitivity.global_indices(problem.batch, problem.names, ranges, args.method, samples, args.seed or 0)
         text = global_text(found, args.of)
     else:

@@ -220,7 +220,7 @@ def _parts(args: argparse.Namespace) -> list[float] | None:
 def _fit(args: argparse.Namespace, scene: Scene, scores: TraceScores) -> FittedScore:
     """The fit of the varied inputs to the same trace, and one run at its values."""
     from fitting.calibration.fit import fit
-    from fitting.calibration.preparation import FitSettings
+    from fitting.calibration.fit_settings import FitSettings
     from fitting.sweep.against_trace import FittedScore
 
     settings = FitSettings(zero=args.zero, sign=args.sign, unit=args.unit, columns=column_names(args.columns))

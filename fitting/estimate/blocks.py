@@ -26,10 +26,10 @@ from fitting.estimate.normal_equations import Evaluation, Step
 from fitting.estimate.residuals import Solution
 
 #: Minimum number of blocks, for any memory of the scores.
-FEWEST = 4
+FEWEST_BLOCKS = 4
 
 
-class Pieces(NamedTuple):
+class TimePieces(NamedTuple):
     """Gradients (P, k) and information (P, k, k) of pieces of time, in the order of their runs (P,)."""
 
     gradient: np.ndarray
@@ -37,7 +37,7 @@ class Pieces(NamedTuple):
     run: np.ndarray
 
 
-def scores(evaluation: Evaluation, step: Step | Solution) -> np.ndarray:
+def residual_scores(evaluation: Evaluation, step: Step | Solution) -> np.ndarray:
     """Derivative of every residual by the parameters along the optimum of the starts (K, S, n, k)."""
     m2 = step.eliminated.shape[1]
     jacobian = evaluation.jacobian
@@ -45,19 +45,19 @@ def scores(evaluation: Evaluation, step: Step | Solution) -> np.ndarray:
 
 
 #: Target number of pieces of time; a small number of windows is cut into them.
-PIECES = 60
-#: More pieces than any run has.
+TARGET_PIECES = 60
+#: Factor of a run's number in the number of a piece: more pieces than any run has.
 MOST_PIECES = 10**9
 
 
-def pieces(solution: Solution, free: np.ndarray) -> Pieces:
+def time_pieces(solution: Solution, free: np.ndarray) -> TimePieces:
     """Parts of the gradient and the information of the free parameters (their numbers), of equal duration."""
     timing = solution.problem.timing()
     weights = solution.weights
-    score = scores(solution.evaluation, solution)[..., free]
+    score = residual_scores(solution.evaluation, solution)[..., free]
     weighted_score = np.einsum("ksnp,ksn->ksp", score, weights * solution.evaluation.residual)
     square = np.einsum("ksnp,ksn,ksnq->kspq", score, weights, score, optimize=True)
-    duration = timing.duration / max(PIECES, timing.blocks) * (1 + 1e-9)
+    duration = timing.duration / max(TARGET_PIECES, timing.blocks) * (1 + 1e-9)
 
     def number(t: np.ndarray, run: np.ndarray) -> np.ndarray:
         """Run and piece of these times of runs, combined in one number."""
@@ -82,10 +82,10 @@ def pieces(solution: Solution, free: np.ndarray) -> Pieces:
     information = np.zeros((len(names), *squares.shape[1:]))
     np.add.at(gradient, index, gradients)
     np.add.at(information, index, squares)
-    return Pieces(gradient, information, names // MOST_PIECES)
+    return TimePieces(gradient, information, names // MOST_PIECES)
 
 
-def memory(series: np.ndarray, run: np.ndarray) -> float:
+def correlation_time(series: np.ndarray, run: np.ndarray) -> float:
     """Integrated correlation time of a series (P,) over several runs, in its steps: `1 + 2 sum rho_l` up to the first
     non-positive sum of a pair of neighbouring lags (Geyer 1992); two correlation times for an exponential decay."""
     series = series - series.mean()
@@ -105,23 +105,26 @@ def memory(series: np.ndarray, run: np.ndarray) -> float:
     return max(1.0, 2 * total - 1)
 
 
-def block_of(parts: Pieces, information: np.ndarray) -> int:
-    """Pieces, of this total information (k, k), per block: two correlation times of the parameters' scores, if `FEWEST`
-    blocks remain."""
+def block_length(parts: TimePieces, information: np.ndarray) -> int:
+    """Pieces per block: two correlation times of the parameters' scores, if `FEWEST_BLOCKS` blocks remain.
+
+    Args:
+        information: of all pieces (k, k).
+    """
     influence = solve_spd(information, parts.gradient.T).T
-    longest = max((memory(column, parts.run) for column in influence.T), default=1.0)
-    return int(max(1, min(np.ceil(longest), len(parts.run) // FEWEST)))
+    longest = max((correlation_time(column, parts.run) for column in influence.T), default=1.0)
+    return int(max(1, min(np.ceil(longest), len(parts.run) // FEWEST_BLOCKS)))
 
 
 def scatter(solution: Solution) -> tuple[np.ndarray, int] | None:
     """Covariance (k, k) of the free parameters by the scatter of this many blocks; None with too few pieces of time."""
     free = solution.free
-    parts = pieces(solution, free)
+    parts = time_pieces(solution, free)
     information = solution.free_information
     prior = solution.problem.prior(solution.values).curvature[np.ix_(free, free)]
-    if len(parts.gradient) < FEWEST or not len(free):
+    if len(parts.gradient) < FEWEST_BLOCKS or not len(free):
         return None
-    length = block_of(parts, information)
+    length = block_length(parts, information)
     blocks = []
     for run in np.unique(parts.run):
         mine = np.flatnonzero(parts.run == run)
@@ -135,22 +138,22 @@ def scatter(solution: Solution) -> tuple[np.ndarray, int] | None:
     drift = _half_difference(parts, information) ** 2
     # independent blocks explain four times the variance
     more = np.maximum(0.25 * drift, drift - 4 * own)
-    return raised_to(covariance, own + more), len(blocks)
+    return with_minimum_variance(covariance, own + more), len(blocks)
 
 
-def jackknife(parts: Pieces, blocks: Sequence[np.ndarray], information: np.ndarray) -> np.ndarray:
+def jackknife(parts: TimePieces, blocks: Sequence[np.ndarray], information: np.ndarray) -> np.ndarray:
     """Covariance (k, k) of the estimates by leaving out each block of pieces."""
-    moved = moves_without(parts, blocks, information)
+    moved = leave_out_moves(parts, blocks, information)
     return (len(blocks) - 1) / len(blocks) * moved.T @ moved
 
 
-def raised_to(covariance: np.ndarray, minimum: np.ndarray) -> np.ndarray:
+def with_minimum_variance(covariance: np.ndarray, minimum: np.ndarray) -> np.ndarray:
     """The covariance with these minimum variances (k,) and the same correlations."""
     grow = np.sqrt(np.maximum(minimum / np.maximum(np.diag(covariance), 1e-300), 1.0))
     return covariance * np.outer(grow, grow)
 
 
-def moves_without(parts: Pieces, blocks: Sequence[np.ndarray], information: np.ndarray) -> np.ndarray:
+def leave_out_moves(parts: TimePieces, blocks: Sequence[np.ndarray], information: np.ndarray) -> np.ndarray:
     """Change of the estimates (B, k) without each block of pieces, to first order, minus their mean."""
     rests = [_positive(information - parts.information[mine].sum(0), information) for mine in blocks]
     moved = [solve_spd(rest, parts.gradient[mine].sum(0)) for rest, mine in zip(rests, blocks, strict=True)]
@@ -158,7 +161,7 @@ def moves_without(parts: Pieces, blocks: Sequence[np.ndarray], information: np.n
 
 
 def resample(
-    parts: Pieces, information: np.ndarray, block: int, draws: int, rng: np.random.Generator
+    parts: TimePieces, information: np.ndarray, block: int, draws: int, rng: np.random.Generator
 ) -> tuple[np.ndarray, float]:
     """Moves of the estimates (draws, k) by blocks of `block` pieces drawn with replacement, and effective block count.
 
@@ -170,7 +173,7 @@ def resample(
     count = len(parts.run)
     number = int(np.ceil(count / block))
     blocks = (np.arange(count)[:, None] + np.arange(block)) % count  # any piece may be the first of a block
-    moved = moves_without(parts, list(blocks), information)
+    moved = leave_out_moves(parts, list(blocks), information)
     moved *= np.sqrt((number - 1) / number * count / (number * block))
     found = moved[rng.integers(0, count, size=(draws, number))].sum(axis=1)
     apart = np.array([parts.information[i : i + block].sum(axis=0) for i in range(0, count, block)])
@@ -180,7 +183,7 @@ def resample(
     return found, float(np.min(1 / np.maximum(np.sum(share**2, axis=0), 1e-300), initial=number))
 
 
-def _half_difference(parts: Pieces, information: np.ndarray) -> np.ndarray:
+def _half_difference(parts: TimePieces, information: np.ndarray) -> np.ndarray:
     """Difference between the estimates (k,) of the first and the second half of the time, to first order."""
     middle = len(parts.run) // 2
     estimates = []
@@ -190,10 +193,14 @@ def _half_difference(parts: Pieces, information: np.ndarray) -> np.ndarray:
     return estimates[0] - estimates[1]
 
 
+#: Fraction of the information that counts as remaining at least: with less, the move without a block is not linear.
+LEAST_REMAINING = 0.1
+
+
 def _positive(rest: np.ndarray, full: np.ndarray) -> np.ndarray:
-    """The remaining information, at least 10 % of the whole in every direction: beyond that a step is not linear."""
+    """The remaining information, at least `LEAST_REMAINING` of the whole in every direction."""
     scaled, size = scale_diagonal(full)
     root = np.linalg.cholesky(scaled + 1e-12 * np.eye(len(full)))
     inverse = np.linalg.inv(root)
     share, turn = np.linalg.eigh(inverse @ (rest * np.outer(size, size)) @ inverse.T)
-    return (root @ (turn * np.maximum(share, 0.1)) @ turn.T @ root.T) / np.outer(size, size)
+    return (root @ (turn * np.maximum(share, LEAST_REMAINING)) @ turn.T @ root.T) / np.outer(size, size)

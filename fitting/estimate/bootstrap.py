@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from fitting.estimate.blocks import block_of, pieces, resample
+from fitting.estimate.blocks import block_length, resample, time_pieces
 from fitting.estimate.scene_fit import SceneFit
-from fitting.estimate.uncertainty import FEW
+from fitting.estimate.uncertainty import FEW_BLOCKS
 
 
 class Bootstrap(NamedTuple):
@@ -21,11 +21,12 @@ class Bootstrap(NamedTuple):
     @property
     def warning(self) -> str:
         """One line if blocks are few, otherwise empty."""
-        if self.blocks >= FEW:
+        if self.blocks >= FEW_BLOCKS:
             return ""
+        uncertain = 100 / np.sqrt(2 * max(self.blocks - 1, 1))
         return (
-            f"the bootstrap draws from the equivalent of {self.blocks:.1f} blocks of time, fewer than {FEW}: the width "
-            f"of its intervals is uncertain by {100 / np.sqrt(2 * max(self.blocks - 1, 1)):.0f} %. Use longer traces"
+            f"the bootstrap draws from the equivalent of {self.blocks:.1f} blocks of time, fewer than {FEW_BLOCKS}: "
+            f"the width of its intervals is uncertain by {uncertain:.0f} %. Use longer traces"
         )
 
 
@@ -39,14 +40,18 @@ def bootstrap(result: SceneFit, draws: int = 200, block: int | None = None, seed
         block: number of stretches drawn together: windows, or parts of few ones; default two correlation times.
 
     Raises:
-        SceneError: fewer than two draws.
+        SceneError: fewer than two draws, or blocks longer than half of the time.
     """
     check_draws(draws)
     solution = result.solution
     free = solution.free
-    parts = pieces(solution, free)
+    parts = time_pieces(solution, free)
     information = solution.free_information
-    block = block or block_of(parts, information)
+    if block is None:
+        block = block_length(parts, information)
+    most = max(len(parts.run) // 2, 1)
+    if not 1 <= block <= most:
+        raise SceneError(f"bootstrap: blocks of {block} stretches; allowed: 1 to {most}, so that draws differ")
     moved, blocks = resample(parts, information, block, draws, np.random.default_rng(seed))
     found = np.tile(solution.values, (draws, 1))
     found[:, free] -= moved

@@ -38,7 +38,7 @@ from fitting.estimate.least_squares import Objective, Point
 from fitting.estimate.normal_equations import Normal, Step
 
 #: Steps between restarts of an optimizer without a line search (Loshchilov and Hutter 2017: adam's cosine decay).
-CYCLE = 20
+CYCLE_STEPS = 20
 #: Optimizers by name, as functions of the learning rate. The gradients are exact, so short memories suffice: on
 #: quadratic bowls whose information is wrong by up to a factor 3, adam needs 13 steps from 5 standard errors to 0.05,
 #: and 40 with its usual memories (0.9, 0.999).
@@ -46,28 +46,28 @@ OPTIMIZERS: dict[str, Callable[[float], optax.GradientTransformation]] = {
     "lbfgs": lambda rate: optax.chain(
         optax.scale_by_lbfgs(memory_size=8, scale_init_precond=False), optax.scale(-rate)
     ),
-    "adam": lambda rate: optax.adam(optax.cosine_decay_schedule(rate, CYCLE), b1=0.5, b2=0.9),
+    "adam": lambda rate: optax.adam(optax.cosine_decay_schedule(rate, CYCLE_STEPS), b1=0.5, b2=0.9),
     "sgd": optax.sgd,
 }
 #: Default learning rates: of L-BFGS the first trial of its line search, of the others the first step as a fraction of
 #: the distance to the minimum that the information predicts along each coordinate.
-RATES = {"lbfgs": 1.0, "adam": 0.3, "sgd": 0.5}
+LEARNING_RATES = {"lbfgs": 1.0, "adam": 0.3, "sgd": 0.5}
 PRECONDITIONERS = ("information", "size")
 #: Distance to the minimum, in standard errors, at which descent has converged.
-ARRIVED = 0.05
+CONVERGED_DISTANCE = 0.05
 #: The same on the way through the gap weights, as a fraction of the limit for Gauss-Newton steps. Their last step gets
 #: much closer, and the evidence must agree with theirs to choose the same weight.
-INTERMEDIATE_PART = 0.25
+INTERMEDIATE_SHARE = 0.25
 #: Change of the information, in any direction, above which coordinates are made again.
-CHANGED = 4.0
+INFORMATION_CHANGE = 4.0
 #: Trials of a line search, the factor between them, and the fraction of the predicted decrease that suffices.
-TRIALS = 12
-SHORTER = 0.4
-ENOUGH = 1e-4
+SEARCH_TRIALS = 12
+SEARCH_FACTOR = 0.4
+SUFFICIENT_DECREASE = 1e-4
 #: Step, in standard errors, below which a parameter stays on its bound.
-STAYS = 1e-6
+BOUND_STEP = 1e-6
 #: Growth of the loss, relative to the larger of its first value and 1 per sample, that counts as divergence.
-DIVERGED = 10.0
+DIVERGED_GROWTH = 10.0
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ class GradientDescent:
     Attributes:
         optimizer: `lbfgs` (with a backtracking line search), `adam` (cosine decay with restarts), `sgd`, or a gradient
             transformation of optax with its own learning rate, as a fraction of the predicted distance.
-        learning_rate: see `RATES`; None uses those.
+        learning_rate: see `LEARNING_RATES`; None uses those.
         steps: maximum steps of each stage: over separate windows, and at every gap weight.
         preconditioner: `information` or `size`, the coordinates of the parameters.
     """
@@ -110,7 +110,7 @@ class GradientDescent:
     @property
     def usual_rate(self) -> float:
         """The default learning rate."""
-        return RATES.get(self.name, 1.0)
+        return LEARNING_RATES.get(self.name, 1.0)
 
     @property
     def rate(self) -> float:
@@ -184,12 +184,12 @@ class Coordinates:
 
     def is_outdated(self, newton: Step, free: np.ndarray) -> bool:
         """Whether the information or the set of free parameters has changed, or a cycle has ended."""
-        if not np.array_equal(free, self.free) or (self.taken == CYCLE and not self.descent.searches):
+        if not np.array_equal(free, self.free) or (self.taken == CYCLE_STEPS and not self.descent.searches):
             return True
         if self.descent.preconditioner == "size":
             return False
         change = eigvalsh(newton.information[np.ix_(free, free)], self.root @ self.root.T)
-        return bool(change[0] < 1 / CHANGED or change[-1] > CHANGED)
+        return bool(change[0] < 1 / INFORMATION_CHANGE or change[-1] > INFORMATION_CHANGE)
 
     def step(self, values: np.ndarray, gradient: np.ndarray) -> np.ndarray:
         """The optimizer's step of the parameters (k,); zero for parameters that are not free."""
@@ -232,8 +232,10 @@ class GradientSteps:
 
     def is_minimum(self, moved: float, decrease: float) -> bool:
         close = self.objective.close
-        part = INTERMEDIATE_PART if close > ARRIVED**2 else 1.0
-        return moved < max(INTERMEDIATE_PART * close, ARRIVED**2) and decrease < part * self.objective.little()
+        part = INTERMEDIATE_SHARE if close > CONVERGED_DISTANCE**2 else 1.0
+        return (
+            moved < max(INTERMEDIATE_SHARE * close, CONVERGED_DISTANCE**2) and decrease < part * self.objective.little()
+        )
 
     def move(self, point: Point, system: Normal, newton: Step | None, near: bool) -> Point | None:
         if self.taken == 0:
@@ -253,7 +255,7 @@ class GradientSteps:
             self.why = ""
             return None
         self.taken += 1
-        if found.cost < DIVERGED * max(self.first, 0.5 * self.objective.problem.samples):
+        if found.cost < DIVERGED_GROWTH * max(self.first, 0.5 * self.objective.problem.samples):
             return found
         self.why = self._divergence(found.cost)
         return None
@@ -262,7 +264,7 @@ class GradientSteps:
         """Parameters (k,) that move: those on a bound stay there if the quadratic model leads out of it."""
         size = newton.dp * np.sqrt(np.diag(newton.information))
         low, high = self.objective.problem.bounds(point.values)
-        stays = (point.values <= low) & (size < STAYS) | (point.values >= high) & (size > -STAYS)
+        stays = (point.values <= low) & (size < BOUND_STEP) | (point.values >= high) & (size > -BOUND_STEP)
         return ~self.objective.problem.held_mask & ~stays
 
     def _divergence(self, cost: float) -> str:
@@ -285,7 +287,7 @@ class GradientSteps:
         searched = self.descent.searches
         trials = 1
         if searched:
-            trials = TRIALS
+            trials = SEARCH_TRIALS
             if not slope < 0:
                 return None
             # the first trial is not beyond the minimum that the information predicts along the direction
@@ -294,9 +296,9 @@ class GradientSteps:
         for trial in range(trials):
             # starts follow the parameters; a shorter step also withholds more of their own move
             damping = self.damping * 10.0**trial
-            part = SHORTER**trial
+            part = SEARCH_FACTOR**trial
             found = self._moved(point, system, part * direction, damping)
-            if found is not None and (not searched or found.cost <= point.cost + ENOUGH * part * slope):
+            if found is not None and (not searched or found.cost <= point.cost + SUFFICIENT_DECREASE * part * slope):
                 return self._accepted(found, damping)
         # far from the minimum of the starts a step of the parameters changes the loss by less than the starts do
         found = self._moved(point, system, 0 * direction, self.damping)

@@ -151,7 +151,7 @@ class Objective:
         )
 
 
-def level_of(problem: Residuals, gap_weight: float | None) -> Objective:
+def objective_at(problem: Residuals, gap_weight: float | None) -> Objective:
     """Cost and steps of a problem whose windows are separate (None) or joined with this gap weight."""
     if gap_weight is None or not problem.windows.follows.any():
         return Objective(problem)
@@ -235,13 +235,13 @@ def fit_starts(problem: Problem, values: np.ndarray, starts: Starts, iterations:
 
 
 #: Maximum evaluations when a solution continues with other noise or finer steps.
-CONTINUED = 12
+CONTINUED_ITERATIONS = 12
 
 
-def continue_fit(point: Solution, iterations: int = CONTINUED, progress: Progress = silent) -> Solution:
+def continue_fit(point: Solution, iterations: int = CONTINUED_ITERATIONS, progress: Progress = silent) -> Solution:
     """Continue from a solution, whose windows are separate or joined, with its own problem, whose noise or steps may
     have changed."""
-    found = descend(level_of(point.problem, point.gap_weight), point, iterations, progress=progress)
+    found = descend(objective_at(point.problem, point.gap_weight), point, iterations, progress=progress)
     return replace(found, evidence=point.evidence)
 
 

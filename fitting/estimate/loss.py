@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 from scipy.special import ndtr
 
-from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.errors import SceneError, nearest, require_positive
 
 
 class Loss:
@@ -46,6 +46,9 @@ class Huber(Loss):
 
     threshold: float = 3.0
 
+    def __post_init__(self) -> None:
+        require_positive("huber", self.threshold, " standard deviations")
+
     def squares(self, residual: np.ndarray) -> np.ndarray:
         c = self.threshold
         density = np.exp(-0.5 * c**2) / np.sqrt(2 * np.pi)
@@ -73,6 +76,9 @@ class StudentT(Loss):
 
     freedom: float = 4.0
     redescends: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        require_positive("student", self.freedom, " degrees of freedom")
 
     def squares(self, residual: np.ndarray) -> np.ndarray:
         """Weight times square. The square of the slope returns to zero and would not determine the variance: a smaller

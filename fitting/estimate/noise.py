@@ -99,7 +99,7 @@ def lag_correlation(decay: np.ndarray) -> np.ndarray:
 
 
 #: Half width [s] of the smoother that estimates rates from a trace.
-RATE_REACH = 0.05
+RATE_HALF_WIDTH = 0.05
 
 
 def motion(windows: Windows, traces: Sequence[Trace]) -> np.ndarray:
@@ -110,7 +110,7 @@ def motion(windows: Windows, traces: Sequence[Trace]) -> np.ndarray:
         trace = traces[run]
         mine = windows.run == run
         even = np.arange(trace.t[0], trace.t[-1], trace.interval)
-        reach = 2 * max(2, round(RATE_REACH / trace.interval)) + 1
+        reach = 2 * max(2, round(RATE_HALF_WIDTH / trace.interval)) + 1
         rate = smooth(trace.at(even), min(reach, 2 * ((len(even) - 1) // 2) + 1), trace.interval)[1]
         for derivative, columns in zip(found, (rate, np.gradient(rate, trace.interval, axis=0)), strict=True):
             for j in range(derivative.shape[2]):  # of every recording
@@ -118,7 +118,7 @@ def motion(windows: Windows, traces: Sequence[Trace]) -> np.ndarray:
     return np.where(windows.weight > 0, found, 0.0)
 
 
-def in_units(evaluation: Evaluation, old: Windows, new: Windows) -> Evaluation:
+def in_noise_units(evaluation: Evaluation, old: Windows, new: Windows) -> Evaluation:
     """An evaluation in units of the old samples' noise, in those of the new ones."""
     ratio = np.where(new.weight > 0, new.weight / np.where(old.weight > 0, old.weight, 1.0), 0.0)
     residual = evaluation.residual * ratio
@@ -190,7 +190,7 @@ def mean_by_run(values: np.ndarray, mask: np.ndarray, run: np.ndarray, runs: int
 
 
 #: Maximum correlation of neighbouring innovations of a noise model that is accepted.
-WHITE = 0.15
+WHITE_CORRELATION = 0.15
 
 
 def lag_one(residual: np.ndarray, known: np.ndarray) -> tuple[float, float]:
@@ -211,7 +211,7 @@ def lag_one_by_source(windows: Windows, residual: np.ndarray, sources: int) -> t
     return found[0], found[1]
 
 
-def correlates(
+def is_correlated(
     correlation: np.ndarray | float, error: np.ndarray | float, deviations: float = 5.0, floor: float = 0.1
 ) -> bool:
     """Whether a positive correlation of neighbours, or any of several, exceeds its standard errors and a floor."""

@@ -52,17 +52,17 @@ class Evaluation(NamedTuple):
 #: Ratio to the median over windows with samples above which a window's derivative counts as undefined. A joint that is
 #: just about to stick has no derivative (measured: 1e20), and one such window would block all parameters; chaos reaches
 #: 400 at most.
-WILD = 1e4
+UNDEFINED_RATIO = 1e4
 
 
-def drop_wild(e: Evaluation) -> Evaluation:
+def drop_undefined(e: Evaluation) -> Evaluation:
     """The evaluation, with zero derivative and one more failed step for windows whose derivative is undefined."""
     size = np.abs(e.jacobian).max(axis=(1, 2, 3), initial=0.0)
     moving = size[size > 0]  # windows without samples have no derivative
     typical = 0.0
     if len(moving):
         typical = float(np.median(moving))
-    wild = ~(size <= WILD * max(typical, 1e-300))
+    wild = ~(size <= UNDEFINED_RATIO * max(typical, 1e-300))
     if not wild.any():
         return e
     derivatives = {f: a.copy() for f, a in e._asdict().items() if f.endswith("jacobian")}

@@ -10,7 +10,7 @@ from scipy.special import chdtri
 
 from dropper_jax.base.errors import Progress, SceneError, nearest, silent
 from fitting.estimate.factors import invert_spd
-from fitting.estimate.least_squares import descend, level_of
+from fitting.estimate.least_squares import descend, objective_at
 from fitting.estimate.residuals import Solution
 from fitting.estimate.scene_fit import Profile, SceneFit
 from fitting.estimate.uncertainty import degrees_of_freedom
@@ -39,10 +39,10 @@ def profile(result: SceneFit, name: str, *, points: int = 3) -> Profile:
     p = solution.problem.parameters[index]
     frozen = solution.problem.held_mask.copy()
     frozen[index] = True
-    level_there = level_of(replace(solution.problem, frozen=frozen), solution.gap_weight)
+    fixed_objective = objective_at(replace(solution.problem, frozen=frozen), solution.gap_weight)
     unit = _unit(solution, index, std_error)
     best = float(solution.values[index])
-    cost = level_of(solution.problem, solution.gap_weight).cost(solution.evaluation, solution.values)
+    cost = objective_at(solution.problem, solution.gap_weight).cost(solution.evaluation, solution.values)
     found = {best: 0.0}
     converged = True
     for side in (-1, 1):
@@ -55,9 +55,9 @@ def profile(result: SceneFit, name: str, *, points: int = 3) -> Profile:
             values[index] = value
             along = point.eliminated[..., index] * (value - point.values[index])
             starts = point.problem.move_starts(point.starts, point.values, along)
-            evaluation = level_there.problem.evaluate(values, starts)
+            evaluation = fixed_objective.problem.evaluate(values, starts)
             begin = replace(point, values=values, starts=evaluation.starts, evaluation=evaluation, history=[])
-            point = descend(level_there, begin, PROFILE_ITERATIONS)
+            point = descend(fixed_objective, begin, PROFILE_ITERATIONS)
             converged &= point.status == "ok"
             found[value] = (point.cost - cost) / unit
     at, growth = np.array(sorted(found.items())).T

@@ -26,29 +26,31 @@ from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model, State
 from fitting.estimate.static_poses import StaticPoses
-from fitting.estimate.windows import A, Starts, Windows, pick
+from fitting.estimate.windows import ArrayType, Starts, Windows, pick
 from fitting.parameters.parameter import Parameter
 from fitting.parameters.targets import ReleaseTarget
 from fitting.traces import planar
 from fitting.traces.trace import Trace
 
-TIME = "release.time"
-FORCE = "release.force"
-NAMES = (TIME, FORCE)
+RELEASE_TIME = "release.time"
+RELEASE_FORCE = "release.force"
+RELEASE_NAMES = (RELEASE_TIME, RELEASE_FORCE)
 #: Number of release times tried for a first guess.
-TRIED = 21
+TRIED_TIMES = 21
 #: Minimum stretch of a step [-]: only steps that a fit will not accept go below it.
 LEAST_STRETCH = 0.1
 AXES = ("x", "y", "z")
+#: Maximum distance of a release from the start of its window, as a fraction of the window.
+RELEASE_REACH = 0.5
 
 
-class ReleaseState(NamedTuple, Generic[A]):
+class ReleaseState(NamedTuple, Generic[ArrayType]):
     """Whether a window is released, its start [s] and run, and the derivative of theta_s by p (n, k); or K of each."""
 
-    released: A
-    begin: A
-    run: A
-    slope: A
+    released: ArrayType
+    begin: ArrayType
+    run: ArrayType
+    slope: ArrayType
 
 
 class ReleasedStarts(NamedTuple):
@@ -81,20 +83,20 @@ class Release:
         known = {p.name: p for p in self._all()}
         if name in known:
             return [known[name]]
-        found = [p for key, p in known.items() if key.startswith(name + ".") and (p.value or TIME in key)]
+        found = [p for key, p in known.items() if key.startswith(name + ".") and (p.value or RELEASE_TIME in key)]
         if found:
             return found
-        if name.startswith(FORCE) and not self.nodes:
+        if name.startswith(RELEASE_FORCE) and not self.nodes:
             raise SceneError(f"{option}: {name!r}: the scene releases no node. Use [start] with release_nodes")
-        raise SceneError(f"{option}: {name!r} does not exist in the scene; {nearest(name, [*NAMES, *known])}")
+        raise SceneError(f"{option}: {name!r} does not exist in the scene; {nearest(name, [*RELEASE_NAMES, *known])}")
 
     def _all(self) -> list[Parameter]:
         """The times of all runs, and the forces on all released nodes in the plane."""
-        times = [Parameter(f"{TIME}.{i}", ReleaseTarget(i, "time"), 0.0, unit="s") for i in range(self.runs)]
+        times = [Parameter(f"{RELEASE_TIME}.{i}", ReleaseTarget(i, "time"), 0.0, unit="s") for i in range(self.runs)]
         forces = []
         for i, (j, node), c in product(range(self.runs), enumerate(self.nodes), (0, 2)):
             where = ReleaseTarget(i, "force", 3 * j + c)
-            forces.append(Parameter(f"{FORCE}.{i}.{node}.{AXES[c]}", where, float(self.force[j, c]), unit="N"))
+            forces.append(Parameter(f"{RELEASE_FORCE}.{i}.{node}.{AXES[c]}", where, float(self.force[j, c]), unit="N"))
         return times + forces
 
     def times(self, parameters: Sequence[Parameter], values: Array) -> Array:
@@ -163,8 +165,7 @@ class Release:
         Raises:
             SceneError: a release outside this range.
         """
-        # maximum distance of the release from the start of its window, as a fraction of the window
-        reach = 0.5 * windows.length
+        reach = RELEASE_REACH * windows.length
         found = list(parameters)
         free = _free_times(parameters)
         for k in np.flatnonzero(windows.released):
@@ -189,17 +190,17 @@ class Release:
         starts: Starts,
         values: np.ndarray,
     ) -> np.ndarray:
-        """The values (k,) with the release times that fit each run's first window best, of `TRIED` within bounds."""
+        """The values (k,) with the release times that fit each run's first window best, of `TRIED_TIMES` in bounds."""
         index = _free_times(parameters)
         if not index:
             return values
         which = np.flatnonzero(windows.released)
         few = windows.pick(which)
         first = pick(starts, which)
-        tries = np.tile(values, (TRIED, 1))
+        tries = np.tile(values, (TRIED_TIMES, 1))
         times = [*index.values()]
         low, high = np.array([(parameters[i].low, parameters[i].high) for i in times]).T
-        tries[:, times] = np.linspace(low, high, TRIED)
+        tries[:, times] = np.linspace(low, high, TRIED_TIMES)
         costs = np.array([np.sum(residuals(tried, first, few) ** 2, axis=(1, 2)) for tried in tries])
         costs = np.where(np.isnan(costs), np.inf, costs)
         found = values.copy()

@@ -23,12 +23,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from fitting.estimate.least_squares import level_of
+from fitting.estimate.least_squares import objective_at
 from fitting.estimate.noise import (
-    WHITE,
+    WHITE_CORRELATION,
     Noise,
-    correlates,
-    in_units,
+    in_noise_units,
+    is_correlated,
     lag_one,
     lag_one_by_source,
     log_volume,
@@ -44,9 +44,13 @@ from fitting.traces.trace import Trace
 #: Maximum memory of the noise that is used.
 MAX_CORRELATION = 0.995
 #: Rise of the log likelihood from which a more complex noise model is used.
-LIKELIER = 6.0
+LIKELIHOOD_GAIN = 6.0
 #: Number of remaining samples above which a channel's noise is its own, and not that of all channels of its run.
 FEWEST_LEFT = 10
+#: Relative change of the noise's size at its fixed point.
+SIZE_TOLERANCE = 0.01
+#: Standard errors by which the correlation of a channel must differ from the mean to count as its own.
+OWN_MEMORY_ERRORS = 3.0
 #: Significance of the links' common motion along their rates, in standard deviations, for a delay model.
 DELAY_SIGNIFICANCE = 5.0
 
@@ -79,18 +83,18 @@ class ResidualNoiseModel:
     def at(self, noise: Noise) -> Solution:
         """The solution in units of this noise, with recomputed normal equations."""
         windows = noise.apply_to(self.claimed, self.traces)
-        e = in_units(self.raw, self.claimed, windows)
+        e = in_noise_units(self.raw, self.claimed, windows)
         if noise.delay.any():  # which move the samples
             e = e._replace(residual=e.residual + windows.weight * (self.claimed.theta - windows.theta))
         problem = self.solution.problem.with_noise(noise, windows, self.solution.values)
-        return pose_again(self.solution, problem, whiten(windows, e))
+        return transfer_solution(self.solution, problem, whiten(windows, e))
 
     def fixed_point(self, noise: Noise, rounds: int = 3) -> Solution:
         """The solution in units of a noise with its sizes at their fixed point, or near it."""
         for _ in range(rounds):
             before = noise.factor
             noise = replace(noise, factor=np.maximum(before * self._grow(self.at(noise)), self.floor))
-            if np.max(np.abs(np.log(noise.factor / before))) < 0.01:
+            if np.max(np.abs(np.log(noise.factor / before))) < SIZE_TOLERANCE:
                 break
         return self.at(noise)
 
@@ -123,8 +127,8 @@ class ResidualNoiseModel:
         return found
 
     def _likelier(self, found: Solution, tried: Solution | None) -> Solution:
-        """A more complex noise model, if there is one and its log likelihood is higher by `LIKELIER` at least."""
-        if tried is None or not minus_two_log(tried) < minus_two_log(found) - 2 * LIKELIER:
+        """A more complex noise model, if there is one whose log likelihood is higher by `LIKELIHOOD_GAIN`."""
+        if tried is None or not minus_two_log_likelihood(tried) < minus_two_log_likelihood(found) - 2 * LIKELIHOOD_GAIN:
             return found
         return tried
 
@@ -133,7 +137,7 @@ class ResidualNoiseModel:
         from scipy.optimize import minimize_scalar  # noqa: PLC0415 - slow to import, and white noise needs none
 
         def cost(x: float) -> float:
-            return minus_two_log(self.fixed_point(of(x), 2))
+            return minus_two_log_likelihood(self.fixed_point(of(x), 2))
 
         return float(minimize_scalar(cost, bounds=(low, high), method="bounded", options={"xatol": tolerance}).x)
 
@@ -141,7 +145,7 @@ class ResidualNoiseModel:
         """AR(1) noise of some channels (R, n), at first with a common memory; None if residuals do not support it."""
         noise = point.problem.noise
         correlation, error = lag_one_by_source(point.windows, point.evaluation.residual, len(self.floor))
-        if not correlates(correlation[mine], error[mine]):
+        if not is_correlated(correlation[mine], error[mine]):
             return None
 
         def with_memory(rho: np.ndarray | float) -> Noise:
@@ -149,13 +153,13 @@ class ResidualNoiseModel:
             return replace(noise, decay=np.where(mine, decay, noise.decay))
 
         # fitted starts remove some of the memory and never add to it
-        if not -WHITE < self._innovations(with_memory(correlation), mine) < 2 * WHITE:
+        if not -WHITE_CORRELATION < self._innovations(with_memory(correlation), mine) < 2 * WHITE_CORRELATION:
             return None
         rho = self._likeliest(with_memory, 0.02, MAX_CORRELATION, 4e-3)
         off = correlation - correlation[mine].mean()
-        each = np.clip(rho + np.where(np.abs(off) > 3 * error, off, 0.0), 0.02, MAX_CORRELATION)
+        each = np.clip(rho + np.where(np.abs(off) > OWN_MEMORY_ERRORS * error, off, 0.0), 0.02, MAX_CORRELATION)
         found = self.fixed_point(with_memory(each))
-        if abs(self._innovations(found.problem.noise, mine)) < WHITE:
+        if abs(self._innovations(found.problem.noise, mine)) < WHITE_CORRELATION:
             return found
         return None
 
@@ -163,7 +167,7 @@ class ResidualNoiseModel:
         """Correlation of neighbours in the residuals of some channels after a fit with correlated noise."""
         windows = noise.apply_to(self.claimed, self.traces)
         nothing = np.zeros((*windows.weight.shape, 0))
-        left = whiten(windows, in_units(self.raw._replace(jacobian=nothing), self.claimed, windows)).residual
+        left = whiten(windows, in_noise_units(self.raw._replace(jacobian=nothing), self.claimed, windows)).residual
         return lag_one(left, (windows.weight > 0) & mine[windows.source][:, None])[0]
 
     def _with_delay(self, point: Solution) -> Solution | None:
@@ -180,7 +184,7 @@ class ResidualNoiseModel:
             if more > DELAY_SIGNIFICANCE * np.sqrt(2 * size):
                 delay[r] = np.sqrt(more / size)
         late = along / np.maximum(np.sqrt(square), 1e-300)
-        if not delay.any() or abs(lag_one(late[..., None], (square > 0)[..., None])[0]) > WHITE:
+        if not delay.any() or abs(lag_one(late[..., None], (square > 0)[..., None])[0]) > WHITE_CORRELATION:
             return None
 
         def delayed(x: float) -> Noise:
@@ -189,26 +193,26 @@ class ResidualNoiseModel:
         return self.fixed_point(delayed(self._likeliest(delayed, -1.5, 1.5, 0.02)))
 
 
-def pose_again(solution: Solution, problem: Residuals, evaluation: Evaluation) -> Solution:
+def transfer_solution(solution: Solution, problem: Residuals, evaluation: Evaluation) -> Solution:
     """The same point as a solution of another problem of the same motion, with new cost and normal equations."""
-    level = level_of(problem, solution.gap_weight)
-    known = level.undamped_step(evaluation, solution.values, 0.0) or solution
+    objective = objective_at(problem, solution.gap_weight)
+    known = objective.undamped_step(evaluation, solution.values, 0.0) or solution
     return replace(
         solution,
         problem=problem,
         evaluation=evaluation,
         weights=problem.weights(evaluation),
-        cost=level.cost(evaluation, solution.values),
+        cost=objective.cost(evaluation, solution.values),
         information=known.information,
         gradient=known.gradient,
         eliminated=known.eliminated,
     )
 
 
-def minus_two_log(point: Solution) -> float:
+def minus_two_log_likelihood(point: Solution) -> float:
     """Minus twice the restricted log likelihood of the noise in a solution's problem, up to constants."""
     reach = np.where(point.problem.held_mask, 0.0, np.inf)
-    step = level_of(point.problem, point.gap_weight).undamped_step(point.evaluation, point.values, reach)
+    step = objective_at(point.problem, point.gap_weight).undamped_step(point.evaluation, point.values, reach)
     if step is None:
         return np.inf
     free = np.flatnonzero(reach)
@@ -220,15 +224,15 @@ def memory_of(point: Solution) -> float:
     """Number of samples equivalent to one of white noise, `(1 + rho)/(1 - rho)` by the correlation of neighbours."""
     rho, error = lag_one(point.evaluation.residual, point.windows.weight > 0)
     longest = max(1.0, point.windows.weight.shape[1] / 2)
-    if correlates(rho, error):
+    if is_correlated(rho, error):
         return min((1 + rho) / max(1 - rho, 1e-9), longest)
     return 1.0
 
 
 #: Rounds of fit and noise, and the change of the noise below which another fit would change nothing: an error of 5 % of
 #: the weights costs less than 0.01 standard errors.
-ROUNDS = 3
-SAME = 0.05
+NOISE_ROUNDS = 3
+NOISE_TOLERANCE = 0.05
 
 
 def fit_with_noise(
@@ -237,7 +241,7 @@ def fit_with_noise(
     claimed: Callable[[Solution], Windows],
     floor: np.ndarray,
     traces: Sequence[Trace] = (),
-    same: float = SAME,
+    same: float = NOISE_TOLERANCE,
 ) -> Solution:
     """Alternate noise estimate and fit, up to their common fixed point; the noise alone of a fit that failed.
 
@@ -248,7 +252,7 @@ def fit_with_noise(
         floor, traces: as for `ResidualNoiseModel`.
         same: change of the noise below which another fit would change nothing.
     """
-    for _ in range(ROUNDS):
+    for _ in range(NOISE_ROUNDS):
         before = solution.problem.noise or Noise.as_claimed(*floor.shape)
         solution = ResidualNoiseModel(solution, claimed(solution), traces, floor).estimate(before)
         if traces:  # sensors of different kinds have no common memory

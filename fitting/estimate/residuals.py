@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Generic, NamedTuple, Protocol, TypeVar
 import numpy as np
 
 from fitting.estimate.loss import LEAST_SQUARES, Loss
-from fitting.estimate.noise import Noise, correlates, in_units, lag_one, whiten
+from fitting.estimate.noise import Noise, in_noise_units, is_correlated, lag_one, whiten
 from fitting.estimate.normal_equations import Evaluation, Gaps, Normal, Prior, normal_blocks, prior_of
 from fitting.estimate.rest import Rest
 from fitting.estimate.simulator import Simulator
@@ -273,7 +273,7 @@ class Problem(Residuals):
     def correlation(self, point: Solution) -> tuple[np.ndarray, bool]:
         """Correlation of neighbours, of all links together."""
         correlation, error = lag_one(point.weights * point.evaluation.residual, self.sample_mask)
-        return np.array([correlation]), correlates(abs(correlation), error, 4.0, CORRELATION_FLOOR)
+        return np.array([correlation]), is_correlated(abs(correlation), error, 4.0, CORRELATION_FLOOR)
 
     def evaluate(self, values: np.ndarray, starts: Starts) -> Evaluation:
         """All windows at parameter values (k,) and starts, residuals and derivatives in units of independent noise."""
@@ -282,7 +282,7 @@ class Problem(Residuals):
     def raw_evaluation(self, point: Solution, claimed: Windows) -> Evaluation:
         """The evaluation in units of the claimed noise; windows with memory or delays are simulated again."""
         if self.windows.decay is None and self.windows.jitter is None:
-            return in_units(point.evaluation, self.windows, claimed)
+            return in_noise_units(point.evaluation, self.windows, claimed)
         return self.simulator(point.values, point.starts, claimed)
 
     def with_noise(self, noise: Noise, windows: Windows, values: np.ndarray) -> Problem:
@@ -315,12 +315,12 @@ class Visited(NamedTuple):
 
 
 #: The kinds of problem and evaluation of a solution: of traces (`Problem`), or of channels.
-P = TypeVar("P", bound=Residuals)
-E = TypeVar("E")
+ProblemType = TypeVar("P", bound=Residuals)
+EvaluationType = TypeVar("E")
 
 
 @dataclass
-class Solution(Generic[P, E]):
+class Solution(Generic[ProblemType, EvaluationType]):
     """End of an estimator.
 
     Attributes:
@@ -341,10 +341,10 @@ class Solution(Generic[P, E]):
         step_bias: shift of the parameters (k,) by the time step, in standard errors, to first order.
     """
 
-    problem: P
+    problem: ProblemType
     values: np.ndarray
     starts: Starts
-    evaluation: E
+    evaluation: EvaluationType
     weights: np.ndarray
     cost: float
     information: np.ndarray

@@ -37,12 +37,12 @@ from fitting.traces.trace import Trace
 
 #: Minimum number of frames of a rest; number of parts it is cut into; maximum difference of their means, in multiples
 #: of the noise and [rad]: correlated noise moves them too.
-FEWEST = 10
-PARTS = 5
-MOVES = 8.0
-LEAST = 0.03
+FEWEST_REST_FRAMES = 10
+REST_PARTS = 5
+MOVE_DEVIATIONS = 8.0
+LEAST_MOVE = 0.03
 #: Standard deviations beyond which the influence of a frame is constant.
-HUBER = 2.0
+HUBER_DEVIATIONS = 2.0
 
 
 @dataclass(frozen=True)
@@ -122,12 +122,12 @@ def rests(traces: Sequence[Trace], sigma: Sequence[np.ndarray], spans: Sequence[
             continue
         text = f"rest: {low:g}:{high:g} of {trace.name}"
         known = np.isfinite(part.theta).sum(axis=0)
-        if known.min() < FEWEST:
-            raise SceneError(f"{text} has {known.min()} frames; allowed: at least {FEWEST} of every link")
+        if known.min() < FEWEST_REST_FRAMES:
+            raise SceneError(f"{text} has {known.min()} frames; allowed: at least {FEWEST_REST_FRAMES} of every link")
         means = [_location(column, size) for column, size in zip(part.theta.T, sigma[run], strict=True)]
-        parts = [column_medians(block) for block in np.array_split(part.theta, PARTS)]
+        parts = [column_medians(block) for block in np.array_split(part.theta, REST_PARTS)]
         apart = np.nan_to_num(np.ptp(parts, axis=0))
-        if np.any(apart > np.maximum(MOVES * sigma[run], LEAST)):
+        if np.any(apart > np.maximum(MOVE_DEVIATIONS * sigma[run], LEAST_MOVE)):
             raise SceneError(f"{text} moves by {apart.max():.2g} rad. Use a span in which the line is at rest")
         rows.append((means, sigma[run] / np.sqrt(known), trace.interval, run))
     theta, error, interval, run = map(np.array, zip(*rows, strict=True))
@@ -138,5 +138,5 @@ def _location(x: np.ndarray, sigma: float) -> float:
     """Huber's estimate of the mean of samples [rad]: the influence of an outlier is limited."""
     at = np.nanmedian(x)
     for _ in range(20):
-        at += np.nanmean(np.clip(x - at, -HUBER * sigma, HUBER * sigma))
+        at += np.nanmean(np.clip(x - at, -HUBER_DEVIATIONS * sigma, HUBER_DEVIATIONS * sigma))
     return float(at)

@@ -10,9 +10,9 @@ import numpy as np
 
 from dropper_jax.base.json_values import SCHEMA
 from dropper_jax.load.scene import Scene
-from fitting.estimate.residuals import E, P, Solution
+from fitting.estimate.residuals import EvaluationType, ProblemType, Solution
 from fitting.estimate.step_size import LARGEST_BIAS
-from fitting.estimate.uncertainty import FEW, Uncertainty
+from fitting.estimate.uncertainty import FEW_BLOCKS, Uncertainty
 from fitting.parameters.parameter import Parameter
 
 
@@ -20,9 +20,9 @@ def common_warnings(solution: Solution, u: Uncertainty) -> list[str]:
     """One line each of any fit: active bounds, few blocks of time behind the errors, shifts by the time step."""
     values = solution.by_name
     found = [f"{name} is at its bound {values[name]:g}" for name in compress(values, u.at_bound)]
-    if 0 < u.blocks < FEW:
+    if 0 < u.blocks < FEW_BLOCKS:
         found.append(
-            f"standard errors come from the scatter of {u.blocks} blocks of time, fewer than {FEW}. Use longer "
+            f"standard errors come from the scatter of {u.blocks} blocks of time, fewer than {FEW_BLOCKS}. Use longer "
             "traces for more reliable errors"
         )
     if solution.step_bias is not None:
@@ -49,7 +49,7 @@ class Profile:
 
 
 @dataclass(kw_only=True)
-class SceneFit(Generic[P, E]):
+class SceneFit(Generic[ProblemType, EvaluationType]):
     """A scene fitted to measurements.
 
     Attributes:
@@ -63,7 +63,7 @@ class SceneFit(Generic[P, E]):
     """
 
     scene: Scene
-    solution: Solution[P, E]
+    solution: Solution[ProblemType, EvaluationType]
     uncertainty: Uncertainty
     warnings: list[str] = field(default_factory=list)
     seconds: float | dict[str, float] = 0.0

@@ -19,7 +19,7 @@ from dataclasses import replace
 import numpy as np
 
 from dropper_jax.base.errors import Progress, part_of, silent
-from fitting.estimate.least_squares import CONTINUED, Objective, descend
+from fitting.estimate.least_squares import CONTINUED_ITERATIONS, Objective, descend
 from fitting.estimate.normal_equations import Evaluation
 from fitting.estimate.residuals import GAP_SCALE, Solution
 from fitting.estimate.simulator import Simulator
@@ -27,7 +27,7 @@ from fitting.estimate.windows import Windows
 from fitting.traces.planar import chart
 
 #: Gap weights, in order. Larger ratios lose the neighbourhood of the optimum (measured on the lab dropper).
-SCHEDULE = (1.0, 0.1, 0.03, 0.01, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5)
+GAP_WEIGHTS = (1.0, 0.1, 0.03, 0.01, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5)
 #: Difference of log evidence within which the largest weight is chosen, with the widest errors: the noise hardly
 #: distinguishes such weights. Ratio of errors to standard errors for 60 random droppers: RMS 0.77 at a difference of
 #: 0.5, with standard errors up to 1.4 times those of the smallest weight.
@@ -70,9 +70,9 @@ def lyapunov(simulator: Simulator, windows: Windows, evaluation: Evaluation, val
     return 0.0
 
 
-def continue_at(level: Objective, begin: Solution, count: int, progress: Progress) -> Solution:
+def continue_at(objective: Objective, begin: Solution, count: int, progress: Progress) -> Solution:
     """Continue from a solution at one gap weight, after `count` evaluations."""
-    found = descend(level, begin, CONTINUED, progress=progress)
+    found = descend(objective, begin, CONTINUED_ITERATIONS, progress=progress)
     return replace(found, iterations=count + found.iterations)
 
 
@@ -80,7 +80,7 @@ def continue_at(level: Objective, begin: Solution, count: int, progress: Progres
 #: gaps' own RMS are skipped.
 WIDE_GAPS = 5.0
 #: Fraction of the evidence lost with a smaller weight that finer steps must recover if residuals are not noise.
-RECOVERED = 0.3
+RECOVERED_SHARE = 0.3
 #: Change of the evidence between weights below which smaller weights are not tried.
 FLAT_EVIDENCE = 0.02
 
@@ -89,7 +89,7 @@ def fit_shooting(
     begin: Solution,
     *,
     choose: bool = True,
-    schedule: Sequence[float] = SCHEDULE,
+    schedule: Sequence[float] = GAP_WEIGHTS,
     finer: Callable[[Solution], Solution | None] = lambda point: None,
     progress: Progress = silent,
 ) -> Solution:
@@ -108,60 +108,77 @@ def fit_shooting(
     """
     if not begin.windows.follows.any():
         return begin
-    point = begin
-    total = begin.iterations
-    worse = 0
+    memory = begin.problem.memory
     patience = 2
-    if begin.problem.memory > 1:  # with correlated residuals the maximum of the evidence is clear
+    if memory > 1:  # with correlated residuals the maximum of the evidence is clear
         patience = 1
-    found = []
     separate = begin.problem.gaps(begin.evaluation, begin.values).value
     wide = WIDE_GAPS * float(np.sqrt(np.mean(separate**2)))
     schedule = [*(w for w in schedule[:-1] if w < wide), schedule[-1]]
-    if choose and begin.problem.memory == 1:
+    if choose and memory == 1:
         found_at_once = follow_linear_model(begin, schedule, finer, progress)
         if found_at_once is not None:
             return found_at_once
+    found: list[Solution] = []
+    point = begin
+    worse = 0
     for i, weight in enumerate(schedule):
-        again = point
         done = (i + 1) / (len(schedule) + 1)
-        while again is not None:
-            level = Objective(again.problem, weight, intermediate=True)
-            point = continue_at(level, again, total, part_of(progress, done, done))
-            total = point.iterations
-            point.evidence = level.evidence(point)
-            text = f"gap weight {weight:g}, {point.windows.substeps} substeps, evidence {point.evidence:.1f}"
-            progress(done, text)
-            fell = max((p.evidence for p in found), default=-np.inf) - point.evidence
-            again = None
-            if fell > SAME_EVIDENCE:
-                again = finer(point)
-            if again is not None and begin.problem.memory > 1 and not _is_step_wrong(point, again, level, fell):
-                again = None
+        most = max((p.evidence for p in found), default=-np.inf)
+        point = solve_at_weight(point, weight, most, finer, part_of(progress, done, done))
         found.append(point)
-        drop = (max(p.evidence for p in found) - point.evidence) / begin.problem.memory
-        if drop > EVIDENCE_DROP:
+        if (most - point.evidence) / memory > EVIDENCE_DROP:
             worse += 1
         else:
             worse = 0
-        if choose and i and abs(point.evidence - found[-2].evidence) < FLAT_EVIDENCE:
-            break
-        if choose and worse == patience:
+        is_flat = i > 0 and abs(point.evidence - found[-2].evidence) < FLAT_EVIDENCE
+        if choose and (is_flat or worse == patience):
             break
     best = found[-1]
     if choose:
         best = loosest(found)
-    best.iterations = max(total, best.iterations)
+    best.iterations = max(point.iterations, best.iterations)
     return best
 
 
-def _is_step_wrong(point: Solution, finer: Solution, level: Objective, fell: float) -> bool:
+def solve_at_weight(
+    begin: Solution,
+    weight: float,
+    best_evidence: float,
+    finer: Callable[[Solution], Solution | None],
+    progress: Progress,
+) -> Solution:
+    """The solution at one gap weight, with finer steps while the error of a step costs evidence.
+
+    Args:
+        begin: solution at the weight before, or of separate windows.
+        best_evidence: of all weights before.
+        finer: as for `fit_shooting`.
+    """
+    point = begin
+    again: Solution | None = begin
+    while again is not None:
+        objective = Objective(again.problem, weight, intermediate=True)
+        point = continue_at(objective, again, point.iterations, progress)
+        point.evidence = objective.evidence(point)
+        text = f"gap weight {weight:g}, {point.windows.substeps} substeps, evidence {point.evidence:.1f}"
+        progress(0.0, text)
+        fell = best_evidence - point.evidence
+        again = None
+        if fell > SAME_EVIDENCE:
+            again = finer(point)
+        if again is not None and begin.problem.memory > 1 and not _is_step_wrong(point, again, objective, fell):
+            again = None
+    return point
+
+
+def _is_step_wrong(point: Solution, finer: Solution, objective: Objective, fell: float) -> bool:
     """Whether finer steps recover the evidence that a smaller weight lost (`fell`); otherwise the model is wrong."""
-    step = Objective(finer.problem, level.weight).undamped_step(finer.evaluation, finer.values)
+    step = Objective(finer.problem, objective.weight).undamped_step(finer.evaluation, finer.values)
     if step is None:
         return False
-    gain = point.cost - level.cost(finer.evaluation, finer.values) + step.predicted
-    return not gain < RECOVERED * fell
+    gain = point.cost - objective.cost(finer.evaluation, finer.values) + step.predicted
+    return not gain < RECOVERED_SHARE * fell
 
 
 def follow_linear_model(
@@ -183,8 +200,8 @@ def follow_linear_model(
             return None
         chosen = loosest_of(expected)
         if point.gap_weight != schedule[chosen]:
-            level = Objective(point.problem, schedule[chosen], intermediate=True)
-            point = continue_at(level, point, total, part_of(progress, 0.5, 0.5))
+            objective = Objective(point.problem, schedule[chosen], intermediate=True)
+            point = continue_at(objective, point, total, part_of(progress, 0.5, 0.5))
             total = point.iterations
             before = expected
             expected = log_evidence(point, schedule)
@@ -217,10 +234,10 @@ def solve_to_end(point: Solution, progress: Progress = silent) -> Solution:
     """A solution fully converged at its gap weight; `fit_shooting` stops earlier, as finer steps may have to follow."""
     if not point.gap_weight:
         return point
-    level = Objective(point.problem, point.gap_weight)
-    found = continue_at(level, point, point.iterations, progress)
+    objective = Objective(point.problem, point.gap_weight)
+    found = continue_at(objective, point, point.iterations, progress)
     if found.status == "ok":
-        found.evidence = level.evidence(found)
+        found.evidence = objective.evidence(found)
     return replace(found, step_bias=point.step_bias)
 
 

@@ -23,7 +23,7 @@ from dropper_jax.model import Model
 from dropper_jax.residual import Embedded, Stepper
 from dropper_jax.solvers import SOLVERS
 from dropper_jax.stepping.stepper import make_stepper
-from fitting.estimate.normal_equations import Evaluation, drop_wild
+from fitting.estimate.normal_equations import Evaluation, drop_undefined
 from fitting.estimate.release import Release
 from fitting.estimate.static_poses import StaticPoses
 from fitting.estimate.window_run import NEVER, WindowInputs, run_window
@@ -33,10 +33,12 @@ from fitting.parameters.parameter import Parameter, with_parameter_values
 from fitting.traces import planar
 
 #: Inputs of a window with a row for each sample slot, and the number of its steps, by their numbers.
-SAMPLES = [WindowInputs._fields.index(name) for name in ("measured", "weight", "index", "fraction")]
-STEPS = WindowInputs._fields.index("steps")
+SAMPLE_INPUTS = [WindowInputs._fields.index(name) for name in ("measured", "weight", "index", "fraction")]
+STEPS_INPUT = WindowInputs._fields.index("steps")
 
 
+#: Fraction of the windows that steps without retries may leave unsolved before they are no longer tried.
+MOST_UNSOLVED = 0.5
 #: Refusal of a scene whose line has no pose at rest.
 NO_REST = "rest: the scene has no pose at rest: {}. Use a line that hangs"
 
@@ -191,12 +193,10 @@ class Simulator:
         found = self._run(values, inputs, windows, self._plain)
         if self._plain and found.failed.any():
             again = np.flatnonzero(found.failed)
-            # fraction of a program's windows that its first, plain steps may leave unsolved before they are no longer
-            # tried
-            self._plain = len(again) <= 0.5 * windows.count
+            self._plain = len(again) <= MOST_UNSOLVED * windows.count
             better = self._run(values, [a[again] for a in inputs], windows, False)
             found = with_rows(found, again, better)
-        found = drop_wild(found)
+        found = drop_undefined(found)
         self._last = asked, starts, windows, found
         return found
 
@@ -205,7 +205,7 @@ class Simulator:
         slots = windows.theta.shape[1]
         key = self._key(windows, plain)
         inputs = list(inputs)
-        for i in SAMPLES:
+        for i in SAMPLE_INPUTS:
             others = [(0, 0)] * (inputs[i].ndim - 2)
             inputs[i] = np.pad(inputs[i], [(0, 0), (0, key.slots - slots), *others])
         if key not in self._programs:
@@ -217,7 +217,7 @@ class Simulator:
 
         def run(job: tuple[np.ndarray, tuple[np.ndarray, ...]]) -> list[np.ndarray]:
             directions, own = job
-            return [np.asarray(a) for a in program(values, directions, substeps, own[STEPS], *own)]
+            return [np.asarray(a) for a in program(values, directions, substeps, own[STEPS_INPUT], *own)]
 
         # the compiled program releases the interpreter lock, so that threads use all cores
         with ThreadPoolExecutor(min(len(jobs), os.cpu_count() or 1)) as pool:

@@ -17,7 +17,7 @@ from dataclasses import replace
 import numpy as np
 
 from dropper_jax.base.errors import Progress, silent
-from fitting.estimate.least_squares import continue_fit, fit_windows, level_of
+from fitting.estimate.least_squares import continue_fit, fit_windows, objective_at
 from fitting.estimate.residuals import Solution
 from fitting.estimate.uncertainty import uncertainty
 
@@ -25,7 +25,7 @@ from fitting.estimate.uncertainty import uncertainty
 #: has to stay below 0.2. The prediction was up to 13 % too small on a rig of 63 rad/s (`benchmarks/fit_bias.py`).
 LARGEST_BIAS = 0.15
 #: Bias below which the prediction from the coarser step for half of it is accepted without a check.
-SURELY = 0.1
+SURE_BIAS = 0.1
 
 
 def fit_again(ahead: Solution) -> Solution:
@@ -39,7 +39,7 @@ def refine(
     solution: Solution,
     progress: Progress = silent,
     again: Callable[[Solution], Solution] = fit_again,
-    sure: float = SURELY,
+    sure: float = SURE_BIAS,
 ) -> Solution:
     """Continue from a converged solution with finer steps until their bias is below `LARGEST_BIAS` standard errors.
 
@@ -66,7 +66,7 @@ def refine(
             return on
 
 
-def finer_step(solution: Solution) -> Solution | None:
+def with_finer_step(solution: Solution) -> Solution | None:
     """The solution on windows of half the step if the step's bias is too large; otherwise None."""
     bias, ahead = step_bias(solution)
     if ahead.problem.finest or not np.max(np.abs(bias), initial=0.0) > LARGEST_BIAS:
@@ -90,7 +90,7 @@ def _newton_step(ahead: Solution) -> np.ndarray:
     values = ahead.values
     if not np.isfinite(ahead.evaluation.residual).all():
         return np.full(len(values), np.nan)
-    step = level_of(problem, ahead.gap_weight).undamped_step(ahead.evaluation, values)
+    step = objective_at(problem, ahead.gap_weight).undamped_step(ahead.evaluation, values)
     if step is None:
         return np.zeros(len(values))
     return step.dp

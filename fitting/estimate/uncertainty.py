@@ -15,19 +15,19 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtr, ndtri, stdtr, stdtrit
 
-from fitting.estimate.blocks import raised_to, scatter, scores
+from fitting.estimate.blocks import residual_scores, scatter, with_minimum_variance
 from fitting.estimate.factors import Factor, invert_spd, scale_diagonal
-from fitting.estimate.least_squares import level_of
+from fitting.estimate.least_squares import objective_at
 from fitting.estimate.loss import Loss
 from fitting.estimate.residuals import Solution
 
 #: Number of blocks below which intervals use Student's quantile and a warning is given.
-FEW = 15
+FEW_BLOCKS = 15
 
 
 def start_covariances(point: Solution) -> tuple[np.ndarray, float]:
     """Covariances (K, m2, m2) of the windows' starts at given parameters, and the log determinant of their inverse."""
-    system = level_of(point.problem, point.gap_weight).system(point.evaluation, point.values)
+    system = objective_at(point.problem, point.gap_weight).system(point.evaluation, point.values)
     A = system.damped(0.0)
     if system.below is None:
         return np.linalg.inv(A), float(np.linalg.slogdet(A)[1].sum())
@@ -43,7 +43,7 @@ def leverage(point: Solution) -> np.ndarray:
     own = root * point.evaluation.jacobian[..., :m2]
     taken = np.einsum("ksni,kij,ksnj->ksn", own, start_covariances(point)[0], own, optimize=True)
     if len(free):
-        score = (root * scores(point.evaluation, point))[..., free]
+        score = (root * residual_scores(point.evaluation, point))[..., free]
         scaled, size = scale_diagonal(point.free_information)
         inverse = np.linalg.pinv(scaled, hermitian=True) * np.outer(size, size)
         taken = taken + np.einsum("...p,pq,...q->...", score, inverse, score, optimize=True)
@@ -51,7 +51,7 @@ def leverage(point: Solution) -> np.ndarray:
 
 
 #: Probability of the reported intervals.
-LEVEL = 0.90
+INTERVAL_LEVEL = 0.90
 
 
 @dataclass(frozen=True)
@@ -132,7 +132,7 @@ def uncertainty(solution: Solution) -> Uncertainty:
             data = solution.free_information - prior
             minimum = noise2 * np.diag(invert_spd(data / problem.memory + prior))
             covariance, blocks = found
-            covariance = raised_to(covariance, minimum)
+            covariance = with_minimum_variance(covariance, minimum)
             more = np.diag(covariance) / np.maximum(np.diag(white), 1e-300)
             inflation = float(np.sqrt(more.max(initial=1.0)))
     full = np.zeros((k, k))
@@ -164,7 +164,7 @@ def intervals(solution: Solution, se: np.ndarray, blocks: float) -> tuple[np.nda
     given that the parameter is inside its bounds.
     """
     values = solution.values
-    reach = quantile(0.5 + LEVEL / 2, blocks) * se
+    reach = quantile(0.5 + INTERVAL_LEVEL / 2, blocks) * se
     low = values - reach
     high = values + reach
     centre = values.copy()
@@ -173,10 +173,10 @@ def intervals(solution: Solution, se: np.ndarray, blocks: float) -> tuple[np.nda
         p = solution.problem.parameters[i]
         if values[i] <= p.low and se[i] > 0:
             below = chance_below((p.low - centre[i]) / se[i], blocks)
-            high[i] = centre[i] + se[i] * quantile(below + LEVEL * (1 - below), blocks)
+            high[i] = centre[i] + se[i] * quantile(below + INTERVAL_LEVEL * (1 - below), blocks)
         elif values[i] >= p.high and se[i] > 0:
             below = chance_below((p.high - centre[i]) / se[i], blocks)
-            low[i] = centre[i] + se[i] * quantile(below * (1 - LEVEL), blocks)
+            low[i] = centre[i] + se[i] * quantile(below * (1 - INTERVAL_LEVEL), blocks)
         low[i] = max(low[i], p.low)
         high[i] = min(high[i], p.high)
     # an optimum farther beyond its bound than the law has digits leaves no quantile
@@ -184,22 +184,25 @@ def intervals(solution: Solution, se: np.ndarray, blocks: float) -> tuple[np.nda
 
 
 def quantile(chance: float, blocks: float = 0) -> float:
-    """Standard errors below which an estimate lies with this probability: Student's law for fewer blocks than `FEW`."""
-    if 0 < blocks < FEW:
+    """Standard errors below which an estimate lies with this probability.
+
+    Student's law holds for fewer blocks than `FEW_BLOCKS`.
+    """
+    if 0 < blocks < FEW_BLOCKS:
         return float(stdtrit(blocks - 1, chance))
     return float(ndtri(chance))
 
 
 def chance_below(distance: float, blocks: float) -> float:
     """The inverse of `quantile`."""
-    if 0 < blocks < FEW:
+    if 0 < blocks < FEW_BLOCKS:
         return float(stdtr(blocks - 1, distance))
     return float(ndtr(distance))
 
 
 #: Relative standard error above which a direction counts as undetermined, and the share in it from which a parameter is
 #: reported.
-UNDETERMINED = 1.0
+UNDETERMINED_ERROR = 1.0
 NOTABLE_SHARE = 0.2
 
 
@@ -214,7 +217,7 @@ def open_directions(solution: Solution, covariance: np.ndarray) -> tuple[dict[st
     found = []
     for variance, column in zip(spread[::-1], direction.T[::-1], strict=True):
         several = np.flatnonzero(np.abs(column) > NOTABLE_SHARE)
-        if variance > UNDETERMINED**2 and len(several) > 1:
+        if variance > UNDETERMINED_ERROR**2 and len(several) > 1:
             column = column / np.abs(column).max()
             found.append({parameters[free[j]].name: float(column[j]) for j in several})
     return tuple(found)

@@ -20,7 +20,7 @@ from dropper_jax.stepping.halving import advance_over
 from dropper_jax.stepping.integrate import advance, scan_steps
 from dropper_jax.stepping.progress import begin
 from fitting.estimate.release import LEAST_STRETCH, Release, ReleaseState
-from fitting.estimate.windows import A
+from fitting.estimate.windows import ArrayType
 from fitting.parameters.missing_forces import add_missing_forces
 from fitting.parameters.observation import camera_angles, clock_rate, lost_frames, recording
 from fitting.parameters.parameter import Parameter, with_parameter_values
@@ -31,7 +31,7 @@ from fitting.traces import planar
 NEVER = 1e9
 
 
-class WindowInputs(NamedTuple, Generic[A]):
+class WindowInputs(NamedTuple, Generic[ArrayType]):
     """What a program is given of a window, or of K windows with a row for each.
 
     Attributes:
@@ -44,15 +44,15 @@ class WindowInputs(NamedTuple, Generic[A]):
         steps: number of steps of the window.
     """
 
-    theta: A
-    omega: A
-    basis: A
-    measured: A
-    weight: A
-    index: A
-    fraction: A
-    jumps: A
-    steps: A
+    theta: ArrayType
+    omega: ArrayType
+    basis: ArrayType
+    measured: ArrayType
+    weight: ArrayType
+    index: ArrayType
+    fraction: ArrayType
+    jumps: ArrayType
+    steps: ArrayType
 
 
 class Start(NamedTuple):

@@ -14,20 +14,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Generic, NamedTuple, TypeVar
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from jax.typing import ArrayLike
 
-from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import SceneError
-from dropper_jax.model import Model
-from fitting.traces import planar
-from fitting.traces.noise import DEGREE, without_spikes
 from fitting.traces.trace import Trace
 
 #: Deviation from whole steps [steps] below which samples count as lying on the time grid.
@@ -35,9 +27,9 @@ ON_GRID = 1e-6
 
 
 #: Fields that every window has separately, in addition to `follows`.
-PER_WINDOW = ("begin", "run", "theta", "weight", "index", "fraction", "released", "step_counts")
+WINDOW_FIELDS = ("begin", "run", "theta", "weight", "index", "fraction", "released", "step_counts")
 #: Optional fields of the same kind.
-OF_NOISE = ("decay", "jitter")
+NOISE_FIELDS = ("decay", "jitter")
 
 
 class Span(NamedTuple):
@@ -167,7 +159,7 @@ class Windows:
 
     def pick(self, which: np.ndarray) -> Windows:
         """Some of the windows, none of which follows another."""
-        part = {f: getattr(self, f)[which] for f in (*PER_WINDOW, *OF_NOISE) if getattr(self, f) is not None}
+        part = {f: getattr(self, f)[which] for f in (*WINDOW_FIELDS, *NOISE_FIELDS) if getattr(self, f) is not None}
         return replace(self, follows=np.zeros(len(part["begin"]), bool), **part)
 
     def exclude(self, which: np.ndarray) -> Windows:
@@ -279,18 +271,28 @@ def _samples(trace: Trace, begin: float, steps: int, dt: float, sigma: np.ndarra
 FIT_GROWTH = 2.0
 #: Shortest windows that are joined, as a fraction of the shortest link's period: links that whip at ten times the rate
 #: of their own swing turn by less than one turn in it.
-SHORTEST_PART = 0.2
+SHORTEST_WINDOW_PERIODS = 0.2
+#: Length [m] of a link whose chain gets windows of at most one second.
+ONE_SECOND_LINK = 0.1
 #: Longest automatic window [s], and as a fraction of the trace.
-LONGEST = 10.0
-LONGEST_PART = 0.125
+LONGEST_WINDOW = 10.0
+LONGEST_TRACE_PART = 0.125
 
 
 def longest_window(freedoms: int, length: float, span: float, shortest: float) -> float:
-    """Longest window [s]: a part of the span [s]; of a chain also one second for links of 0.1 m, growing as the root of
-    their length [m], because it may be chaotic."""
-    longest = min(LONGEST, LONGEST_PART * span)
+    """Longest automatic window [s].
+
+    It is a part of the span. A chain may be chaotic: its windows are also at most as long as the time scale of its
+    links, one second for links of `ONE_SECOND_LINK` and growing as the root of their length.
+
+    Args:
+        length: of a link [m].
+        span: [s].
+        shortest: [s].
+    """
+    longest = min(LONGEST_WINDOW, LONGEST_TRACE_PART * span)
     if freedoms > 1:  # one angle cannot be chaotic
-        longest = min(longest, float(np.sqrt(length / 0.1)))
+        longest = min(longest, float(np.sqrt(length / ONE_SECOND_LINK)))
     return max(shortest, longest)
 
 
@@ -320,14 +322,14 @@ def follow_motion(windows: Windows, move: np.ndarray, steps: int) -> list[Piece]
 
 
 #: Arrays of NumPy or of JAX.
-A = TypeVar("A", np.ndarray, Array)
+ArrayType = TypeVar("A", np.ndarray, Array)
 
 
-class Starts(NamedTuple, Generic[A]):
+class Starts(NamedTuple, Generic[ArrayType]):
     """Window starts: angles and rates, each (K, n), which close."""
 
-    theta: A
-    omega: A
+    theta: ArrayType
+    omega: ArrayType
 
 
 #: A named tuple of arrays with a row for each window.
@@ -344,64 +346,4 @@ def with_rows(rows: ByWindow, which: np.ndarray, new: ByWindow) -> ByWindow:
     found = type(rows)(*(part.copy() for part in rows))
     for part, other in zip(found, new, strict=True):
         part[which] = other
-    return found
-
-
-#: Maximum reach of a start's polynomial, as a fraction of the shortest link's period.
-LONGEST_REACH = 0.3
-#: Multiple of the starts closed in one call, so that one program serves most traces.
-STARTS_AT_ONCE = 128
-
-
-def first_starts(model: Model, traces: Sequence[Trace], windows: Windows, sigma: Sequence[np.ndarray]) -> Starts:
-    """Starts from the traces: value and slope of local polynomials, with the width that the noise `sigma` allows."""
-    traces = [without_spikes(trace) for trace in traces]
-    longest = LONGEST_REACH * planar.pendulum_period(model.line.length)
-    sigma = [size[: len(trace.theta.T)] for size, trace in zip(sigma, traces, strict=True)]
-    at = zip(windows.run, windows.begin, strict=True)
-    value = np.array([local_motion(traces[i].t, traces[i].theta, t0, sigma[i], longest) for i, t0 in at])
-    padded = np.pad(value, [(0, -len(value) % STARTS_AT_ONCE), (0, 0), (0, 0)], mode="edge")
-    found = _close(model, padded[..., 0], padded[..., 1])
-    return Starts(*(np.asarray(a)[: len(value)] for a in found))
-
-
-@cached_jit()
-def _close(model: Model, theta: ArrayLike, omega: ArrayLike) -> tuple[Array, Array]:
-    """`close_chain` of many angles and rates (k, n)."""
-    return jax.vmap(partial(planar.close_chain, model))(jnp.asarray(theta), jnp.asarray(omega))
-
-
-def local_motion(t: np.ndarray, theta: np.ndarray, at: float, sigma: np.ndarray, longest: float) -> np.ndarray:
-    """Angle and rate (n, 2) of every link at `at` [s], from the least-squares cubics through the samples around it.
-
-    Each cubic has the largest reach of at least five samples, at most `longest` [s], at which it misses the samples by
-    no more than the noise `sigma` (n,). On uniform samples this is the smoother of Savitzky and Golay (1964). Missing
-    samples (NaN) are skipped.
-    """
-    found = np.full((theta.shape[1], 2), np.nan)
-    known = np.isfinite(theta)
-    for seen in np.unique(known, axis=1).T:
-        # links that were seen in the same frames
-        columns = np.flatnonzero((known == seen[:, None]).all(axis=0))
-        frames = np.flatnonzero(seen)
-        x = t[frames] - at
-        distance = np.sort(np.abs(x))
-        shortest = distance[min(DEGREE + 1, len(x) - 1)] * (1 + 1e-9)
-        reach = max(longest, shortest)
-        while len(columns):  # those links whose cubic may still need a smaller reach
-            near = np.abs(x) <= reach
-            degree = min(DEGREE, int(near.sum()) - 1)
-            basis = np.vander(x[near] / reach, degree + 1, increasing=True)
-            y = theta[np.ix_(frames[near], columns)]
-            c = np.linalg.lstsq(basis, y, rcond=None)[0]
-            left = np.sum((basis @ c - y) ** 2, axis=0) / sigma[columns] ** 2
-            freedom = near.sum() - degree - 1
-            # standard deviations of chi-square by which a polynomial may miss its samples and still count as noise
-            fits = (left <= freedom + 2.0 * np.sqrt(2 * freedom)) | (reach <= shortest)
-            found[columns[fits], 0] = c[0, fits]
-            found[columns[fits], 1] = 0.0
-            if degree:
-                found[columns[fits], 1] = c[1, fits] / reach
-            columns = columns[~fits]
-            reach = max(reach / 1.3, shortest)
     return found

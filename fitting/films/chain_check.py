@@ -16,7 +16,7 @@ import numpy as np
 
 from fitting.films.flattening import robust_lengths
 from fitting.films.marks import Marks, off_cubic
-from fitting.traces.trace import FEWEST
+from fitting.traces.trace import FEWEST_SAMPLES
 
 #: Maximum change of a link, robust standard deviation over its length. Right films show 0.001, motion out of the plane
 #: and uncalibrated lenses up to 0.03.
@@ -52,8 +52,8 @@ def why_no_chain(positions: np.ndarray, marks: Marks, error: np.ndarray) -> str:
         if len(known) and np.median(known) > LARGEST_ERROR:
             return f"the angle of link {j} has a standard error of {np.median(known):.2g} rad"
         good = np.sum(known <= LARGEST_ERROR)
-        if good < FEWEST:
-            return f"link {j} is seen in {good} frames, fewer than {FEWEST}"
+        if good < FEWEST_SAMPLES:
+            return f"link {j} is seen in {good} frames, fewer than {FEWEST_SAMPLES}"
     return ""
 
 
@@ -62,13 +62,13 @@ def _why_jerky(positions: np.ndarray, length: float) -> str:
     ratios = []
     for k in range(positions.shape[1]):
         frames = np.flatnonzero(np.isfinite(positions[:, k, 0]))
-        if len(frames) < FEWEST:
+        if len(frames) < FEWEST_SAMPLES:
             continue
         here = positions[frames, k]
         off, apart = off_cubic(frames, here)
         near = apart == 2
         spread = float(np.sqrt(np.var(here, axis=0).sum()))
-        if near.sum() < FEWEST or not spread > 0:
+        if near.sum() < FEWEST_SAMPLES or not spread > 0:
             continue
         ratio = float(np.median(off[near])) / spread
         low, high = np.percentile(here, (2, 98), axis=0)

@@ -23,7 +23,7 @@ from fitting.films.marks import Marks, find_marks
 from fitting.films.ordering import AmbiguousOrderError
 from fitting.films.out_of_plane import changing_lengths, length_statistics
 from fitting.films.video import Video
-from fitting.traces.trace import FEWEST, Trace
+from fitting.traces.trace import FEWEST_SAMPLES, Trace
 
 #: A marker not detected for longer [s] at the end is lost; one that reappears may have turned round unseen.
 LONGEST_GAP = 0.5
@@ -166,8 +166,8 @@ def track(
     detect_again(chain, film.frames(*span), appearance)
     chain, offset, message = _trim_frames(remove_blur(chain), film.fps)
     frames = len(chain.detected)
-    if frames < FEWEST:
-        raise SceneError(f"{film.path.name}: {message or 'only'} {frames} frames; allowed: at least {FEWEST}")
+    if frames < FEWEST_SAMPLES:
+        raise SceneError(f"{film.path.name}: {message or 'only'} {frames} frames; allowed: at least {FEWEST_SAMPLES}")
     t = (offset + np.arange(frames)) / film.fps
     if not message and end is None and span[0] + len(circles) < COMPLETE_FILM * film.announced:
         message = f"the video breaks off after {t[-1]:.3g} s of {film.announced / film.fps:.3g} s"

@@ -6,7 +6,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from fitting.from_file.motion import LinkMotion
-from fitting.from_file.pendulum import PER_PERIOD, half_range, main_period, unit_of_angle
+from fitting.from_file.pendulum import GRID_PER_PERIOD, half_range, main_period, unit_of_angle
 from fitting.traces.trace import RADIANS, unwrap
 
 #: Units of angles by the size of their full turn; any other full turn is that of an encoder's counts.
@@ -120,14 +120,20 @@ def decide_unit(file: str, t: np.ndarray, theta: np.ndarray) -> tuple[str, str]:
     return unit, "the period grows with the amplitude as in this unit"
 
 
+#: Size of a wrap over the range of the angles, and over the usual change from row to row; maximum fraction of the rows.
+WRAP_SHARE = 0.8
+WRAP_RATIO = 10.0
+MOST_WRAPS = 0.1
+
+
 def full_turn(raw: np.ndarray) -> float | None:
     """Full turn at which angles (k, n) wrap, in their unit; None if they do not wrap."""
     jumps = np.concatenate([np.abs(np.diff(column[np.isfinite(column)])) for column in raw.T])
     reach = float(np.nanmax(raw) - np.nanmin(raw))
-    is_wrap = jumps > 0.8 * reach
+    is_wrap = jumps > WRAP_SHARE * reach
     large = jumps[is_wrap]
     usual = np.quantile(jumps, 0.9)
-    if not len(large) or len(large) > 0.1 * len(jumps) or np.median(large) < 10 * usual:
+    if not len(large) or len(large) > MOST_WRAPS * len(jumps) or np.median(large) < WRAP_RATIO * usual:
         return None
     # a wrap is a full turn less the motion from row to row, which the rows before and after it show
     motion = np.convolve(np.where(is_wrap, 0.0, jumps), [0.5, 0.0, 0.5], "same")
@@ -211,7 +217,7 @@ def is_stepped(t: np.ndarray, column: np.ndarray, step: float) -> bool:
     if np.mean(change > 0.5 * step) > 1.0 - MOST_REPEAT:
         return False
     period = main_period(t[known], column[:, None])
-    distant = max(1, int(period / PER_PERIOD / np.median(np.diff(t[known]))))
+    distant = max(1, int(period / GRID_PER_PERIOD / np.median(np.diff(t[known]))))
     by_motion = np.sum(np.abs(np.diff(column[::distant])))
     noise = 0.5 * np.sqrt(np.pi) * (np.sum(change) - by_motion) / len(column)
     return bool(noise < LITTLE_NOISE * step)

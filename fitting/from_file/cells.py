@@ -14,21 +14,21 @@ from pathlib import Path
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from fitting.traces.lines import read_lines
+from fitting.traces.text_lines import read_lines
 
 #: Rows that decide between separators, and the fraction of their cells that must be numbers.
-TRIED = 200
-NUMBERS = 0.5
+TRIED_ROWS = 200
+NUMBER_FRACTION = 0.5
 #: Weight of a separator that gives a single column.
-ONE_COLUMN = 0.5
+ONE_COLUMN_WEIGHT = 0.5
 #: What a file without samples lacks.
 NO_ROWS = "has fewer than two rows of numbers. Give a text file with a row per sample: time and angle"
 #: Text of a missing sample.
-MISSING = ("", "nan", "na", "n/a", "null", "none", "-", "--", "inf", "-inf", "#n/a", "#nv")
+MISSING_TEXTS = ("", "nan", "na", "n/a", "null", "none", "-", "--", "inf", "-inf", "#n/a", "#nv")
 #: Seconds of a day.
-DAY = 86400.0
+SECONDS_PER_DAY = 86400.0
 #: Hours, minutes and seconds, after a date or alone.
-CLOCK = re.compile(r"(?:\d{4}-\d\d-\d\d[T ])?(\d{1,2}):(\d\d):(\d\d(?:[.,]\d+)?)(?:Z|[+-]\d\d:?\d\d)?")
+TIME_OF_DAY = re.compile(r"(?:\d{4}-\d\d-\d\d[T ])?(\d{1,2}):(\d\d):(\d\d(?:[.,]\d+)?)(?:Z|[+-]\d\d:?\d\d)?")
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ def read_cells(path: Path) -> Cells:
 
 def is_clock(column: Sequence[str]) -> bool:
     """Whether a cell of a column is a time of day."""
-    return any(CLOCK.fullmatch(cell.strip()) for cell in column)
+    return any(TIME_OF_DAY.fullmatch(cell.strip()) for cell in column)
 
 
 def after_midnight(times: np.ndarray) -> np.ndarray:
@@ -94,7 +94,7 @@ def after_midnight(times: np.ndarray) -> np.ndarray:
     known = np.isfinite(times)
     steps = np.diff(times[known], prepend=times[known][:1])
     # a second run on the same day starts less than half a day before the end of the first
-    times[known] += DAY * np.cumsum(steps < -0.5 * DAY)
+    times[known] += SECONDS_PER_DAY * np.cumsum(steps < -0.5 * SECONDS_PER_DAY)
     return times
 
 
@@ -104,7 +104,7 @@ def separator_of(file: str, lines: Sequence[str]) -> tuple[str | None, bool]:
     Raises:
         SceneError: no separator gives rows of equal numbers.
     """
-    middle = lines[len(lines) // 3 :][:TRIED]
+    middle = lines[len(lines) // 3 :][:TRIED_ROWS]
     best: tuple[float, str | None, bool] | None = None
     # a comma between columns is tried last: rows of decimal commas have a comma too
     for separator, comma in ((";", True), ("\t", True), (None, True), (",", False), ("|", True)):
@@ -114,8 +114,8 @@ def separator_of(file: str, lines: Sequence[str]) -> tuple[str | None, bool]:
         good = [row for row in rows if len(row) == width and is_sample(row, decimals)]
         score = len(good) / len(rows)
         if width == 1:
-            score *= ONE_COLUMN
-        if score > NUMBERS * ONE_COLUMN and (best is None or score > best[0]):
+            score *= ONE_COLUMN_WEIGHT
+        if score > NUMBER_FRACTION * ONE_COLUMN_WEIGHT and (best is None or score > best[0]):
             best = score, separator, bool(decimals)
     if best is None:
         raise SceneError(f"{file}: {NO_ROWS}")
@@ -152,7 +152,7 @@ def split(line: str, separator: str | None) -> list[str]:
 def is_sample(row: Sequence[str], comma: bool) -> bool:
     """Whether a row has numbers, and otherwise only missing samples."""
     known = [math.isfinite(number(cell, comma)) for cell in row]
-    missing = [cell.strip().lower() in MISSING for cell in row]
+    missing = [cell.strip().lower() in MISSING_TEXTS for cell in row]
     return any(known) and all(one or other for one, other in zip(known, missing, strict=True))
 
 
@@ -164,7 +164,7 @@ def number(cell: str, comma: bool) -> float:
     try:
         value = float(text)
     except ValueError:
-        time = CLOCK.fullmatch(text)
+        time = TIME_OF_DAY.fullmatch(text)
         if time is None:
             return math.nan
         hours, minutes, seconds = time.groups()
@@ -204,10 +204,27 @@ def names_of(before: Sequence[Sequence[str]], width: int) -> tuple[str, ...]:
 
 def are_units(row: Sequence[str]) -> bool:
     """Whether a row contains the units of the columns: nothing longer than a unit, and one that is known."""
-    if not any(cell.strip("[]()") in UNITS for cell in row):
+    if not any(cell.strip("[]()") in UNIT_ROW_WORDS for cell in row):
         return False
     return all(re.fullmatch(r"[\[(]?[^\w]*[a-zA-Z°/µ²%]*[\])]?", cell) for cell in row)
 
 
 #: Units that may have a row of their own below the names.
-UNITS = ("s", "ms", "us", "µs", "sec", "min", "deg", "°", "rad", "mrad", "m", "cm", "mm", "px", "pixel", "counts")
+UNIT_ROW_WORDS = (
+    "s",
+    "ms",
+    "us",
+    "µs",
+    "sec",
+    "min",
+    "deg",
+    "°",
+    "rad",
+    "mrad",
+    "m",
+    "cm",
+    "mm",
+    "px",
+    "pixel",
+    "counts",
+)

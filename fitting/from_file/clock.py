@@ -11,10 +11,12 @@ from dropper_jax.base.errors import SceneError
 #: Seconds per unit of time.
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
 #: Periods of pendulums from 2 cm to 60 m [s]: a unit of time is read such that the motion's period is one of these.
-SHORTEST = 0.25
-LONGEST = 16.0
+SHORTEST_PERIOD = 0.25
+LONGEST_PERIOD = 16.0
+#: Minimum number of rows with different times.
+FEWEST_ROWS = 10
 #: Rows of a part after a jump back, below which they are in disorder and not another run.
-SECOND_RUN = 30
+SECOND_RUN_ROWS = 30
 
 
 @dataclass(frozen=True)
@@ -38,7 +40,7 @@ def ordered_rows(file: str, t: np.ndarray, values: np.ndarray) -> Rows:
     """Rows with increasing times: the longest run, without repeated rows and in order.
 
     Raises:
-        SceneError: fewer than ten rows remain.
+        SceneError: fewer than `FEWEST_ROWS` rows remain.
     """
     notes = []
     known = np.isfinite(t) & np.isfinite(values).any(axis=1)
@@ -48,7 +50,7 @@ def ordered_rows(file: str, t: np.ndarray, values: np.ndarray) -> Rows:
     starts = [0]
     for i in np.flatnonzero(np.diff(t) < 0) + 1:
         back = t[i - 1] - t[i]
-        if back > 0.5 * (t[i - 1] - t[starts[-1]]) and i - starts[-1] > SECOND_RUN:
+        if back > 0.5 * (t[i - 1] - t[starts[-1]]) and i - starts[-1] > SECOND_RUN_ROWS:
             starts.append(int(i))
     if len(starts) > 1:
         edges = [*starts, len(t)]
@@ -68,8 +70,8 @@ def ordered_rows(file: str, t: np.ndarray, values: np.ndarray) -> Rows:
         notes.append(f"{len(t) - len(different)} rows repeat a time: averaged")
         t = different
         values, _ = mean_rows(values, first)
-    if len(t) < 10:
-        raise SceneError(f"{file}: has {len(t)} rows with different times; allowed: at least 10")
+    if len(t) < FEWEST_ROWS:
+        raise SceneError(f"{file}: has {len(t)} rows with different times; allowed: at least {FEWEST_ROWS}")
     return Rows(t - t[0], values, float(t[0]), tuple(notes))
 
 
@@ -110,7 +112,7 @@ def unit_of_time(
         raise SceneError(f"{file}: {what}. Give the frames per second: --rate 60")
     if not counted:
         for unit, size in SECONDS.items():
-            if SHORTEST < size * period < LONGEST:
+            if SHORTEST_PERIOD < size * period < LONGEST_PERIOD:
                 return size, f"times in {unit}, as a period of {size * period:.3g} s shows"
     if rate is not None:
         return 1.0 / rate, f"{rate:g} frames per second"

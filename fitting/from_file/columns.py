@@ -13,7 +13,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.markdown import first_names
 from fitting.from_file.cells import Cells
-from fitting.traces.csv_table import NAMED
+from fitting.traces.csv_table import MOST_NAMES
 
 
 def word_set(text: str) -> frozenset[str]:
@@ -23,26 +23,26 @@ def word_set(text: str) -> frozenset[str]:
 
 #: Words of names, without accents: English, German, French, Spanish, Italian, Portuguese, Dutch, Nordic, Polish, Czech,
 #: Finnish, Chinese, Japanese.
-TIME = word_set(
+TIME_WORDS = word_set(
     """
     t time timestamp elapsed clock seconds millis zeit uhrzeit temps heure tiempo hora tempo tijd tid czas cas aika
     sekunden sec msec 时间 時間 時刻
     """
 )
-FRAME = word_set("frame frames bild bildnummer image cuadro fotogramma quadro beeld klatka snimek index idx")
-ANGLE = word_set(
+FRAME_WORDS = word_set("frame frames bild bildnummer image cuadro fotogramma quadro beeld klatka snimek index idx")
+ANGLE_WORDS = word_set(
     """
     theta angle angles winkel angulo angolo hoek vinkel kat uhel kulma phi alpha encoder counts count ticks
     deflection auslenkung inclination θ φ α 角度 deg rad
     """
 )
-RATE = word_set(
+RATE_WORDS = word_set(
     """
     omega velocity vel v vx vy speed rate acc acceleration a ax ay geschwindigkeit vitesse velocidad velocita w ω se
     sigma error
     """
 )
-AXES = {"x": "x", "u": "x", "y": "y", "z": "y", "v": "y"}
+AXIS_WORDS = {"x": "x", "u": "x", "y": "y", "z": "y", "v": "y"}
 #: Units by their words: what is measured, and the unit.
 TIME_UNITS = {
     **dict.fromkeys(word_set("s sec secs second seconds sekunden secondes segundos"), "s"),
@@ -58,13 +58,13 @@ ANGLE_UNITS = {
 LENGTH_UNITS = {"m": "m", "cm": "cm", "mm": "mm", **dict.fromkeys(word_set("px pixel pixels pix"), "px")}
 UNITS = {**TIME_UNITS, **ANGLE_UNITS, **LENGTH_UNITS}
 #: Frame rates in comments.
-FPS = re.compile(
+FRAME_RATE = re.compile(
     r"(?:fps|frame ?rate|sample ?rate|bildrate|sampling)\s*[:=]?\s*(\d+(?:[.,]\d+)?)"
     r"|(\d+(?:[.,]\d+)?)\s*(?:fps|hz|frames/s|bilder/s|images/s)\b",
     re.IGNORECASE,
 )
 #: Fraction of the rows in which a column of time increases.
-INCREASES = 0.95
+INCREASING_FRACTION = 0.95
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,13 +155,13 @@ def find_columns(cells: Cells, given: Mapping[str, str] | None = None, rate: flo
     if given:
         return given_columns(cells, columns, given)
     time = time_column(file, columns)
-    free = [column for column in columns if column is not time and not column.has(FRAME)]
+    free = [column for column in columns if column is not time and not column.has(FRAME_WORDS)]
     points = [(x, y) for x, y in point_pairs(free) if np.isfinite([x.values, y.values]).mean() > 0.1]
     angles = []
     if not points:
         angles = angle_columns(file, [column for column in free if moves(column.values)])
     if not points and not angles:
-        still = first_names([column.name for column in free], NAMED) or "its columns"
+        still = first_names([column.name for column in free], MOST_NAMES) or "its columns"
         raise SceneError(f"{file}: nothing moves in {still}. Give a file with motion")
     return describe(cells, time, angles, points)
 
@@ -173,7 +173,7 @@ def given_columns(cells: Cells, columns: Sequence[Column], given: Mapping[str, s
         if not re.fullmatch(r"time|t|theta_\d+|[xy]_\d+", role):
             raise SceneError(f"columns: {role!r} is unknown; allowed: time, theta_1..n, x_1, y_1, x_2, ...")
         if name not in cells.names:
-            raise SceneError(f"columns: {name!r} is not in {cells.file}; found: {first_names(cells.names, NAMED)}")
+            raise SceneError(f"columns: {name!r} is not in {cells.file}; found: {first_names(cells.names, MOST_NAMES)}")
         if role == "t":
             role = "time"
         where[role] = columns[cells.names.index(name)]
@@ -204,7 +204,7 @@ def describe(
         note = f"time from {time.name!r}, "
         if time.is_clock:
             time_unit = "s"
-        elif time.has(FRAME):
+        elif time.has(FRAME_WORDS):
             time_unit = "frames"
         elif time.unit in TIME_UNITS.values():
             time_unit = time.unit
@@ -233,7 +233,7 @@ def common_unit(columns: Sequence[Column], units: Mapping[str, str]) -> str | No
 def fps_of(cells: Cells) -> float | None:
     """Frame rate in the comments [1/s]."""
     for comment in cells.comments:
-        found = FPS.search(comment)
+        found = FRAME_RATE.search(comment)
         if found:
             return float((found[1] or found[2]).replace(",", "."))
     return None
@@ -242,7 +242,7 @@ def fps_of(cells: Cells) -> float | None:
 def increases(values: np.ndarray) -> bool:
     """Whether a column increases in nearly all rows."""
     step = np.diff(values[np.isfinite(values)])
-    return len(step) > 5 and np.mean(step >= 0) > INCREASES and np.mean(step > 0) > 0.3
+    return len(step) > 5 and np.mean(step >= 0) > INCREASING_FRACTION and np.mean(step > 0) > 0.3
 
 
 def moves(values: np.ndarray) -> bool:
@@ -258,9 +258,9 @@ def time_column(file: str, columns: Sequence[Column]) -> Column | None:
         SceneError: a column of times that does not increase.
     """
     clocks = [column for column in columns if column.is_clock]
-    named = [column for column in columns if column.has(TIME) and not column.has(RATE)]
+    named = [column for column in columns if column.has(TIME_WORDS) and not column.has(RATE_WORDS)]
     named += [column for column in columns if column.unit in TIME_UNITS.values()]
-    frames = [column for column in columns if column.has(FRAME)]
+    frames = [column for column in columns if column.has(FRAME_WORDS)]
     for column in (*clocks, *named, *frames):
         if increases(column.values):
             return column
@@ -275,11 +275,11 @@ def point_pairs(columns: Sequence[Column]) -> list[tuple[Column, Column]]:
     """(x, y) columns of points, of names that differ only in the axis; by their numbers, otherwise by their columns."""
     axes: dict[tuple[str, ...], dict[str, Column]] = {}
     for column in columns:
-        own = [word for word in column.words if word in AXES]
-        rest = tuple(word for word in column.words if word not in AXES)
-        if len(own) == 1 and (set(rest) - {"a"}).isdisjoint(RATE | ANGLE | TIME):
+        own = [word for word in column.words if word in AXIS_WORDS]
+        rest = tuple(word for word in column.words if word not in AXIS_WORDS)
+        if len(own) == 1 and (set(rest) - {"a"}).isdisjoint(RATE_WORDS | ANGLE_WORDS | TIME_WORDS):
             # `u, v` and `x, z` are pairs too, but of x, y, z the plane is that of x and y
-            axes.setdefault(rest, {}).setdefault(AXES[own[0]], column)
+            axes.setdefault(rest, {}).setdefault(AXIS_WORDS[own[0]], column)
     pairs = [(pair["x"], pair["y"]) for pair in axes.values() if len(pair) == 2]
     if all(x.ordinal is not None for x, _ in pairs):
         pairs.sort(key=lambda pair: pair[0].ordinal)
@@ -293,7 +293,7 @@ def angle_columns(file: str, moving: Sequence[Column]) -> list[Column]:
         SceneError: several columns may be the angle.
     """
     usable = [column for column in moving if not is_rate(column)]
-    named = [column for column in usable if column.has(ANGLE) or column.unit in ANGLE_UNITS.values()]
+    named = [column for column in usable if column.has(ANGLE_WORDS) or column.unit in ANGLE_UNITS.values()]
     if named:
         return sorted(without_copies(named), key=lambda column: column.ordinal or 0)
     swinging = [column for column in usable if not increases(column.values) and not increases(-column.values)]
@@ -301,7 +301,7 @@ def angle_columns(file: str, moving: Sequence[Column]) -> list[Column]:
     if len(swinging) > 1:
         names = [column.name for column in swinging]
         raise SceneError(
-            f"{file}: several columns may be the angle: {first_names(names, NAMED)}. Name it: --columns "
+            f"{file}: several columns may be the angle: {first_names(names, MOST_NAMES)}. Name it: --columns "
             f"theta_1={names[0]}"
         )
     return swinging
@@ -309,7 +309,7 @@ def angle_columns(file: str, moving: Sequence[Column]) -> list[Column]:
 
 def is_rate(column: Column) -> bool:
     """Whether a name is that of a rate or an error; single letters count alone only."""
-    return any(len(word) > 1 or len(column.words) == 1 for word in RATE.intersection(column.words))
+    return any(len(word) > 1 or len(column.words) == 1 for word in RATE_WORDS.intersection(column.words))
 
 
 def without_copies(columns: Sequence[Column]) -> list[Column]:

@@ -48,18 +48,18 @@ def main_period(t: np.ndarray, values: np.ndarray) -> float:
 
 
 #: Samples per period of the grid, half width of the local polynomials in samples, and their degree.
-PER_PERIOD = 40
-HALF = 7
-DEGREE = 4
+GRID_PER_PERIOD = 40
+HALF_WIDTH = 7
+POLYNOMIAL_DEGREE = 4
 
 
 def derivatives(t: np.ndarray, phi: np.ndarray, period: float) -> tuple[np.ndarray, np.ndarray, float]:
     """Grid of times (N,), angle, rate and acceleration (N, 3) on it, and the gain of noise in the acceleration [1/s^2].
 
     Args:
-        t, phi: (k,), rows with more than `PER_PERIOD` samples per period are averaged first.
+        t, phi: (k,), rows with more than `GRID_PER_PERIOD` samples per period are averaged first.
     """
-    step = period / PER_PERIOD
+    step = period / GRID_PER_PERIOD
     known = np.isfinite(phi)
     t = t[known]
     phi = phi[known]
@@ -70,14 +70,14 @@ def derivatives(t: np.ndarray, phi: np.ndarray, period: float) -> tuple[np.ndarr
     times = np.bincount(index, t, len(grid))[full] / number[full]
     angles = np.bincount(index, phi, len(grid))[full] / number[full]
     x = np.interp(grid, times, angles)
-    width = 2 * HALF + 1
+    width = 2 * HALF_WIDTH + 1
     if len(x) < 4 * width:
         return grid, np.zeros((0, 3)), 0.0
-    powers = np.vander(np.arange(-HALF, HALF + 1) * step, DEGREE + 1, increasing=True)
+    powers = np.vander(np.arange(-HALF_WIDTH, HALF_WIDTH + 1) * step, POLYNOMIAL_DEGREE + 1, increasing=True)
     weights = np.linalg.pinv(powers)[:3] * [[1.0], [1.0], [2.0]]
     around = np.lib.stride_tricks.sliding_window_view(x, width)
     gain = np.linalg.norm(weights[2]) / np.sqrt(max(1.0, np.median(number[full])))
-    return grid[HALF:-HALF], around @ weights.T, float(gain)
+    return grid[HALF_WIDTH:-HALF_WIDTH], around @ weights.T, float(gain)
 
 
 def regression(motion: np.ndarray, quadratic: bool = False) -> tuple[np.ndarray, float]:
@@ -92,12 +92,12 @@ def regression(motion: np.ndarray, quadratic: bool = False) -> tuple[np.ndarray,
 
 
 #: Difference of the log likelihoods of two units of the angle that decides between them.
-DECIDES = 4.0
+DECIDING_GAIN = 4.0
 #: Periods of the stretches that are compared, and their minimum amplitude as a fraction of the maximum.
-BLOCK = 3
-LOUD = 0.05
+BLOCK_PERIODS = 3
+LEAST_AMPLITUDE = 0.05
 #: Sum of squares of a stretch, in the median one, above which it is not free.
-RELEASED = 4.0
+FREE_RATIO = 4.0
 
 
 def squares_by_unit(motion: np.ndarray) -> list[float]:
@@ -120,23 +120,23 @@ def unit_of_angle(t: np.ndarray, raw: np.ndarray, period: float) -> tuple[str | 
     if reach < 0.3:
         return "rad", np.inf  # as degrees it would hardly move
     _, motion, _ = derivatives(t, raw, period)
-    length = min(BLOCK * PER_PERIOD, len(motion))
+    length = min(BLOCK_PERIODS * GRID_PER_PERIOD, len(motion))
     if not length:
         return None, 0.0
     blocks = motion[: len(motion) // length * length].reshape(-1, length, 3)
     size = blocks[..., 0].std(axis=1)
-    loud = blocks[size > LOUD * size.max()]
+    loud = blocks[size > LEAST_AMPLITUDE * size.max()]
     squares = np.array([squares_by_unit(block) for block in loud])
     smaller = squares.min(axis=1)
-    calm = smaller < RELEASED * np.median(smaller)  # without a hand that releases it
+    calm = smaller < FREE_RATIO * np.median(smaller)  # without a hand that releases it
     # one k for all amplitudes: in the wrong unit it changes with them
     free = loud[calm].reshape(-1, 3)
     in_radians, in_degrees = np.maximum(squares_by_unit(free), 1e-300)
     # difference of the log likelihoods; accelerations a few samples apart are independent
-    gain = 0.5 * len(free) / HALF * float(np.log(in_degrees / in_radians))
-    if gain >= DECIDES:
+    gain = 0.5 * len(free) / HALF_WIDTH * float(np.log(in_degrees / in_radians))
+    if gain >= DECIDING_GAIN:
         return "rad", gain
-    if gain <= -DECIDES:
+    if gain <= -DECIDING_GAIN:
         return "deg", -gain
     # a swing of a few degrees is rarer than one of as many radians
     if reach > 2 * np.pi:
@@ -163,7 +163,7 @@ def gravity_of_last_link(
     _, x, _ = derivatives(t[known], joint.real[known], period)
     _, y, _ = derivatives(t[known], joint.imag[known], period)
     _, angle, _ = derivatives(t[known], phi[known], period)
-    if len(angle) < PER_PERIOD:
+    if len(angle) < GRID_PER_PERIOD:
         return None
     phi, w, a = angle.T
     _, speed, acceleration = np.real((x + 1j * y).T * (1j * np.exp(1j * phi)).conj())

@@ -24,20 +24,21 @@ from fitting.from_file.motion import LinkMotion
 from fitting.traces.trace import unwrap
 
 #: Movement of a fixed point as a fraction of the fastest point's.
-FIXED = 0.03
-#: Change of a distance that a link keeps, in its noise; relative change that a lens may cause; change of a good chain.
-KEPT = 3.0
-LENS = 0.001
-GOOD = 1.5
+FIXED_SPREAD = 0.03
+#: Change of a distance, in its noise, up to which a link keeps it; relative change that a lens may cause; change of a
+#: good chain.
+RIGID_CHANGE = 3.0
+LENS_DISTORTION = 0.001
+GOOD_CHANGE = 1.5
 #: Difference of two directions of one rigid link, as a fraction of their motion, beyond their noise.
-SAME_LINK = 0.01
+SAME_DIRECTION = 0.01
 #: Maximum number of points whose order is tried.
 MOST_POINTS = 5
 #: Parts of the rows without which the pivot is found again, and how often each part comes.
-PARTS = 10
-ROUNDS = 20
+JACKKNIFE_PARTS = 10
+PART_REPEATS = 20
 #: Maximum distance of a pivot over the extent of the points. A link as long as this that swings by 0.6 degrees moves by
-#: its extent. From farther away, the tolerance of a lens (`LENS`) exceeds half of it, so that any motion fits.
+#: its extent. From farther away, the tolerance of a lens (`LENS_DISTORTION`) exceeds half of it: any motion fits.
 FARTHEST_PIVOT = 100.0
 
 
@@ -82,7 +83,7 @@ def read_points(file: str, t: np.ndarray, points: np.ndarray) -> LinkMotion:
     if not spread.max() > 0:
         raise SceneError(f"{file}: the points do not move. Give a file with motion")
     notes = []
-    fixed = spread < FIXED * spread.max()
+    fixed = spread < FIXED_SPREAD * spread.max()
     pivot = None
     if fixed.sum() == 1:
         pivot = complex(np.nanmean(points[fixed][0]))
@@ -121,7 +122,7 @@ def find_chain(file: str, points: np.ndarray, pivot: complex | None) -> tuple[Ch
         if chain is not None and (best is None or chain.worst < best.worst):
             best = chain
             best_order = order
-        if best is not None and order == in_order and best.worst < GOOD:
+        if best is not None and order == in_order and best.worst < GOOD_CHANGE:
             break
     if best is None:
         raise SceneError(
@@ -161,7 +162,7 @@ def chain_of(points: list[np.ndarray], pivot: complex | None, sigma: float) -> C
             return None
     start = np.full(len(first), pivot)
     worst = rigid(first, start, sigma)
-    if worst > KEPT:
+    if worst > RIGID_CHANGE:
         return None
     joints = [start]
     bodies = [Body(first, first - pivot, first)]
@@ -170,7 +171,7 @@ def chain_of(points: list[np.ndarray], pivot: complex | None, sigma: float) -> C
         point = rest.pop(0)
         body = bodies[-1]
         start = joints[-1]
-        if rigid(point, body.origin, sigma) < KEPT and turns_with(point - body.origin, body, sigma):
+        if rigid(point, body.origin, sigma) < RIGID_CHANGE and turns_with(point - body.origin, body, sigma):
             own.append(point)
             bodies[-1] = with_point(body, point, start)
             continue
@@ -178,16 +179,16 @@ def chain_of(points: list[np.ndarray], pivot: complex | None, sigma: float) -> C
         by_hook = rigid(point, joint, sigma)
         by_pair = np.inf
         new = Body(point, point - joint, point)
-        if rest and rigid(point, rest[0], sigma) < KEPT:
+        if rest and rigid(point, rest[0], sigma) < RIGID_CHANGE:
             pair = Body(point, rest[0] - point, rest[0], pair=True)
             pair_joint, by_pair = joint_of(body, pair, sigma)
         nearest = min(by_hook, by_pair)
-        if nearest > KEPT:
+        if nearest > RIGID_CHANGE:
             return None
         worst = max(worst, nearest)
         own = [point]
         # of points in pairs, the joint of two is their own point only by chance
-        if by_pair < by_hook or (in_pairs and by_pair < GOOD):
+        if by_pair < by_hook or (in_pairs and by_pair < GOOD_CHANGE):
             joint = pair_joint
             new = pair
             own.append(rest.pop(0))
@@ -221,9 +222,9 @@ def noise_of(p: np.ndarray) -> float:
 
 
 #: Quantile of the deviations that stands for the spread: two links may swing alike most of the time.
-MOST_ROWS = 0.95
+SPREAD_QUANTILE = 0.95
 #: Standard deviations of that quantile.
-QUANTILE = 1.96
+SPREAD_DEVIATIONS = 1.96
 
 
 def rigid(one: np.ndarray, other: np.ndarray, sigma: float) -> float:
@@ -232,12 +233,12 @@ def rigid(one: np.ndarray, other: np.ndarray, sigma: float) -> float:
     typical = float(np.nanmedian(size))
     if not typical > 0:
         return np.inf
-    return spread_of(size - typical) / (np.sqrt(2) * sigma + LENS * typical)
+    return spread_of(size - typical) / (np.sqrt(2) * sigma + LENS_DISTORTION * typical)
 
 
 def spread_of(deviations: np.ndarray) -> float:
     """Standard deviation of deviations (k,) from zero, by most of them."""
-    return float(np.nanquantile(np.abs(deviations), MOST_ROWS)) / QUANTILE
+    return float(np.nanquantile(np.abs(deviations), SPREAD_QUANTILE)) / SPREAD_DEVIATIONS
 
 
 def turns_with(link: np.ndarray, body: Body, sigma: float) -> bool:
@@ -246,7 +247,7 @@ def turns_with(link: np.ndarray, body: Body, sigma: float) -> bool:
     apart = np.angle(np.exp(1j * (apart - np.angle(np.nanmean(np.exp(1j * apart))))))
     own = np.angle(body.direction / np.nanmean(body.direction))
     noise = np.sqrt(2) * sigma * np.hypot(1 / np.nanmedian(np.abs(link)), 1 / np.nanmedian(np.abs(body.arm)))
-    return spread_of(apart) < 1.5 * noise + SAME_LINK * float(np.nanstd(own))
+    return spread_of(apart) < 1.5 * noise + SAME_DIRECTION * float(np.nanstd(own))
 
 
 def centre_of(p: np.ndarray) -> complex:
@@ -267,7 +268,7 @@ def pivot_of(first: np.ndarray, others: Iterable[np.ndarray], sigma: float) -> c
     """Pivot of the first link: by two of its points if another one is on it, otherwise the centre of its circle."""
     centre = centre_of(first)
     for other in others:
-        if rigid(first, other, sigma) < KEPT:
+        if rigid(first, other, sigma) < RIGID_CHANGE:
             return pivot_of_pair(first, other, centre, sigma)
     return centre
 
@@ -275,14 +276,14 @@ def pivot_of(first: np.ndarray, others: Iterable[np.ndarray], sigma: float) -> c
 def error_of_pivot(points: np.ndarray, down: float) -> np.ndarray:
     """Standard errors (2,) of the pivot that points (m, k) show, sideways and along the direction down [rad].
 
-    By the jackknife: found again without each of `PARTS` parts of the rows, which alternate through the file.
+    By the jackknife: found again without each of `JACKKNIFE_PARTS` parts of the rows, which alternate through the file.
     """
     sigma = float(np.median([noise_of(point) for point in points]))
     rows = np.arange(points.shape[1])
-    part = rows * PARTS * ROUNDS // len(rows) % PARTS
-    found = np.array([pivot_of(*_without(points, part == i), sigma) for i in range(PARTS)])
+    part = rows * JACKKNIFE_PARTS * PART_REPEATS // len(rows) % JACKKNIFE_PARTS
+    found = np.array([pivot_of(*_without(points, part == i), sigma) for i in range(JACKKNIFE_PARTS)])
     apart = (found - found.mean()) * np.exp(-1j * down)
-    return np.sqrt((PARTS - 1) * np.mean([apart.imag**2, apart.real**2], axis=1))
+    return np.sqrt((JACKKNIFE_PARTS - 1) * np.mean([apart.imag**2, apart.real**2], axis=1))
 
 
 def _without(points: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -294,7 +295,7 @@ def _without(points: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarr
 def is_far(pivot: complex, points: Sequence[np.ndarray]) -> bool:
     """Whether a pivot is too far from points (m, k) to follow from their motion."""
     middle = np.nanmean(points)
-    extent = np.nanquantile(np.abs(np.subtract(points, middle)), MOST_ROWS)
+    extent = np.nanquantile(np.abs(np.subtract(points, middle)), SPREAD_QUANTILE)
     return bool(np.abs(pivot - middle) > FARTHEST_PIVOT * extent)
 
 
@@ -316,11 +317,11 @@ def joint_of(one: Body, other: Body, sigma: float) -> tuple[np.ndarray, float]:
     basis = basis[known]
     apart = apart[known]
     shift, own = np.linalg.lstsq(basis, apart, rcond=None)[0]
-    left = float(np.quantile(np.abs(basis @ [shift, own] - apart), MOST_ROWS))
+    left = float(np.quantile(np.abs(basis @ [shift, own] - apart), SPREAD_QUANTILE))
     # the noise of the points extrapolated along both links
     levers = np.abs([own, shift]) / np.nanmedian(np.abs([one.arm, other.arm]), axis=1)
     grown = np.sqrt(np.sum((1.0 + levers) ** 2 + levers**2))
-    expected = 2.45 * sigma * grown + LENS * float(np.median(np.abs(apart)))
+    expected = 2.45 * sigma * grown + LENS_DISTORTION * float(np.median(np.abs(apart)))
     joint = 0.5 * (one.origin + own * one.direction + other.origin + shift * other.direction)
     return joint, left / expected
 

@@ -17,10 +17,10 @@ from fitting.from_file.read_file import FileOptions, MeasuredFile
 from fitting.traces.planar import pendulum_period
 
 #: Drag at the start of the fit of several links, per mass [1/s], [1/m].
-DAMPING = 0.02
+START_DRAG = 0.02
 #: Standard error of a length from points relative to the first one [%], and of a pivot that is found: a lens distorts
 #: by as much.
-RULER = 0.2
+LENGTH_ERROR = 0.2
 
 
 def propose_scene(measured: MeasuredFile, given: FileOptions) -> Table:
@@ -37,16 +37,16 @@ def propose_scene(measured: MeasuredFile, given: FileOptions) -> Table:
         priors = []
     else:
         lengths = np.array(measured.lengths)
-        linear = DAMPING * mass
+        linear = START_DRAG * mass
         quadratic = linear
         free = [f"line.0.mass.{j}" for j in range(1, count)]
         free += ["b_l", "b_q", "rig.scale", "camera.offset"]
         free += [f"line.0.length.{j}" for j in range(1, count)]
         known = count - 1 if measured.open_end else count
-        priors = [{"of": f"line.0.length.{j}", "sigma": RULER, "unit": "%"} for j in range(1, known)]
+        priors = [{"of": f"line.0.length.{j}", "sigma": LENGTH_ERROR, "unit": "%"} for j in range(1, known)]
     if measured.pivot_error is not None:
         free.append("marker.node.0")
-        error = np.hypot(measured.pivot_error, RULER / 100) * lengths[0]
+        error = np.hypot(measured.pivot_error, LENGTH_ERROR / 100) * lengths[0]
         priors += [
             {"of": f"marker.node.0.{axis}", "sigma": float(size), "unit": "m"} for axis, size in enumerate(error)
         ]

@@ -13,20 +13,24 @@ from typing import NamedTuple
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from fitting.from_file.pendulum import PER_PERIOD, derivatives, regression
+from fitting.from_file.pendulum import GRID_PER_PERIOD, derivatives, regression
 
 #: Relative differences of k of one window from that of the swing, and of a residual, that noise need not explain.
-SAME = 0.1
-RESIDUAL = 0.12
+STIFFNESS_TOLERANCE = 0.1
+RESIDUAL_TOLERANCE = 0.12
+#: Multiple of the noise of an acceleration that a residual, or a line at rest, may show.
+NOISE_RATIO = 3.0
+#: Multiple of that noise from which a window shows k and z.
+LOUD_RATIO = 5.0
 #: Rise of the energy over a period that noise need not explain.
-RISES = 0.05
+ENERGY_TOLERANCE = 0.05
 #: Fewest periods of a free swing, and the fraction of the moving file that it must cover.
-FEWEST = 3.0
-PART = 0.34
+FEWEST_PERIODS = 3.0
+LEAST_FREE_PART = 0.34
 #: Loss of energy, over the whole swing, below which it does not decay.
-DECAYS = 0.02
+LEAST_DECAY = 0.02
 #: Periods next to a stretch that is left out, which are left out too.
-MARGIN = 0.4
+MARGIN_PERIODS = 0.4
 
 
 @dataclass(frozen=True)
@@ -63,8 +67,8 @@ def find_swing(file: str, t: np.ndarray, phi: np.ndarray, period: float, sigma: 
         SceneError: driven throughout, too short, or no decay.
     """
     times, motion, gain = derivatives(t, phi, period)
-    if len(motion) < (FEWEST + 1) * PER_PERIOD:
-        raise SceneError(f"{file}: has fewer than {FEWEST:g} swings of {period:.3g} s. Give a longer file")
+    if len(motion) < (FEWEST_PERIODS + 1) * GRID_PER_PERIOD:
+        raise SceneError(f"{file}: has fewer than {FEWEST_PERIODS:g} swings of {period:.3g} s. Give a longer file")
     noise = gain * sigma
     windows = fit_swing_windows(times, motion)
     free, level, zero = free_windows(file, motion, windows, noise)
@@ -77,10 +81,10 @@ def find_swing(file: str, t: np.ndarray, phi: np.ndarray, period: float, sigma: 
     notes = left_out(times, windows, first, end, noise)
     # the window next to a driven stretch may contain a part of it
     if first > 0:
-        begin += MARGIN * period
+        begin += MARGIN_PERIODS * period
     if last + 1 < len(windows.first):
-        end -= MARGIN * period
-    rate = np.sqrt(np.mean(motion[windows.first[first] : windows.first[last] + PER_PERIOD, 1] ** 2))
+        end -= MARGIN_PERIODS * period
+    rate = np.sqrt(np.mean(motion[windows.first[first] : windows.first[last] + GRID_PER_PERIOD, 1] ** 2))
     weights = windows.size[inside] ** 2
     stiffness = float(np.average(windows.stiffness[inside], weights=weights))
     damping = float(np.average(windows.damping[inside], weights=weights))
@@ -112,14 +116,14 @@ class SwingWindows(NamedTuple):
 
 def fit_swing_windows(times: np.ndarray, motion: np.ndarray) -> SwingWindows:
     """The windows of a motion (k, 3) at times (k,) [s]."""
-    first = np.arange(0, len(motion) - PER_PERIOD, PER_PERIOD // 4)
+    first = np.arange(0, len(motion) - GRID_PER_PERIOD, GRID_PER_PERIOD // 4)
     rows = []
     for low in first:
-        part = motion[low : low + PER_PERIOD]
+        part = motion[low : low + GRID_PER_PERIOD]
         (p, q, c), left = regression(part)
         size = np.sqrt(np.mean(part[:, 2] ** 2))
-        rows.append((np.hypot(p, q), np.arctan2(q, p), c, np.sqrt(left / PER_PERIOD), size))
-    last = np.minimum(first + PER_PERIOD, len(times) - 1)
+        rows.append((np.hypot(p, q), np.arctan2(q, p), c, np.sqrt(left / GRID_PER_PERIOD), size))
+    last = np.minimum(first + GRID_PER_PERIOD, len(times) - 1)
     return SwingWindows(first, times[first], times[last], *np.transpose(rows))
 
 
@@ -132,8 +136,8 @@ def free_windows(
         SceneError: no window swings freely.
     """
     size = windows.size
-    smooth = windows.residual < np.maximum(RESIDUAL * size, 3.0 * noise)
-    loud = smooth & (size > 5.0 * noise)
+    smooth = windows.residual < np.maximum(RESIDUAL_TOLERANCE * size, NOISE_RATIO * noise)
+    loud = smooth & (size > LOUD_RATIO * noise)
     nothing = SceneError(
         f"{file}: no stretch swings freely: it is driven throughout, or its noise hides the swing. Give a file "
         "with a free swing"
@@ -143,11 +147,11 @@ def free_windows(
     stiffness = np.median(windows.stiffness[loud])
     zero = float(np.angle(np.mean(np.exp(1j * windows.zero[loud]))))
     energy = 0.5 * motion[:, 1] ** 2 + stiffness * (1.0 - np.cos(motion[:, 0] - zero))
-    level = np.array([energy[low : low + PER_PERIOD].mean() for low in windows.first])
-    error = 3.0 * noise / np.maximum(size, 1e-300)
-    free = smooth & (np.abs(windows.stiffness / stiffness - 1.0) < SAME + error) & (size > noise)
+    level = np.array([energy[low : low + GRID_PER_PERIOD].mean() for low in windows.first])
+    error = NOISE_RATIO * noise / np.maximum(size, 1e-300)
+    free = smooth & (np.abs(windows.stiffness / stiffness - 1.0) < STIFFNESS_TOLERANCE + error) & (size > noise)
     # the energy rises over a period, to the window before its end
-    free[1 : len(level) - 3] &= level[4:] <= (1 + RISES) * level[:-4] + 2.0 * noise**2 / stiffness
+    free[1 : len(level) - 3] &= level[4:] <= (1 + ENERGY_TOLERANCE) * level[:-4] + 2.0 * noise**2 / stiffness
     if not free.any():
         raise nothing
     return free, level, zero
@@ -157,7 +161,7 @@ def check_span(file: str, windows: SwingWindows, begin: float, end: float, perio
     """Reject a free swing from `begin` to `end` [s] that is short, or a small part of the motion."""
     moving = windows.size > 2.0 * noise
     moving_span = windows.end[moving].max() - windows.begin[moving].min()
-    if end - begin < max(FEWEST * period, PART * moving_span):
+    if end - begin < max(FEWEST_PERIODS * period, LEAST_FREE_PART * moving_span):
         raise SceneError(
             f"{file}: only {end - begin:.3g} of {moving_span:.3g} s swing freely ({begin:.4g} to {end:.4g} s): it is "
             "driven throughout, or pushed again. Give a file with one free swing, or cut it out: --from, --until"
@@ -169,8 +173,8 @@ def check_decay(file: str, level: np.ndarray, duration: float) -> None:
     middle = len(level) // 2
     lowest = level[-4:].mean()
     # a drive reaches a steady swing after a transient that falls
-    falls_late = lowest < (1 - 0.5 * DECAYS) * level[middle : middle + 4].mean()
-    if not (falls_late and lowest < (1 - DECAYS) * level[:4].mean()):
+    falls_late = lowest < (1 - 0.5 * LEAST_DECAY) * level[middle : middle + 4].mean()
+    if not (falls_late and lowest < (1 - LEAST_DECAY) * level[:4].mean()):
         raise SceneError(
             f"{file}: the amplitude does not fall in {duration:.3g} s: it is driven throughout, or too short to "
             "show damping. Give a longer free swing"
@@ -201,12 +205,12 @@ def left_out(times: np.ndarray, windows: SwingWindows, first: int, end: float, n
     found = []
     size = windows.size
     if first > 0:
-        held = np.median(size[:first]) < max(3.0 * noise, 0.1 * size[first])
+        held = np.median(size[:first]) < max(NOISE_RATIO * noise, 0.1 * size[first])
         what = "held" if held else "driven or pushed"
         found.append(f"{what} until {windows.begin[first]:.3g} s: left out")
     if times[-1] - end > 4.0 * (windows.begin[1] - windows.begin[0]):
-        later = windows.first + PER_PERIOD / 2 > np.searchsorted(times, end)
-        still = not later.any() or np.median(size[later]) < 3.0 * noise
+        later = windows.first + GRID_PER_PERIOD / 2 > np.searchsorted(times, end)
+        still = not later.any() or np.median(size[later]) < NOISE_RATIO * noise
         what = "at rest" if still else "not a free swing"
         found.append(f"{what} from {end:.4g} s on: left out")
     return tuple(found)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dropper_jax.base.constants import GRAVITY
-from fitting.calibration.law_fits import DRAG
+from fitting.calibration.laws import DRAG_PATHS
 from fitting.calibration.result import FitResult
 from fitting.from_file.read_file import MeasuredFile
 from fitting.report.tables import significant
@@ -51,9 +51,9 @@ def found_values(result: FitResult, measured: MeasuredFile, mass: float | None) 
         row = estimates["camera.offset"]
         # the offset is added to angles that grow against those of the file
         found.append(Value("angle at rest", measured.zero - row["value"], row["std_error"], "rad"))
-    if one and DRAG[0] in estimates:
+    if one and DRAG_PATHS[0] in estimates:
         rate = np.sqrt(GRAVITY / result["line.0.length.0"])
-        add(DRAG[0], "damping ratio", "-", 0.5 / (rate * known), result.laws.remark(DRAG[0]))
+        add(DRAG_PATHS[0], "damping ratio", "-", 0.5 / (rate * known), result.laws.remark(DRAG_PATHS[0]))
     for path, row in estimates.items():
         if path.startswith("effects."):
             name = path.split(".", 2)[2]

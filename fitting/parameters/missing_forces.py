@@ -27,9 +27,9 @@ from fitting.parameters.paths import resolve
 from fitting.parameters.targets import CAMERA, MissingForce
 
 #: Relative rate of two links [rad/s] below which the dry friction between them fades: its sign would be noise.
-SLIDES = 0.02
+SLIDING_RATE = 0.02
 #: Names and units of the forces, in the order of their sizes.
-UNITS = {
+FORCE_UNITS = {
     "linear": "kg/s",
     "quadratic": "kg/m",
     "viscous": "N m s/rad",
@@ -41,8 +41,8 @@ UNITS = {
 
 def missing_forces(model: Model) -> list[Parameter]:
     """The sizes of all forces as parameters, each 0."""
-    kinds = [kind for kind in UNITS if kind != "springs" or model.line.links > 1]
-    return [Parameter(f"missing.{kind}", MissingForce(kind), 0.0, unit=UNITS[kind]) for kind in kinds]
+    kinds = [kind for kind in FORCE_UNITS if kind != "springs" or model.line.links > 1]
+    return [Parameter(f"missing.{kind}", MissingForce(kind), 0.0, unit=FORCE_UNITS[kind]) for kind in kinds]
 
 
 def tested_parameters(model: Model, parameters: Sequence[Parameter]) -> list[Parameter]:
@@ -58,7 +58,7 @@ def add_missing_forces(model: Model, parameters: Sequence[Parameter], values: Ar
     sizes = {p.where.field: values[i] for i, p in enumerate(parameters) if isinstance(p.where, MissingForce)}
     if not sizes:
         return model
-    effect = MissingForces(sizes=jnp.stack([sizes.get(kind, jnp.zeros(())) for kind in UNITS]))
+    effect = MissingForces(sizes=jnp.stack([sizes.get(kind, jnp.zeros(())) for kind in FORCE_UNITS]))
     return replace(model, effects=(*model.effects, effect))
 
 
@@ -104,7 +104,7 @@ def unit_forces(model: Model, r: Array, v: Array, t: Array, ends: Ends) -> Array
     k = Kinematics(model, r, v, t, ends)
     friction = JointFriction(viscous=jnp.ones(()))
     rates = friction.relative_rates(k)
-    slides = rates / jnp.sqrt(jnp.sum(rates**2, axis=1, keepdims=True) + SLIDES**2)
+    slides = rates / jnp.sqrt(jnp.sum(rates**2, axis=1, keepdims=True) + SLIDING_RATE**2)
     others = sum((effect.force(k) for effect in model.having(Force)), jnp.zeros_like(r))
     found = {
         "linear": -v,
@@ -114,4 +114,4 @@ def unit_forces(model: Model, r: Array, v: Array, t: Array, ends: Ends) -> Array
         "springs": Bending(EI=jnp.ones(())).force(k),
         "added_mass": -others,
     }
-    return jnp.stack([found[kind] for kind in UNITS])
+    return jnp.stack([found[kind] for kind in FORCE_UNITS])

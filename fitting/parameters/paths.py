@@ -181,7 +181,7 @@ def count_joints(model: Model) -> int:
 
 
 #: A bound that must not be reached (of a mass, a length).
-OFF_BOUND = 1e-3
+OPEN_BOUND_MARGIN = 1e-3
 
 
 def _parameter(name: str, where: ModelTarget, value: float, meta: Mapping[str, Any]) -> Parameter:
@@ -189,5 +189,5 @@ def _parameter(name: str, where: ModelTarget, value: float, meta: Mapping[str, A
     low = -np.inf if meta["low"] is None else float(meta["low"])
     high = np.inf if meta["high"] is None else float(meta["high"])
     if meta["above"] is not None:
-        low = float(meta["above"]) + OFF_BOUND * abs(value)
+        low = float(meta["above"]) + OPEN_BOUND_MARGIN * abs(value)
     return Parameter(name, where, value, low, high, meta["unit"])

@@ -20,7 +20,7 @@ from dropper_jax.base.errors import SceneError
 from fitting.parameters.parameter import Parameter, StartValues
 from fitting.parameters.targets import RECORDING, RecordingTarget
 from fitting.traces.planar import wrap
-from fitting.traces.trace import FEWEST, Trace, convention
+from fitting.traces.trace import FEWEST_SAMPLES, Trace, convention
 
 #: Number of rows of a recording that are compared with the reference at each delay.
 COMPARED_ROWS = 400
@@ -71,13 +71,13 @@ def merge_recordings(traces: Sequence[Trace], start: StartValues | None = None) 
     if len(set(names)) < len(names):
         raise SceneError(f"same-motion: recordings of the same name: {', '.join(names)}. Rename a file")
     motion = traces[0]
-    recordings = [replace(traces[0], se=stated_errors(traces[0]))]
+    recordings = [replace(traces[0], se=traces[0].total_error)]
     parameters: list[Parameter] = []
     notes = [f"{len(traces)} recordings of one motion; zeros, scales and delays are relative to {traces[0].name}"]
     for number, trace in enumerate(traces[1:], start=1):
         found = find_delay(motion, trace, (start or {}).get(f"{RECORDING}.{names[number]}.delay"))
         zero = find_zeros(motion, trace, found.value)
-        aligned = replace(trace, t=trace.t - found.value, theta=trace.theta - zero, se=stated_errors(trace))
+        aligned = replace(trace, t=trace.t - found.value, theta=trace.theta - zero, se=trace.total_error)
         if found.alike:
             others = ", ".join(f"{x:.4g}" for x in found.alike)
             notes.append(
@@ -94,13 +94,6 @@ def merge_recordings(traces: Sequence[Trace], start: StartValues | None = None) 
     error = max(trace.model_error for trace in traces)
     motion = replace(motion, recordings=tuple(recordings), se=None, model_error=error)
     return SharedMotion(motion, tuple(parameters), notes)
-
-
-def stated_errors(trace: Trace) -> np.ndarray | None:
-    """Standard errors (k, n) of the samples with the trace's model error; None if the trace has none."""
-    if trace.se is None:
-        return None
-    return np.hypot(trace.se, trace.model_error)
 
 
 def recording_parameters(number: int, name: str, trace: Trace, zero: np.ndarray, delay: float) -> list[Parameter]:
@@ -121,7 +114,8 @@ def recording_parameters(number: int, name: str, trace: Trace, zero: np.ndarray,
 def common_links(motion: Trace, trace: Trace) -> np.ndarray:
     """Numbers of the links that both show."""
     return np.flatnonzero(
-        (np.isfinite(motion.theta).sum(axis=0) >= FEWEST) & (np.isfinite(trace.theta).sum(axis=0) >= FEWEST)
+        (np.isfinite(motion.theta).sum(axis=0) >= FEWEST_SAMPLES)
+        & (np.isfinite(trace.theta).sum(axis=0) >= FEWEST_SAMPLES)
     )
 
 
@@ -210,7 +204,7 @@ def _misfit(motion: Trace, t: np.ndarray, theta: np.ndarray) -> float:
     off = wrap(theta[inside] - motion.at(t[inside]))
     known = np.isfinite(off)
     possible = len(theta) * min(1.0, np.ptp(motion.t) / np.ptp(t))
-    if known.sum(axis=0).min() < max(FEWEST, ROWS_SHARE * OVERLAP * possible):
+    if known.sum(axis=0).min() < max(FEWEST_SAMPLES, ROWS_SHARE * OVERLAP * possible):
         return np.inf
     return _rms_deviation(off)
 

@@ -13,9 +13,9 @@ from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model
 from dropper_jax.scene import PriorSpec
 from fitting.parameters.names import full_names
-from fitting.parameters.of_scene import find_parameters
 from fitting.parameters.parameter import Parameter
 from fitting.parameters.paths import resolve
+from fitting.parameters.scene_parameters import find_parameters
 
 
 @dataclass(frozen=True)

@@ -35,7 +35,7 @@ def _is_float(leaf: ArrayLike) -> bool:
 
 
 def _with_floats(tree: Any, values: list[Array]) -> Any:
-    """The tree with these values in the place of `floats_of(tree)`."""
+    """The tree with these values instead of `floats_of(tree)`."""
     leaves, form = jax.tree.flatten(tree)
     new = iter(values)
     for i, leaf in enumerate(leaves):

@@ -34,7 +34,7 @@ def fit_over_trace(result: FitResult | HeldOut, run: int) -> tuple[np.ndarray, n
 
 
 #: Five missing samples interrupt a line.
-GAP = 5
+GAP_SAMPLES = 5
 
 
 def gaps(t: np.ndarray, interval: float) -> np.ndarray:
@@ -43,7 +43,7 @@ def gaps(t: np.ndarray, interval: float) -> np.ndarray:
     Args:
         interval: between samples [s]; times of several recordings may lie closer together, or be the same.
     """
-    return np.flatnonzero(np.diff(t) > GAP * interval) + 1
+    return np.flatnonzero(np.diff(t) > GAP_SAMPLES * interval) + 1
 
 
 def with_gaps(t: np.ndarray, x: np.ndarray, interval: float) -> tuple[np.ndarray, np.ndarray]:

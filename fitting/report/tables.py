@@ -9,8 +9,8 @@ import numpy as np
 from dropper_jax.base.markdown import Rows, cells, text_row
 from fitting.calibration.candidate import Candidate
 from fitting.calibration.disagreement import STRETCHES, Disagreement
-from fitting.calibration.law_fits import Law
 from fitting.calibration.law_tests import LawTests
+from fitting.calibration.laws import Law
 from fitting.calibration.result import FitResult
 from fitting.estimate.scene_fit import SceneFit
 
@@ -52,15 +52,15 @@ def named_rows(corner: str, columns: Sequence[str], names: Sequence[str], number
 
 
 #: Maximum number of links whose noise is listed.
-MOST_SIZES = 8
+MOST_NOISE_SIZES = 8
 
 
 def noise_text(result: FitResult) -> str:
     """Size and kind of the noise estimated from the residuals."""
     noise = result.noise_table()
     sizes = [f"{size:.2g}" for size in np.ravel(noise["sigma_rad"])]
-    if len(sizes) > MOST_SIZES:
-        sizes = [*sizes[:MOST_SIZES], "..."]
+    if len(sizes) > MOST_NOISE_SIZES:
+        sizes = [*sizes[:MOST_NOISE_SIZES], "..."]
     text = f"{', '.join(sizes)} rad by link"
     if noise["kind"] == "correlated":
         return f"{text}; a sample keeps {np.mean(noise['kept']):.2g} of the previous one"

@@ -31,10 +31,10 @@ from fitting.parameters.parameter import with_parameter_values
 from fitting.parameters.varied import Varied, floats_of
 from fitting.sensitivity.differences import central_differences, error_of_value
 from fitting.sensitivity.linear_range import with_linear_range
-from fitting.sensitivity.own_steps import part_of_steps, saved_times
 from fitting.sensitivity.problem import Study, StudyProgram
 from fitting.sensitivity.result import TANGENT, Local, empty_result, with_status
 from fitting.sensitivity.study_runs import error_by_coarser, farthest
+from fitting.sensitivity.study_steps import part_of_steps, saved_times
 from fitting.sensitivity.tangents import vary_start, vary_study
 
 

@@ -42,23 +42,23 @@ from fitting.sensitivity.study_runs import Run, StudyRuns
 #: differ linearly from 0.3 % to 3 % of a current, wave height or EA, but are 20 % off for 1 % of the length of a leg;
 #: with 0.3 % and 0.1 % of a length, changes by 0.5 % were off by 2 to 8 errors in 4 of 23 scenes. Below, the rounding
 #: of the run dominates: 1 N of a largest tension.
-DIFFERENCES = (0.01, 0.003)
-LENGTH_DIFFERENCES = (0.006, 0.002)
+DIFFERENCE_SIZES = (0.01, 0.003)
+LENGTH_DIFFERENCE_SIZES = (0.006, 0.002)
 #: Relative change up to which static starts are checked for other branches.
-STARTS_CHECKED = 0.01
+START_CHANGE = 0.01
 #: Relative change of all parameters of the run that shows noise, and how small differences grow.
 SMALL_CHANGE = 1e-6
 #: Median of the square of a standard normal number.
 MEDIAN_OF_SQUARE = 0.455
 #: Error of the steps of a run, over that of its accuracy, above which there is a warning.
-MISSED = 3.0
+MISSED_ACCURACY = 3.0
 
 
 def difference_sizes(p: Parameter) -> tuple[float, float]:
     """The two relative changes of a parameter."""
     if "length" in p.name.split("."):
-        return LENGTH_DIFFERENCES
-    return DIFFERENCES
+        return LENGTH_DIFFERENCE_SIZES
+    return DIFFERENCE_SIZES
 
 
 class Differences(NamedTuple):
@@ -205,7 +205,7 @@ def _unclear_notes(problem: Study, slopes: np.ndarray, errors: np.ndarray, statu
 def error_of_value(problem: Study, found: Local) -> list[str]:
     """A line if the steps of the own run are too long for its accuracy."""
     accuracy = problem.scene.run.accuracy
-    if accuracy is None or not found.value_error > MISSED * accuracy * abs(found.value):
+    if accuracy is None or not found.value_error > MISSED_ACCURACY * accuracy * abs(found.value):
         return []
     return [
         f"{problem.of.name} may be off by {100.0 * abs(found.value_error / found.value):.2g} %. Use --accuracy "
@@ -255,14 +255,14 @@ def _branches(base: StudyRuns, changed: Differences) -> list[list[float]]:
     for i, p in enumerate(problem.parameters):
         found.append(list(changed.change[i][jumps[i] & changed.sides[i]] / p.scale))
         reach = size[i, 0].max()
-        checked = STARTS_CHECKED * p.scale
+        checked = START_CHANGE * p.scale
         if reach < checked:
             rate = np.max(changed.at_start[i, 0], where=changed.sides[i, 0], initial=0.0) / reach
             for sign in (-1.0, 1.0):
                 values = np.array(problem.values)
                 values[i] = np.clip(values[i] + sign * checked, p.low, p.high)
                 if base.is_jump(base.start_moved(values), checked, rate):
-                    found[i].append(sign * STARTS_CHECKED)
+                    found[i].append(sign * START_CHANGE)
     return found
 
 

@@ -18,7 +18,7 @@ from fitting.sensitivity.problem import Study
 #: Methods, and SALib's names of first and total indices with their errors.
 METHODS = {"sobol": ("S1", "S1_conf", "ST", "ST_conf"), "morris": ("mu_star", "mu_star_conf", "sigma", "sigma_conf")}
 #: Half of the default range of a parameter, as a fraction of it.
-SPREAD = 0.2
+RANGE_FRACTION = 0.2
 
 
 @dataclass(frozen=True)
@@ -139,6 +139,6 @@ def ranges(problem: Study, given: Mapping[str, tuple[float, float]] | None = Non
             raise SceneError(
                 f"to: the model is not linear in {p.name!r}. Use it in local studies, or in `dropper sweep`"
             )
-        spread = SPREAD * p.scale
+        spread = RANGE_FRACTION * p.scale
         found.append(full.get(p.name, (max(p.low, p.value - spread), min(p.high, p.value + spread))))
     return found

@@ -12,7 +12,7 @@ from fitting.sensitivity.problem import Study
 from fitting.sensitivity.result import Local
 
 #: Relative changes of all parameters that are tried, the largest first.
-SIZES = (1e-2, 1e-3, 1e-4)
+CHANGE_SIZES = (1e-2, 1e-3, 1e-4)
 
 
 def with_linear_range(problem: Study, found: Local, evaluate: Callable[[np.ndarray], float]) -> Local:
@@ -28,16 +28,16 @@ def with_linear_range(problem: Study, found: Local, evaluate: Callable[[np.ndarr
     scale = np.array([p.scale for p in problem.parameters])
     low, high = np.array([(p.low, p.high) for p in problem.parameters]).T
     step = np.where(slopes < 0.0, -1.0, 1.0) * scale
-    ahead = problem.values + SIZES[0] * step
+    ahead = problem.values + CHANGE_SIZES[0] * step
     step = np.where((low <= ahead) & (ahead <= high), step, -step)
-    behind = problem.values - SIZES[0] * step
+    behind = problem.values - CHANGE_SIZES[0] * step
     along = None
     changes = []
-    for size in SIZES:
+    for size in CHANGE_SIZES:
         real = evaluate(problem.values + size * step) - value
         predicted = size * float(slopes @ step)
         changes.append((real, predicted))
-        if size == SIZES[0] and np.all((low <= behind) & (behind <= high)):
+        if size == CHANGE_SIZES[0] and np.all((low <= behind) & (behind <= high)):
             opposite = evaluate(behind) - value
             along = GradientCheck.of(2.0 * predicted, real - opposite, 2e-4 * abs(value))
         missed = abs(real - predicted)
@@ -46,7 +46,7 @@ def with_linear_range(problem: Study, found: Local, evaluate: Callable[[np.ndarr
             break
     else:
         size = 0.0
-    error = np.where(slopes == 0.0, 0.0, missed / ((size or SIZES[-1]) * scale))
+    error = np.where(slopes == 0.0, 0.0, missed / ((size or CHANGE_SIZES[-1]) * scale))
     warnings = []
     if len(changes) > 1:
         real, predicted = changes[0]

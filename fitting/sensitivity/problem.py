@@ -33,9 +33,9 @@ from dropper_jax.stepping.integrate import Steps, advance, along_accepted_steps,
 from dropper_jax.stepping.progress import Trajectory, begin
 from dropper_jax.stepping.record import MOST_STEPS
 from fitting.parameters.names import full_names
-from fitting.parameters.of_scene import find_parameters
 from fitting.parameters.parameter import Parameter, with_parameter_values, with_zero_damping
-from fitting.sensitivity.own_steps import find_own_lengths, make_steps
+from fitting.parameters.scene_parameters import find_parameters
+from fitting.sensitivity.study_steps import find_own_lengths, make_steps
 
 #: Number of runs of a global study that a GPU advances together.
 RUNS_TOGETHER = 64

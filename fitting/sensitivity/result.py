@@ -18,7 +18,7 @@ OTHER_BRANCH = "other_branch"
 NOT_RESOLVED = "not_resolved"
 #: Slope or error of a slope that is not known, as `p/Q dQ/dp`, from which it is not resolved: the change would be as
 #: large as the quantity for 1 % of the parameter.
-UNRESOLVED = 100.0
+UNRESOLVED_SLOPE = 100.0
 #: Growth of a difference of two runs by 0.3 %, as a power of e, from which the motion itself is chaotic: it
 #: then displaces a node by a sixth of the motion.
 MOTION_GROWTH = 4.0
@@ -179,7 +179,7 @@ def with_status(problem: Study, found: Local, errors: np.ndarray, branched: np.n
     slopes = np.abs(found.forward)
     # a third of the change, or 0.01 in p/Q dQ/dp, as of exact derivatives (`linear_range`)
     known = errors <= np.maximum(slopes / 3.0, 0.01 * level)
-    lost = ~known & (np.fmax(slopes, errors) >= UNRESOLVED * level)
+    lost = ~known & (np.fmax(slopes, errors) >= UNRESOLVED_SLOPE * level)
     status = np.where(known, KNOWN, UNCLEAR).astype(object)
     status[branched] = OTHER_BRANCH
     status[lost] = NOT_RESOLVED

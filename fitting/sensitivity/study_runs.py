@@ -26,8 +26,8 @@ from fitting.sensitivity.problem import Study, measure_rows
 
 #: Displacement by a change, over that by the opposite or a smaller change, each per change, from which a run is on
 #: another branch; and the fraction of the motion below which it is not looked at.
-JUMP = 6.0
-SMALLEST_JUMP = 0.01
+JUMP_RATIO = 6.0
+SMALLEST_JUMP_SHARE = 0.01
 
 
 class Run(NamedTuple):
@@ -121,7 +121,7 @@ class StudyRuns:
 
     def is_jump(self, moved: np.ndarray | float, change: np.ndarray | float, rate: np.ndarray | float) -> np.ndarray:
         """Whether changes displace a node much farther than others do at this rate [m per change], if it is known."""
-        most = np.maximum(JUMP * np.asarray(rate) * change, SMALLEST_JUMP * self.extent)
+        most = np.maximum(JUMP_RATIO * np.asarray(rate) * change, SMALLEST_JUMP_SHARE * self.extent)
         return (np.asarray(rate) > 0.0) & (moved > most)
 
     def measure(self, model: Model, s: State, rows: Trajectory, intervals: float = 1.0) -> float:

@@ -24,8 +24,8 @@ from dropper_jax.stepping.integrate import Steps, empty_trajectory, scan_steps
 from dropper_jax.stepping.progress import Progress, Trajectory, begin
 from fitting.parameters.parameter import Parameter, with_parameter_values
 from fitting.parameters.varied import Varied, floats_of, split, stack_rows, vary
-from fitting.sensitivity.own_steps import padded, saved_times
 from fitting.sensitivity.problem import Study, StudyProgram, start_as_trajectory
+from fitting.sensitivity.study_steps import padded, saved_times
 
 
 def _vary(

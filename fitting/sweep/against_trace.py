@@ -28,14 +28,14 @@ from fitting.traces.conventions import check_scale, settle_convention
 from fitting.traces.planar import check_planar, wrap
 from fitting.traces.trace import Convention, Trace, as_trace, check_trace
 
-PARTS = ("head", "middle", "tail")
+TRACE_PARTS = ("head", "middle", "tail")
 #: End of head and middle, as fractions of the trace: 12 and 25 s of the thesis' 50 s (its Figure 8.1).
-ENDS = (0.24, 0.5)
+PART_ENDS = (0.24, 0.5)
 #: Minimum number of samples of a part, for a meaningful amplitude spectrum.
 FEWEST_SAMPLES = 10
 #: Distance from the nearest known sample, in sampling intervals, beyond which an angle counts as missing. Times of
 #: runs and samples differ by at most half an interval; the rest allows for rounded times in files.
-FARTHEST = 0.75
+FARTHEST_SAMPLE = 0.75
 
 
 @dataclass(frozen=True)
@@ -65,10 +65,10 @@ class Against:
 
         Both are defined in `TraceScores`.
         """
-        found = np.full((2, len(PARTS)), np.nan)
+        found = np.full((2, len(TRACE_PARTS)), np.nan)
         if not np.isfinite(simulated).all():
             return found
-        for i in range(len(PARTS)):
+        for i in range(len(TRACE_PARTS)):
             part = self.part(i)
             found[0, i] = np.sqrt(np.nanmean(wrap(simulated[part] - self.measured[part]) ** 2))
             apart = self.spectrum(simulated, i)[1] - self.spectrum(self.interpolated, i)[1]
@@ -128,13 +128,13 @@ class TraceScores:
             named = dict(zip(self.paths, values, strict=True))
             cases.append({"values": named, "status": STATUS[status], **by_part(angle, spectrum)})
         best = {}
-        for i, part in enumerate(PARTS):
+        for i, part in enumerate(TRACE_PARTS):
             best[part] = {"angle": self.best_of(i), "spectrum": self.best_of(i, "spectrum")}
         return jsonable(
             {
                 "name": self.against.trace.name,
                 "samples": len(self.against.t),
-                "parts_s": dict(zip(PARTS, pairwise((0.0, *self.against.ends)), strict=True)),
+                "parts_s": dict(zip(TRACE_PARTS, pairwise((0.0, *self.against.ends)), strict=True)),
                 "cases": cases,
                 "best": best,
             }
@@ -175,7 +175,7 @@ class FittedScore:
 def by_part(angle: np.ndarray, spectrum: np.ndarray) -> dict[str, dict[str, float]]:
     """Scores (3,) [rad] by the names of parts; NaN for a case that failed."""
     found = {}
-    for part, a, s in zip(PARTS, angle, spectrum, strict=True):
+    for part, a, s in zip(TRACE_PARTS, angle, spectrum, strict=True):
         found[part] = {"angle_rms_rad": a, "spectrum_distance_rad": s}
     return found
 
@@ -200,7 +200,7 @@ def sweep_against_trace(
     Args:
         scene, vary, out: as in `sweep`.
         trace: CSV file or `Trace`.
-        parts: times [s] at which the head and the middle end; default `ENDS` of the trace.
+        parts: times [s] at which the head and the middle end; default `PART_ENDS` of the trace.
         integrator: default rattle_4 for point masses, whose error is below a camera's noise; otherwise the scene's.
         until: samples from this time [s] on are not compared.
         convention: angle convention of the trace; default from the file, otherwise inferred from the scene.
@@ -235,7 +235,7 @@ def sweep_against_trace(
 
 def _check_parts(against: Against) -> None:
     """Reject a part of the trace in which every sample is missing: no case has a score there."""
-    for i, part in enumerate(PARTS):
+    for i, part in enumerate(TRACE_PARTS):
         if not np.isfinite(against.measured[against.part(i)]).any():
             raise SceneError(f"{against.trace.name}: every sample of the {part} is missing. Use other `parts`")
 
@@ -252,7 +252,7 @@ def _check_varied(scene: Scene, vary: Mapping[str, Sequence[float]]) -> None:
 def _score_cases(against: Against, result: SweepResult, warnings: list[str]) -> TraceScores:
     """The scores of all cases of a sweep, and the angles of the best one."""
     plan = result.plan
-    scores = np.full((2, plan.cases, len(PARTS)), np.nan)
+    scores = np.full((2, plan.cases, len(TRACE_PARTS)), np.nan)
     stored = extra("zarr", "sweep").open_group(result.path, mode="r")
     for case in range(plan.cases):
         scores[:, case] = against.score(link_angles(plan, stored["positions"][case]))
@@ -280,7 +280,7 @@ def sample_trace(trace: Trace, t: np.ndarray) -> np.ndarray:
     for known, column in zip(np.isfinite(trace.theta).T, found.T, strict=True):
         times = trace.t[known]
         nearest = times[np.rint(np.interp(t, times, np.arange(len(times)))).astype(int)]
-        column[np.abs(t - nearest) > FARTHEST * trace.interval] = np.nan
+        column[np.abs(t - nearest) > FARTHEST_SAMPLE * trace.interval] = np.nan
     return found
 
 
@@ -291,11 +291,11 @@ def part_ends(t: np.ndarray, parts: Sequence[float] | None) -> tuple[float, floa
         SceneError: two times that do not split the samples into three parts.
     """
     last = float(t[-1])
-    ends = [last * part for part in ENDS]
+    ends = [last * part for part in PART_ENDS]
     if parts is not None:
         ends = [float(part) for part in parts]
     counts = [0]
-    if ends == sorted(ends) and len(ends) == 2:
+    if len(ends) == 2 and 0.0 <= ends[0] <= ends[1]:
         counts = np.histogram(t, [0.0, *ends, np.inf])[0]
     if min(counts) < FEWEST_SAMPLES:
         given = ",".join(f"{end:g}" for end in ends)

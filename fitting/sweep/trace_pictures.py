@@ -13,7 +13,7 @@ from matplotlib.colors import LogNorm
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from dropper_jax.plots import figures, scales, style, tension_colours
-from fitting.sweep.against_trace import PARTS, FittedScore, TraceScores
+from fitting.sweep.against_trace import TRACE_PARTS, FittedScore, TraceScores
 
 #: Draws one panel: axes, scores, the fit, the part.
 DrawPanel = Callable[[Axes, TraceScores, FittedScore | None, int], None]
@@ -80,7 +80,7 @@ def _rows_by_part(scores: TraceScores, fit: FittedScore | None, rows: Sequence[R
         "wspace": 0.2,
         "hspace": gap * len(rows) / sum(heights),
     }
-    grid = figure.subplots(len(rows), len(PARTS), squeeze=False, height_ratios=heights, gridspec_kw=space)
+    grid = figure.subplots(len(rows), len(TRACE_PARTS), squeeze=False, height_ratios=heights, gridspec_kw=space)
     for i, row in enumerate(rows):
         for part, axes in enumerate(grid[i]):
             row.draw(axes, scores, fit, part)
@@ -102,7 +102,7 @@ def _title_parts(top: Sequence[Axes], scores: TraceScores, fit: FittedScore | No
         fitted = ""
         if fit is not None:
             fitted = f", fit {1e3 * fit.angle[part]:.3g} mrad"
-        title = f"{PARTS[part]}, {limits[part]:.4g} to {limits[part + 1]:.4g} s"
+        title = f"{TRACE_PARTS[part]}, {limits[part]:.4g} to {limits[part + 1]:.4g} s"
         axes.set_title(f"{title}\n{error}{fitted}", loc="left", fontsize=9)
 
 
@@ -196,7 +196,7 @@ def _draw_error_map(axes: Axes, scores: TraceScores, fit: FittedScore | None, pa
     colours = tension_colours.tension_map()
     points = axes.scatter(x[order], y[order], s=size, marker=marker, c=1e3 * error[order], cmap=colours, norm=LogNorm())
     bar = axes.figure.colorbar(points, ax=axes)
-    if part == len(PARTS) - 1:
+    if part == len(TRACE_PARTS) - 1:
         bar.set_label("RMS angle error [mrad]")
     bar.ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     bar.ax.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))

@@ -16,10 +16,10 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.markdown import first_names
-from fitting.traces.lines import read_lines
+from fitting.traces.text_lines import read_lines
 
 #: Number of names in an error message.
-NAMED = 8
+MOST_NAMES = 8
 
 
 class CsvTable(NamedTuple):
@@ -101,7 +101,7 @@ def read_csv(
             raise SceneError(f"columns: {column!r} is not in {path.name}; {nearest(column, names)}")
         used[names.index(column)] = name
     if "t" not in used:
-        raise SceneError(f"{path.name}: has no column 't'; found: {first_names(names, NAMED)}; {advice(names)}")
+        raise SceneError(f"{path.name}: has no column 't'; found: {first_names(names, MOST_NAMES)}; {advice(names)}")
     return CsvTable(path.name, tuple(comments), used, rows[1:])
 
 
@@ -131,7 +131,7 @@ def refuse_twice(file: str, names: list[str]) -> None:
     """Reject a duplicate column."""
     used = [name for name in names if name]
     if len(set(used)) != len(used):
-        raise SceneError(f"{file}: duplicate column; found: {first_names(used, NAMED)}")
+        raise SceneError(f"{file}: duplicate column; found: {first_names(used, MOST_NAMES)}")
 
 
 def check_times(name: str, t: np.ndarray) -> None:
@@ -158,9 +158,9 @@ def check_times(name: str, t: np.ndarray) -> None:
 #: Number of exact repetitions from which a value may be a mark of missing samples.
 FEWEST_MARKS = 3
 #: Distance of a mark from the line through its neighbours, in typical distances of the column.
-FAR_VALUE = 20.0
+MARK_DISTANCE = 20.0
 #: The same as a fraction of the range of its values: a coarse encoder at rest toggles between neighbours.
-FAR_SHARE = 0.1
+MARK_RANGE_SHARE = 0.1
 
 
 def placeholder(values: np.ndarray) -> float | None:
@@ -177,7 +177,7 @@ def placeholder(values: np.ndarray) -> float | None:
             continue
         off = np.abs(value - np.interp(mark, others, values[others]))
         inner = np.abs(values[others[1:-1]] - 0.5 * (values[others[:-2]] + values[others[2:]]))
-        far = max(FAR_VALUE * float(np.median(inner)), FAR_SHARE * float(np.ptp(values[others])))
+        far = max(MARK_DISTANCE * float(np.median(inner)), MARK_RANGE_SHARE * float(np.ptp(values[others])))
         if far > 0 and np.median(off) > far:
             return float(value)
     return None

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from fitting.traces.trace import FEWEST, Trace
+from fitting.traces.trace import FEWEST_SAMPLES, Trace
 
 #: Degree of the polynomials through samples that give angles and rates.
 DEGREE = 3
@@ -28,7 +28,7 @@ def smooth(theta: np.ndarray, width: int, step: float) -> tuple[np.ndarray, np.n
 
 
 #: Minimum number of samples of a run.
-FEWEST_SAMPLES = 120
+FEWEST_SMOOTHED_SAMPLES = 120
 
 
 def smooth_stretch(
@@ -40,15 +40,20 @@ def smooth_stretch(
         reach: half width of the smoother [s].
     """
     part = trace.between(*span)
-    if len(part.t) < FEWEST_SAMPLES:
+    if len(part.t) < FEWEST_SMOOTHED_SAMPLES:
         return None
     t = np.arange(part.t[0], part.t[-1] + 0.5 * part.interval, part.interval)
     width = 2 * max(2, round(reach / part.interval)) + 1
     return t, *smooth(part.at(t), width, part.interval)
 
 
-#: The neighbours of a spike deviate half as much.
-ABOVE_NEIGHBOURS = 1.5
+#: Median of the absolute value of a standard normal number.
+NORMAL_MEDIAN = 0.6745
+#: Distance of a spike from the mean of its neighbours: in standard deviations of all such distances, in steps of the
+#: rounding (rounded samples differ by a step without being spikes), and over those of its neighbours (half of its own).
+SPIKE_DEVIATIONS = 10.0
+SPIKE_STEPS = 2.0
+SPIKE_RATIO = 1.5
 
 
 def without_spikes(trace: Trace) -> Trace:
@@ -58,12 +63,10 @@ def without_spikes(trace: Trace) -> Trace:
         off = np.abs(column[1:-1] - 0.5 * (column[:-2] + column[2:]))
         known = off[np.isfinite(off)]
         near = np.nan_to_num(np.r_[0.0, off, 0.0])
-        # distance of a spike from the mean of its neighbours, in typical distances of all samples
         far = np.inf
         if len(known):
-            # rounded samples differ from the mean of their neighbours by a step without being spikes
-            far = max(10.0 * np.median(known) / 0.6745, 2.0 * _rounding(column))
-        column[1:-1][(off > far) & (off > ABOVE_NEIGHBOURS * np.maximum(near[:-2], near[2:]))] = np.nan
+            far = max(SPIKE_DEVIATIONS * np.median(known) / NORMAL_MEDIAN, SPIKE_STEPS * _rounding(column))
+        column[1:-1][(off > far) & (off > SPIKE_RATIO * np.maximum(near[:-2], near[2:]))] = np.nan
     return replace(trace, theta=theta)
 
 
@@ -71,7 +74,7 @@ def without_spikes(trace: Trace) -> Trace:
 UNKNOWN_NOISE = 1e-3
 LEAST_NOISE = 1e-6
 #: Orders of differences tried for the noise; high ones suppress faster motions.
-ORDERS = (3, 4, 6, 8)
+DIFFERENCE_ORDERS = (3, 4, 6, 8)
 
 
 def noise(trace: Trace) -> np.ndarray:
@@ -81,7 +84,7 @@ def noise(trace: Trace) -> np.ndarray:
     """
     if trace.recordings:
         return np.concatenate([noise(one) for one in trace.recordings])
-    if len(trace.t) < FEWEST:
+    if len(trace.t) < FEWEST_SAMPLES:
         return np.full(trace.links, UNKNOWN_NOISE)
     found = noise_by_differences(trace.theta, trace.t)
     found = np.maximum(np.where(np.isfinite(found), found, UNKNOWN_NOISE), LEAST_NOISE)
@@ -95,7 +98,7 @@ def noise_by_differences(values: np.ndarray, t: np.ndarray | None = None) -> np.
     smooth motion nearly vanish. The minimum over the orders is used, in the calmest blocks of time, and compared with
     the result of the same procedure for white noise of known size. Default for the times t (N,): equidistant.
     """
-    if len(values) <= max(ORDERS):
+    if len(values) <= max(DIFFERENCE_ORDERS):
         return np.full(values.shape[1], np.nan)
     if t is None:
         t = np.arange(len(values))
@@ -106,13 +109,13 @@ def noise_by_differences(values: np.ndarray, t: np.ndarray | None = None) -> np.
 #: Frames of a block of differences.
 BLOCK_FRAMES = 24
 #: The calmest blocks determine the noise: links that whip are fast for only part of the time.
-CALMEST = 0.35
+CALMEST_FRACTION = 0.35
 
 
 def _calm_difference(theta: np.ndarray, t: np.ndarray) -> np.ndarray:
-    """Size (n,) of the differences in the calmest blocks, the minimum over `ORDERS`; NaN with too few samples."""
+    """Size (n,) of the differences in the calmest blocks, the minimum over all orders; NaN with too few samples."""
     best = np.full(theta.shape[1], np.nan)
-    for order in ORDERS:
+    for order in DIFFERENCE_ORDERS:
         x = np.lib.stride_tricks.sliding_window_view(t - t[0], order + 1, axis=0)
         y = np.lib.stride_tricks.sliding_window_view(theta, order + 1, axis=0)
         weight = 1 / np.prod(x[:, :, None] - x[:, None] + np.eye(order + 1), axis=2)
@@ -120,7 +123,7 @@ def _calm_difference(theta: np.ndarray, t: np.ndarray) -> np.ndarray:
         blocks = np.array_split(size, max(1, round(len(size) / BLOCK_FRAMES)))
         median = np.array([column_medians(block, 0.5) for block in blocks])
         calm = np.sort(median, axis=0)  # NaN is sorted to the end
-        count = np.maximum(1, np.round(CALMEST * np.isfinite(median).sum(axis=0))).astype(int)
+        count = np.maximum(1, np.round(CALMEST_FRACTION * np.isfinite(median).sum(axis=0))).astype(int)
         best = np.fmin(best, [np.mean(column[:k]) for column, k in zip(calm.T, count, strict=True)])
     return best
 

@@ -21,7 +21,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.files import atomic_write
 from dropper_jax.base.markdown import first_names
-from fitting.traces.csv_table import NAMED, check_times, placeholder, read_csv, refuse_twice
+from fitting.traces.csv_table import MOST_NAMES, check_times, placeholder, read_csv, refuse_twice
 
 ZEROS = ("horizontal", "down")
 SIGNS = ("1", "-1")
@@ -31,9 +31,9 @@ RADIANS = {"rad": 1.0, "deg": np.pi / 180, "mrad": 1e-3}
 #: Names of columns.
 COLUMN_NAME = re.compile(r"t|(theta|omega|se)_\d+")
 #: Prefix of comments that are warnings.
-WARNING = "warning: "
+WARNING_PREFIX = "warning: "
 #: Minimum number of samples of a trace that can be windowed.
-FEWEST = 10
+FEWEST_SAMPLES = 10
 
 
 @dataclass(frozen=True)
@@ -101,6 +101,13 @@ class Trace:
         """Median time between samples [s]."""
         return float(np.median(np.diff(self.t)))
 
+    @property
+    def total_error(self) -> np.ndarray | None:
+        """Standard errors of the samples, model error included (k, n); None if the trace states none."""
+        if self.se is None:
+            return None
+        return np.hypot(self.se, self.model_error)
+
     def column_name(self, column: int) -> str:
         """Recording and link, from 0, of a column of its windows."""
         if not self.recordings:
@@ -164,10 +171,12 @@ def as_trace(
     """A trace, read if its file is given, with `columns` and `partial` as for `read_trace`.
 
     Raises:
-        SceneError: it has angles of another number of links.
+        SceneError: it has angles of another number of links, or arrays that do not fit together.
     """
     if isinstance(given, Trace):
         trace = given
+        check_shapes(trace)
+        check_times(trace.name, trace.t)
     else:
         trace = read_trace(given, links, columns, partial)
     if trace.links != links:
@@ -217,7 +226,7 @@ def read_trace(
         theta=np.stack([values[name] for name in column_names("theta", count)], axis=1),
         se=se,
         convention=convention(stated.get("zero"), stated.get("sign"), stated.get("unit"), path.name),
-        warnings=tuple(c.removeprefix(WARNING) for c in table.comments if c.startswith(WARNING)),
+        warnings=tuple(c.removeprefix(WARNING_PREFIX) for c in table.comments if c.startswith(WARNING_PREFIX)),
         model_error=float(stated.get("model_error", 0.0)),
     )
     check_trace(trace, partial)
@@ -251,7 +260,7 @@ def _check_columns(file: str, names: list[str], links: int | None) -> int:
     used = [name for name in names if name]
     if count == 0:
         raise SceneError(
-            f"{file}: has no column 'theta_1'; found: {first_names(used, NAMED)}; {_how_to_rename(used, links)}"
+            f"{file}: has no column 'theta_1'; found: {first_names(used, MOST_NAMES)}; {_how_to_rename(used, links)}"
         )
     if links is not None and count != links:
         raise SceneError(f"{file}: has {count} columns theta_1..n, but the scene has {links} links; allowed: {links}")
@@ -263,14 +272,16 @@ def _check_columns(file: str, names: list[str], links: int | None) -> int:
     for kind in kinds:
         have = [name for name in names if name.startswith(f"{kind}_")]
         if have and sorted(have) != sorted(column_names(kind, count)):
-            raise SceneError(f"{file}: columns {kind}_1..{count} are not complete; found: {first_names(used, NAMED)}")
+            raise SceneError(
+                f"{file}: columns {kind}_1..{count} are not complete; found: {first_names(used, MOST_NAMES)}"
+            )
     refuse_twice(file, names)
     return count
 
 
 def _header_values(file: str, comments: Sequence[str]) -> dict[str, str]:
     """The values `key=value` in comments that are not warnings."""
-    text = " ".join(comment for comment in comments if not comment.startswith(WARNING))
+    text = " ".join(comment for comment in comments if not comment.startswith(WARNING_PREFIX))
     found = dict(re.findall(r"\b(\w+)\s*=\s*([^\s,;]+)", text))  # \b: once per word, of any length
     error = found.get("model_error", "0")
     if not re.fullmatch(r"(\d+\.?\d*|\.\d+)([eE]-\d+)?", error):
@@ -290,6 +301,19 @@ def convention(zero: str | None, sign: str | int | None, unit: str | None, where
     return Convention(zero, sign, unit)
 
 
+def check_shapes(trace: Trace) -> None:
+    """Reject arrays of a trace that do not fit together.
+
+    Raises:
+        SceneError: with the trace and the shapes.
+    """
+    count = np.size(trace.t)
+    if np.shape(trace.t) != (count,) or np.ndim(trace.theta) != 2 or len(trace.theta) != count:
+        raise SceneError(f"{trace.name}: theta has shape {np.shape(trace.theta)}; allowed: ({count}, links), as t has")
+    if trace.se is not None and np.shape(trace.se) != np.shape(trace.theta):
+        raise SceneError(f"{trace.name}: se has shape {np.shape(trace.se)}; allowed: {np.shape(trace.theta)}, as theta")
+
+
 def check_trace(trace: Trace, partial: bool = False) -> None:
     """Reject times and values that cannot be fitted.
 
@@ -305,8 +329,8 @@ def check_trace(trace: Trace, partial: bool = False) -> None:
     if partial and known.any():
         theta = theta[:, known > 0]
         known = known[known > 0]
-    if known.min() < FEWEST:
-        text = f"{known.min()} samples; allowed: at least {FEWEST}"
+    if known.min() < FEWEST_SAMPLES:
+        text = f"{known.min()} samples; allowed: at least {FEWEST_SAMPLES}"
         if not known.min():
             text = "every sample is missing; needed: numbers"
         raise SceneError(f"{trace.name}: theta_{int(np.argmin(known)) + 1}: {text}")
@@ -336,7 +360,7 @@ def write_trace(path: str | Path, trace: Trace, notes: Sequence[str] = ()) -> Pa
     text = io.StringIO()
     text.write(f"{head}\n")
     text.writelines(f"# {note}\n" for note in notes)
-    text.writelines(f"# {WARNING}{warning}\n" for warning in trace.warnings)
+    text.writelines(f"# {WARNING_PREFIX}{warning}\n" for warning in trace.warnings)
     text.write(",".join(names) + "\n")
     for row in np.concatenate(columns, axis=1):
         text.write(",".join(map(_cell, row)) + "\n")

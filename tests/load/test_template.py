@@ -11,7 +11,7 @@ import dropper_jax as dj
 from dropper_jax import Scene, SceneError, as_toml, build_model, packaged_scene
 from dropper_jax.load.expressions import evaluate
 from dropper_jax.load.packaged import parse_toml
-from fitting.parameters.of_scene import find_parameters
+from fitting.parameters.scene_parameters import find_parameters
 
 FARM = {
     "name": "farm-{loops}",

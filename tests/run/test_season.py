@@ -12,7 +12,7 @@ from dropper_jax import SceneError, build_model, report_run
 from dropper_jax.report import sections
 from dropper_jax.run import arrays
 from dropper_jax.run.growth import overgrown, season_table
-from fitting.parameters.of_scene import scene_parameter
+from fitting.parameters.scene_parameters import scene_parameter
 
 ROPE = {"name": "rope", "mass": 0.5, "diameter": 0.02, "EA": 1e6}
 GROWTH = {

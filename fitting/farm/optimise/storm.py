@@ -38,7 +38,7 @@ from fitting.farm.optimise.models import in_waves, numbered_slopes
 from fitting.farm.optimise.quantities import LimitedSignal, Steps
 from fitting.farm.optimise.settings import WINDOW_RAMP
 from fitting.farm.optimise.windows import RunStart
-from fitting.sensitivity.own_steps import find_own_lengths
+from fitting.sensitivity.study_steps import find_own_lengths
 
 #: Part of a window before a line breaks.
 INTACT_PART = 1.0 / 3.0

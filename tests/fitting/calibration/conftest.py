@@ -18,7 +18,7 @@ from jaxlib.mlir import ir
 from scipy.integrate import solve_ivp
 
 from fitting import Convention, FitSettings, Trace, prepare
-from fitting.calibration.estimating import as_method, estimate
+from fitting.calibration.method import as_method, estimate
 from fitting.calibration.summarise import summarise
 
 LENGTH, MASS = np.array([0.3, 0.25]), np.array([0.12, 0.09])

@@ -7,14 +7,15 @@ import numpy as np
 import optax
 import pytest
 
+from dropper_jax import SceneError
 from fitting import bootstrap, fit, predict, profile
 from fitting.calibration.comparison import Law, compare_laws, with_bic
 from fitting.calibration.fit import estimate
-from fitting.calibration.prediction import PARTED
+from fitting.calibration.prediction import DIVERGED_ANGLE
 from fitting.calibration.summarise import summarise
-from fitting.estimate.descent import ARRIVED, GradientDescent
-from fitting.estimate.least_squares import descend, fit_windows, level_of
-from fitting.estimate.normal_equations import drop_wild
+from fitting.estimate.descent import CONVERGED_DISTANCE, GradientDescent
+from fitting.estimate.least_squares import descend, fit_windows, objective_at
+from fitting.estimate.normal_equations import drop_undefined
 from fitting.estimate.step_size import LARGEST_BIAS, step_bias
 from fitting.estimate.uncertainty import uncertainty
 from fitting.report.report import one_run_picture
@@ -87,7 +88,7 @@ def test_one_run_follows_the_trace_and_reports_how_long(two, ten, motion, tmp_pa
     turned = np.pi / 2 - phi[good]  # from the horizontal, positive downwards
     apart = (found.simulated[good[: len(found.t)]] - turned + np.pi) % (2 * np.pi) - np.pi
     assert good.sum() > 30
-    assert np.sqrt(np.mean(apart**2, axis=1)).max() < PARTED
+    assert np.sqrt(np.mean(apart**2, axis=1)).max() < DIVERGED_ANGLE
     assert found.diverged_at >= found.trusted
     assert "of the trace for" in found.text
     wrong = replace(ten[0], solution=replace(ten[0].solution, values=2 * ten[0].values))
@@ -134,6 +135,23 @@ def test_a_bootstrap_of_few_windows_is_as_wide_as_the_noise_makes_it_and_warns(t
     np.testing.assert_allclose(np.sqrt(np.mean(np.square(ratio), axis=0)), 1.0, atol=0.15)
     assert all(1 < d.blocks < 15 for d in drawn)
     assert all("blocks of time, fewer than 15" in d.warning for d in drawn)
+
+
+def test_a_bootstrap_of_one_block_is_refused(ten):
+    """Every draw would be the fit itself, and its intervals of no width."""
+    with pytest.raises(SceneError, match="bootstrap: blocks of 1000 stretches; allowed: 1 to"):
+        bootstrap(ten[0], block=1000)
+    with pytest.raises(SceneError, match="bootstrap: blocks of 0 stretches"):
+        bootstrap(ten[0], block=0)
+
+
+@pytest.mark.filterwarnings("ignore:overflow encountered", "ignore:invalid value encountered")
+def test_a_prediction_whose_neighbouring_run_fails_is_not_trusted(ten):
+    """One standard error away the parameters overflow: that run has no motion."""
+    errors = np.full_like(ten[0].values, 1e300)
+    found = predict(replace(ten[0], uncertainty=replace(ten[0].uncertainty, std_error=errors)))
+    assert found.trusted == found.begin
+    assert np.isfinite(found.simulated).all()
 
 
 def test_nothing_of_what_is_held_out_touches_the_fit(two, ready, motion):
@@ -187,9 +205,9 @@ def test_descent_stops_near_the_minimum_along_every_combination_of_the_parameter
     found = fit_windows(problem, prepared.values, prepared.starts)
     assert found.status == "ok"
     left = found.gradient @ np.linalg.solve(found.information, found.gradient)
-    assert left < ARRIVED**2 * found.chi2 / found.windows.samples * 1.01
+    assert left < CONVERGED_DISTANCE**2 * found.chi2 / found.windows.samples * 1.01
     apart = found.values - fit_windows(prepared.problem(), prepared.values, prepared.starts).values
-    assert apart @ found.information @ apart < (2 * ARRIVED) ** 2
+    assert apart @ found.information @ apart < (2 * CONVERGED_DISTANCE) ** 2
     losses = [point.loss for point in found.history[1:]]
     assert len(losses) == found.iterations - 1
     assert losses[-1] == pytest.approx(2 * found.cost / found.windows.samples)
@@ -292,7 +310,7 @@ def test_a_step_too_coarse_for_small_errors_is_reported_and_halved_until_it_is_n
         own = uncertainty(coarse).std_error
         assert reported[0] * own[0] == pytest.approx(coarse.values[0] - solution.values[0], rel=0.1)
     else:  # the step's error does not hold the gap weight up: errors are near those of one uninterrupted run
-        level = level_of(solution.problem, 1e-6)
+        level = objective_at(solution.problem, 1e-6)
         whole = level.undamped_step(solution.evaluation, solution.values, np.inf)
         bound = np.sqrt(np.diag(np.linalg.inv(whole.information)))
         assert np.all(error < 1.6 * result.uncertainty.noise * bound)  # 2.6 where the step stays as it is
@@ -311,7 +329,7 @@ def test_without_noise_a_fit_ends_within_a_fifth_of_its_stated_errors(two, ready
     clean = np.where(windows.weight > 0, windows.theta - noise[frame], 0.0)
     problem = replace(solution.problem, windows=replace(windows, theta=clean))
     begin = replace(solution, problem=problem, evaluation=problem.evaluate(solution.values, solution.starts))
-    found = descend(level_of(problem, solution.gap_weight), begin, 40)
+    found = descend(objective_at(problem, solution.gap_weight), begin, 40)
     assert np.all(np.abs(found.values - two.TRUTH) < 0.2 * uncertainty(solution).std_error)
 
 
@@ -330,14 +348,14 @@ def test_one_window_without_a_derivative_does_not_hold_the_parameters(prepared, 
     sound = prepared.simulator(best.values, best.starts, windows)
     broken = sound._replace(jacobian=sound.jacobian.copy())
     broken.jacobian[3, 5:] *= 1e18
-    found = drop_wild(broken)
+    found = drop_undefined(broken)
     assert not found.jacobian[3].any()
     assert not found.end_jacobian[3].any()
     assert found.failed.tolist() == [k == 3 for k in range(windows.count)]
     np.testing.assert_array_equal(found.jacobian[:3], sound.jacobian[:3])
-    assert drop_wild(sound) is sound
+    assert drop_undefined(sound) is sound
     few = sound._replace(jacobian=np.where(np.arange(windows.count)[:, None, None, None] < 2, sound.jacobian, 0.0))
-    assert drop_wild(few) is few  # most windows without samples
+    assert drop_undefined(few) is few  # most windows without samples
 
 
 class Rough:

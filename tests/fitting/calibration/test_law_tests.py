@@ -7,7 +7,7 @@ import pytest
 import wrong_laws as study
 
 from fitting.calibration.law_fits import with_law
-from fitting.parameters.missing_forces import UNITS
+from fitting.parameters.missing_forces import FORCE_UNITS
 
 #: Dry friction [N m] of 0.3 % of a rod's weight times its length.
 DRY = 1e-3
@@ -23,14 +23,14 @@ def rubbed(two, ready, fitted):
 def test_missing_forces_have_the_derivatives_of_the_effects_and_change_nothing_at_zero(prepared):
     """The scene has viscous joints and quadratic drag; its drag is averaged over a step, an error of second order."""
     names = [p.name for p in prepared.simulator.compiled]
-    every = [next(p for p in prepared.simulator.compiled if p.name == f"missing.{kind}") for kind in UNITS]
+    every = [next(p for p in prepared.simulator.compiled if p.name == f"missing.{kind}") for kind in FORCE_UNITS]
     view = prepared.simulator.view_of([*prepared.parameters, *every])
     found = view(np.append(prepared.values, np.zeros(len(every))), prepared.starts, prepared.windows)
     alone = prepared.simulator(prepared.values, prepared.starts, prepared.windows)
     np.testing.assert_array_equal(found.residual, alone.residual)
     own, missing = np.split(found.jacobian[..., prepared.simulator.freedoms :], [2], axis=-1)
     for i, (kind, tolerance) in enumerate((("viscous", 1e-9), ("quadratic", 1e-3))):
-        column = missing[..., list(UNITS).index(kind)]
+        column = missing[..., list(FORCE_UNITS).index(kind)]
         np.testing.assert_allclose(column, own[..., i], rtol=0, atol=tolerance * np.abs(column).max())
     assert len(set(names)) == len(names)
 

@@ -9,18 +9,19 @@ from hard_scenes import rods
 from scipy.stats import chi2, multivariate_normal
 
 import dropper_jax as dj
+from dropper_jax import SceneError
 from fitting import Convention, Trace, prepare
 from fitting.calibration import comparison
 from fitting.calibration.cross_validation import Scores, blocks, last_third, other_runs, score_window
 from fitting.calibration.decision import chance, decide, decide_joined, shares, verdict
-from fitting.calibration.law_fits import LADDER, PARTS, Law, contains
-from fitting.calibration.undetected import undetected_parts
+from fitting.calibration.laws import LAW_PARTS, LAWS, Law, contains
+from fitting.calibration.undetected_parts import undetected_parts
 from fitting.estimate.normal_equations import Prior
 
 
 def test_every_subset_of_the_parts_is_a_law_listed_after_those_it_contains():
-    assert len(LADDER) == 2 ** len(PARTS) == len({frozenset(parts) for parts in LADDER.values()})
-    names = list(LADDER)
+    assert len(LAWS) == 2 ** len(LAW_PARTS) == len({frozenset(parts) for parts in LAWS.values()})
+    names = list(LAWS)
     assert all(names.index(a) > names.index(b) for a in names for b in names if contains(a, b))
 
 
@@ -79,7 +80,7 @@ def test_chance_of_a_gain_from_coefficients_on_their_bound_is_that_of_draws(q):
 
 def laws(costs: dict[str, float], **changes) -> list[Law]:
     """Laws by their names and costs."""
-    sizes = {name: len(LADDER[name]) for name in costs}
+    sizes = {name: len(LAWS[name]) for name in costs}
     return [
         Law(name, sizes[name], 0.0, 0.0, 0.0, "ok", {}, free=sizes[name], cost=cost, **changes)
         for name, cost in costs.items()
@@ -129,6 +130,21 @@ def test_two_parts_more_are_open_only_where_one_of_them_is():
     assert verdict(decide(rows, logs)) == "linear"
     rows[2] = replace(rows[2], unseen=("dry",))
     assert verdict(decide(rows, logs)) == "undecided {linear, linear + dry, linear + quadratic + dry}"
+
+
+def test_a_law_is_refuted_by_the_standard_error_that_is_reported():
+    """Two windows in which the worse law loses 3.25 and 1.25: 4.5 +- 2.0, which is 2.25 standard errors."""
+    lost = np.array([3.25, 1.25])
+    logs = [Scores(-rows, np.ones(2), np.ones(2, int)) for rows in (lost, 0 * lost)]
+    rows = decide(laws({"linear": 20.0, "quadratic": 20.0}), logs)
+    assert verdict(rows) == "undecided {linear, quadratic}"
+    assert rows[0].score == pytest.approx(-4.5)
+    assert rows[0].score_error == pytest.approx(2.0)
+
+
+def test_a_comparison_of_no_laws_is_refused():
+    with pytest.raises(SceneError, match="laws: none given"):
+        comparison.compare_laws(None, [])
 
 
 def test_a_law_that_did_not_converge_is_ranked_by_its_cost():

@@ -8,7 +8,7 @@ from hard_scenes import rods
 
 from dropper_jax import SceneError
 from fitting import Camera, fit, observe, simulate_truth
-from fitting.calibration.plan import plan
+from fitting.calibration.measurement_plan import plan
 
 NOISE, DURATION = 0.01, 8.0
 

@@ -11,11 +11,13 @@ from scipy.interpolate import CubicSpline
 import dropper_jax as dj
 from dropper_jax import build_model
 from fitting import Convention, FitSettings, StudentT, Trace, fit, fit_and_free, prepare
-from fitting.calibration.advice import candidate_simulator, groups, score_candidates
+from fitting.calibration.advice import score_candidates
 from fitting.calibration.candidate import Candidate
+from fitting.calibration.fault_groups import fault_groups
 from fitting.calibration.fit import estimate
 from fitting.calibration.freeing import promising
 from fitting.calibration.held_out import window_length
+from fitting.calibration.possible_faults import candidate_simulator
 
 
 @pytest.fixture(scope="module")
@@ -259,7 +261,7 @@ def test_two_errors_are_both_named_where_a_third_candidate_hides_them():
 def test_groups_try_lengths_before_the_end_that_they_can_replace():
     """The end cannot replace lengths: with lengths tried first, wrong lengths and a wrong end are distinguished."""
     model = build_model(dj.load_scene("dropper-release-a"))
-    names = [group.name for group in groups(model, [], [])]
+    names = [group.name for group in fault_groups(model, [], [])]
     assert names.index("lengths of links") < names.index("position of the second end")
 
 

@@ -1,6 +1,7 @@
 """Wrong trace files are named, refused or not `ok`; right ones are not. Free rods move as SciPy says (`conftest`)."""
 
 import json
+import re
 from dataclasses import replace
 from functools import partial
 
@@ -12,10 +13,12 @@ import dropper_jax as dj
 from dropper_jax import SceneError, build_model, load_scene
 from dropper_jax.cli import main
 from fitting import Camera, Convention, Method, Trace, fit, observe, prepare, simulate_truth, write_trace
-from fitting.calibration import short_windows
-from fitting.calibration.likely_cause import fit_short_windows
-from fitting.calibration.short_windows import name_wrong_file
-from fitting.calibration.wrong_files import refuse_rising_energy, refuse_wrong_file
+from fitting.calibration import file_diagnosis
+from fitting.calibration.file_diagnosis import name_wrong_file
+from fitting.calibration.likely_cause import driven_beginning
+from fitting.calibration.rising_energy import refuse_rising_energy
+from fitting.calibration.short_windows import fit_short_windows, moving_pieces
+from fitting.calibration.wrong_files import refuse_wrong_file
 from fitting.traces.conventions import settle_convention
 
 pytestmark = pytest.mark.usefixtures("optimised")
@@ -201,11 +204,23 @@ def test_the_right_rig_with_errors_of_its_model_above_a_low_noise_is_not_called_
     error = 1e-3 * np.sin(12 * trace.t)[:, None] * [1.0, -0.7]
     trace = replace(trace, theta=trace.theta + error, se=np.full_like(trace.theta, 2e-5))
     prepared = ready(trace)
-    found = fit_short_windows(prepared, short_windows._moving_pieces(prepared))
+    found = fit_short_windows(prepared, moving_pieces(prepared))
     given = float(np.median(found.chi2))
-    assert given > short_windows.WRONG
-    assert found.part < short_windows.OTHER_RIG
+    assert given > file_diagnosis.WRONG_CHI_SQUARE
+    assert found.part < file_diagnosis.OTHER_RIG_MISS
     assert name_wrong_file(prepared) == ""
+
+
+def test_a_beginning_that_a_hand_moves_is_named_by_the_time_of_the_clock(two, ready, motion):
+    """The first 2 s of a trace whose clock starts at 5 s are shaken."""
+    trace = two.seen(motion, 6)
+    shaken = 0.3 * np.sin(25 * trace.t)[:, None] * (trace.t < 2.0)[:, None]
+    prepared = ready(replace(trace, t=trace.t + 5.0, theta=trace.theta + shaken))
+    first = moving_pieces(prepared)[0]
+    found = driven_beginning(prepared, first.high - first.low)
+    until = float(re.search(r"until ([\d.]+) s", found.words)[1])
+    assert 6.5 < until < 8.0
+    assert found.remedy == f"leave them out: --held-out 5:{until:.3g}"
 
 
 @pytest.mark.check

@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import t as student
 
 from dropper_jax import load_scene
-from fitting.channels.fit import over_runs, pose
+from fitting.channels.fit import make_problem, over_runs
 from fitting.channels.result import combine_runs
 
 
@@ -47,7 +47,7 @@ def test_runs_whose_names_contain_an_at_sign_are_combined_by_parameter():
     t = np.arange(0.0, 1.0, 0.1)
     runs = [{"name": name, "file": {"t": t, "a": 0.0 * t}} for name in ("a@1", "b@2")]
     channel = {"name": "angle", "kind": "angle", "column": "a", "unit": "rad", "link": 1}
-    problem = pose({"run": runs, "channel": [channel]}, scene, ["b_q"], ["b_l"], {}, {}, {})
+    problem = make_problem({"run": runs, "channel": [channel]}, scene, ["b_q"], ["b_l"], {}, {}, {})
     values = np.arange(1.0, 1.0 + len(problem.parameters))
     errors = SimpleNamespace(covariance=1e-12 * np.eye(len(values)))
     solution = SimpleNamespace(problem=problem)

@@ -128,6 +128,8 @@ def changed(section, index, **values):
         (changed("channel", 0, column="G"), "run.0: channel 'pull': column 'G' is in no file"),
         (changed("camera", 0, look_at=[0, -9, 5]), "camera.0.look_at: directly above or below the camera"),
         (changed("camera", 0, focal=None), "camera.0.focal: missing"),
+        (changed("run", 0, name="../a"), "run.0.name: '../a' cannot be used"),
+        (changed("run", 0, name="a/b"), "run.0.name: 'a/b' cannot be used in the name of a file"),
         (changed("run", 0, file={**FILE, "t": T[::-1]}), "t: decreases from row to row. Reverse the rows"),
         (changed("run", 0, file={**FILE, "t": T - 0.5}), "run.0: t: -0.5 s is before the scene starts"),
         (changed("run", 0, file={**FILE, "F": ["a"] * 11}), "run.0.file: F is not a list of numbers"),

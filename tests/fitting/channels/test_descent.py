@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from fitting.channels.problem import FACTOR, Problem, is_axial_stiffness
+from fitting.channels.problem import STEP_FACTOR, Problem, is_axial_stiffness
 from fitting.parameters.parameter import Parameter
 from fitting.parameters.targets import Direction
 
@@ -32,7 +32,7 @@ def test_one_step_solves_what_is_linear_in_the_compliance(start):
 def test_a_step_changes_a_number_by_no_more_than_the_factor_and_crosses_no_bound():
     values = np.array([1e6, 1.2])
     low, high = PROBLEM.step_bounds(values)
-    assert PROBLEM.after_step(values, low)[0] == pytest.approx(1e6 / FACTOR)
-    assert PROBLEM.after_step(values, high)[0] == pytest.approx(1e6 * FACTOR)
+    assert PROBLEM.after_step(values, low)[0] == pytest.approx(1e6 / STEP_FACTOR)
+    assert PROBLEM.after_step(values, high)[0] == pytest.approx(1e6 * STEP_FACTOR)
     assert (values + low)[1] == pytest.approx(0.0)
-    assert (values + high)[1] == pytest.approx(1.2 * FACTOR)
+    assert (values + high)[1] == pytest.approx(1.2 * STEP_FACTOR)

@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 import dropper_jax as dj
 from dropper_jax import as_toml
 from fitting import fit_channels
-from fitting.channels.fit import growth, pose, warnings_of
+from fitting.channels.fit import growth, make_problem, warnings_of
 from fitting.channels.observe import differentiate_channels, observe_channels, shift_setup
 from fitting.channels.result import ChannelFit
 from fitting.channels.sensors import projection
@@ -182,7 +182,7 @@ def test_runs_with_a_damping_of_their_own_share_the_rest():
 )
 def test_mistakes_are_named(more, message, refusal):
     given = {"free": ["b_l"], "own": [], "start": {}, "bounds": {}, "priors": {}, **more}
-    assert message in refusal(pose, table(seen(np.random.default_rng(0))), dj.load_scene(scene()), **given)
+    assert message in refusal(make_problem, table(seen(np.random.default_rng(0))), dj.load_scene(scene()), **given)
 
 
 def test_a_point_behind_its_camera_is_named(refusal):

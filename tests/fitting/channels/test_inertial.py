@@ -10,7 +10,7 @@ from dropper_jax import SceneError, load_scene
 from dropper_jax.base.constants import GRAVITY
 from fitting import fit_channels
 from fitting.channels.channel import SavedMotion
-from fitting.channels.fit import pose
+from fitting.channels.fit import make_problem
 from fitting.channels.inertial import Accelerometer, Gyro
 from fitting.channels.observe import at_times
 
@@ -140,5 +140,5 @@ def test_a_brief_run_has_the_states_that_cubics_of_an_accelerometer_need():
     """Three samples a little over an interval apart; cubics need four rows besides two lost at either end."""
     t = [0.0, 0.012, 0.024]
     data = {"run": [{"file": {"t": t, "along": [0.0] * 3, "across": [0.0] * 3}}], "channel": CHANNELS[:1]}
-    problem = pose(data, load_scene(scene()), ["b_l"], [], {}, {}, {})
+    problem = make_problem(data, load_scene(scene()), ["b_l"], [], {}, {}, {})
     assert problem.plan(0).saves + 1 - 2 * 2 >= 4

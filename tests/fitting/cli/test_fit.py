@@ -90,6 +90,10 @@ def test_what_a_user_can_correct_is_one_line_and_exit_code_2(call, refused, more
     assert words in refused([*call, "--quiet", *more])
 
 
+def test_a_bootstrap_of_one_draw_is_refused_before_a_file_without_a_scene_is_read(refused):
+    assert "bootstrap: 1 draws are too few" in refused(["fit", "no-such-file.csv", "--bootstrap", "1"])
+
+
 def test_a_file_given_twice_is_not_counted_as_two_runs(call, refused):
     assert "run.csv' is given twice; allowed: every file once" in refused([call[0], call[1], *call[1:], "--quiet"])
 

@@ -178,6 +178,13 @@ def test_huber_resists_outliers(motion, twins):
     assert np.abs(robust.values - TRUTH).max() <= np.abs(plain.values - TRUTH).max()
 
 
+@pytest.mark.parametrize("option", ["window", "dt"])
+@pytest.mark.parametrize("length", [0.0, -1.0, np.nan, np.inf])
+def test_a_window_or_a_step_that_is_not_positive_and_finite_is_refused(option, length):
+    with pytest.raises(SceneError, match=f"{option}: {length} is .*; allowed: > 0 s"):
+        FitSettings(**{option: length})
+
+
 def test_the_bounded_step_solves_its_quadratic_problem():
     rng = np.random.default_rng(0)
     for _ in range(20):

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import t as student_t
 
+from dropper_jax import SceneError
 from fitting import Huber, StudentT
 from fitting.estimate.loss import LEAST_SQUARES, as_loss, initial_loss
 from fitting.estimate.uncertainty import robust_variance
@@ -31,6 +32,14 @@ def test_the_variance_of_a_robust_mean_is_the_scatter_of_draws(loss):
         mean = np.sum(weight * samples, axis=1, keepdims=True) / np.sum(weight, axis=1, keepdims=True)
     reported = [robust_variance(x, loss, 199) / loss.weights(x).sum() for x in (samples - mean)[:200]]
     assert np.mean(reported) == pytest.approx(mean.var(), rel=0.1)
+
+
+@pytest.mark.parametrize("size", [0.0, -1.0, np.nan])
+def test_a_loss_without_a_size_is_refused(size):
+    with pytest.raises(SceneError, match="huber: .* is not positive"):
+        Huber(size)
+    with pytest.raises(SceneError, match="student: .* is not positive"):
+        StudentT(size)
 
 
 def test_huber_is_least_squares_within_its_threshold_and_straight_beyond():

@@ -7,7 +7,7 @@ from scipy.optimize import fsolve
 import dropper_jax as dj
 from dropper_jax import SceneError
 from fitting import Trace
-from fitting.calibration.spans import advice_on_rest, still_spans
+from fitting.calibration.still_spans import advice_on_rest, still_spans
 from fitting.estimate.noise import Noise
 from fitting.estimate.rest import rests, static_pose
 from fitting.estimate.simulator import Simulator

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from fitting import Trace
-from fitting.estimate.blocks import Pieces, memory, resample
+from fitting.estimate.blocks import TimePieces, correlation_time, resample
 from fitting.estimate.factors import Factor
 from fitting.estimate.noise import Noise, log_volume, whiten
 from fitting.estimate.normal_equations import Evaluation
@@ -108,8 +108,8 @@ def test_memory_of_a_series_is_its_integrated_correlation_time():
     for i in range(1, len(white)):
         kept[i] = 0.8 * kept[i - 1] + white[i]
     run = np.zeros(len(white), int)
-    assert memory(kept, run) == pytest.approx(9, rel=0.15)
-    assert memory(white, run) == pytest.approx(1, abs=0.1)
+    assert correlation_time(kept, run) == pytest.approx(9, rel=0.15)
+    assert correlation_time(white, run) == pytest.approx(1, abs=0.1)
 
 
 def test_the_diagonal_of_a_block_tridiagonal_inverse_is_that_of_the_dense_one():
@@ -148,7 +148,7 @@ def test_the_bootstrap_of_eight_blocks_is_as_wide_as_estimates_scatter(shares):
     for _ in range(1500):
         y = x @ truth + rng.standard_normal((8, 30))
         p = np.linalg.solve(information, np.einsum("bsi,bs->i", x, y))
-        parts = Pieces(np.einsum("bsi,bs->bi", x, x @ p - y), square, np.zeros(8, int))
+        parts = TimePieces(np.einsum("bsi,bs->bi", x, x @ p - y), square, np.zeros(8, int))
         moved, blocks = resample(parts, information, 1, 100, rng)
         values.append(p)
         widths.append(moved.var(axis=0))

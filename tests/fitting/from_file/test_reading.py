@@ -12,8 +12,8 @@ from fitting.from_file.points import error_of_pivot, find_chain, pivot_of
 from fitting.from_file.read_file import FileOptions, read_measured
 from fitting.from_file.scene_of import propose_scene
 from fitting.from_file.values import per_mass
-from fitting.traces.lines import LARGEST
 from fitting.traces.noise import without_spikes
+from fitting.traces.text_lines import LARGEST_FILE
 from fitting.traces.trace import Trace
 
 T, PHI = swing()
@@ -224,7 +224,7 @@ def test_binary_empty_and_huge_files_are_refused_in_one_line(tmp_path):
     (tmp_path / "binary.csv").write_bytes(b"PK\3\4\0\0" * 100)
     (tmp_path / "empty.csv").write_text("")
     with (tmp_path / "huge.csv").open("wb") as file:
-        file.truncate(LARGEST + 1)
+        file.truncate(LARGEST_FILE + 1)
     for name, message in (("binary", "not text"), ("empty", "is empty"), ("huge", "allowed"), ("missing", "cannot be")):
         with pytest.raises(SceneError, match=message):
             read_cells(tmp_path / f"{name}.csv")

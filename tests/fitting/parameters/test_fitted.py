@@ -6,8 +6,8 @@ import dropper_jax as dj
 from dropper_jax import build_model
 from fitting import fitted_scene
 from fitting.channels.setup import find_free
-from fitting.parameters.of_scene import find_parameters
 from fitting.parameters.parameter import with_parameter_values
+from fitting.parameters.scene_parameters import find_parameters
 
 LINE = {"name": "l", "from": "a", "to": "b", "links": 3, "length": 0.3, "mass": 0.1}
 SCENE = {

@@ -8,10 +8,10 @@ from dropper_jax import Scene, SceneError, build_model
 from fitting.estimate.normal_equations import prior_of
 from fitting.parameters.names import default_free
 from fitting.parameters.observation import camera_offset
-from fitting.parameters.of_scene import find_parameters
 from fitting.parameters.parameter import adjust_parameters
 from fitting.parameters.paths import resolve
 from fitting.parameters.rig_priors import power_of_mass, rig_priors
+from fitting.parameters.scene_parameters import find_parameters
 
 NAME = "measured-double-pendulum"
 

@@ -88,6 +88,11 @@ def test_scores_are_those_of_sines():
     assert part_ends(t, None) == pytest.approx((2.4, 5.0, 10.0))
 
 
+def test_a_part_that_ends_before_the_trace_is_refused():
+    with pytest.raises(SceneError, match="parts: -1,2: allowed: two increasing times"):
+        part_ends(np.linspace(0.1, 3.0, 60), (-1.0, 2.0))
+
+
 @pytest.mark.parametrize(("part", "first", "last"), [("head", 0.0, 0.73), ("middle", 0.72, 1.51), ("tail", 1.5, 3.1)])
 def test_a_part_without_a_sample_is_refused_before_any_run(scene, truth, tmp_path, part, first, last):
     whole = truth(0)

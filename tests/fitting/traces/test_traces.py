@@ -7,12 +7,13 @@ from scipy.signal import savgol_filter
 import dropper_jax as dj
 from dropper_jax import SceneError
 from fitting import Convention, Trace, read_trace, simulate_truth, write_trace
-from fitting.estimate.windows import local_motion
+from fitting.estimate.first_starts import local_motion
 from fitting.parameters.names import full_names
 from fitting.parameters.paths import resolve
 from fitting.traces import planar
 from fitting.traces.conventions import check_scale, settle_convention
 from fitting.traces.noise import DEGREE, noise, smooth
+from fitting.traces.trace import as_trace
 
 ANY = Convention()
 
@@ -258,6 +259,22 @@ def test_columns_of_other_names_are_read_by_name_and_others_left_out(tmp_path):
 def test_a_file_without_a_time_names_whole_columns_and_what_to_do(tmp_path, header, links, words, refusal):
     path = write(tmp_path, header + "\n" + ",".join("1" * (header.count(",") + 1)) + "\n")
     assert words in refusal(read_trace, path, links)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"theta": np.zeros(20)}, r"x: theta has shape \(20,\); allowed: \(20, links\)"),
+        ({"theta": np.zeros((19, 2))}, r"x: theta has shape \(19, 2\)"),
+        ({"se": np.ones(20)}, r"x: se has shape \(20,\); allowed: \(20, 2\)"),
+        ({"t": -np.arange(20.0)}, "x: t: decreases from row to row"),
+        ({"t": np.where(np.arange(20) == 3, np.nan, np.arange(20.0))}, "x: t: row 4 is missing"),
+    ],
+)
+def test_a_trace_in_memory_whose_arrays_do_not_fit_together_is_refused(change, words):
+    given = {"t": np.arange(20.0), "theta": np.zeros((20, 2))} | change
+    with pytest.raises(SceneError, match=words):
+        as_trace(Trace("x", **given), 2)
 
 
 @pytest.mark.parametrize("width", [5, 11, 49])

@@ -1,4 +1,4 @@
-"""One fit by one of the estimators, with noise estimated from its own residuals."""
+"""Method of a fit: which estimator finds the minimum, and one fit by it with the noise of its own residuals."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from dropper_jax.base.errors import Progress, SceneError, nearest, part_of, sile
 from fitting.calibration.prepared import Prepared
 from fitting.estimate.least_squares import continue_fit, fit_windows
 from fitting.estimate.loss import LEAST_SQUARES, Loss, initial_loss
-from fitting.estimate.residual_noise import fit_with_noise, pose_again
+from fitting.estimate.residual_noise import fit_with_noise, transfer_solution
 from fitting.estimate.residuals import Solution
 from fitting.estimate.shooting import fit_shooting, solve_to_end
-from fitting.estimate.step_size import finer_step, refine
+from fitting.estimate.step_size import refine, with_finer_step
 
 if TYPE_CHECKING:
     from fitting.estimate.descent import GradientDescent
@@ -95,10 +95,10 @@ def estimate(
     solution = with_residual_noise(prepared, solution)
     if solution.problem.loss != loss:
         there = replace(solution.problem, loss=loss)
-        solution = with_residual_noise(prepared, continue_fit(pose_again(solution, there, solution.evaluation)))
+        solution = with_residual_noise(prepared, continue_fit(transfer_solution(solution, there, solution.evaluation)))
     if method.name == "windows":
         return refined(solution)
-    joined = fit_shooting(solution, finer=finer_step, progress=part_of(progress, 0.55, 0.95))
+    joined = fit_shooting(solution, finer=with_finer_step, progress=part_of(progress, 0.55, 0.95))
     if joined.status != "ok":
         return joined
     return solve_to_end(refined(with_residual_noise(prepared, joined)), last)

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dropper_jax.base.errors import Progress, SceneError, silent
+from dropper_jax.base.errors import Progress, SceneError, require_positive, silent
 from dropper_jax.base.json_values import Json
 from dropper_jax.base.markdown import Rows, cells, text_row
 from dropper_jax.load.scene import load_scene
@@ -27,7 +27,7 @@ from fitting.estimate.factors import invert_spd
 from fitting.estimate.least_squares import Objective, fit_windows
 from fitting.estimate.normal_equations import Step
 from fitting.estimate.residuals import Solution
-from fitting.estimate.shooting import SAME_EVIDENCE, SCHEDULE
+from fitting.estimate.shooting import GAP_WEIGHTS, SAME_EVIDENCE
 from fitting.estimate.windows import pick
 from fitting.parameters.names import full_names
 from fitting.traces.synthetic import Camera, observe, simulate_truth
@@ -35,7 +35,7 @@ from fitting.traces.synthetic import Camera, observe, simulate_truth
 #: Rounds of the search for the windows' starts on a trace without noise.
 START_ROUNDS = 4
 #: Relative change of a gap weight for a central difference of log|H|: its error is below 1e-4 of a gap.
-NEAR = 0.01
+WEIGHT_STEP = 0.01
 
 
 @dataclass(frozen=True)
@@ -128,10 +128,9 @@ def plan(
 def _check_positive(key: str, numbers: Sequence[float], unit: str) -> None:
     """Reject an empty list, and numbers that are not positive and finite."""
     if not len(numbers):
-        raise SceneError(f"{key}: none is not positive; allowed: > 0{unit}")
+        raise SceneError(f"{key}: none is given; allowed: > 0{unit}")
     for number in numbers:
-        if not 0 < number < np.inf:
-            raise SceneError(f"{key}: {number} is not positive; allowed: > 0{unit}")
+        require_positive(key, number, unit)
 
 
 def _errors(solution: Solution, duration: float, gap_weight: float | None) -> tuple[np.ndarray, float]:
@@ -164,11 +163,11 @@ def _expected_weight(solution: Solution) -> float:
         return step.log_determinant + np.array([0.0, np.linalg.slogdet(step.information)[1]])
 
     evidence = []
-    for weight in SCHEDULE:
-        change = logs(weight * (1 + NEAR))[1] - logs(weight / (1 + NEAR))[1]
-        slope = change / (2 * np.log(1 + NEAR))
+    for weight in GAP_WEIGHTS:
+        change = logs(weight * (1 + WEIGHT_STEP))[1] - logs(weight / (1 + WEIGHT_STEP))[1]
+        slope = change / (2 * np.log(1 + WEIGHT_STEP))
         evidence.append(-gaps * np.log(weight) - 0.5 * logs(weight)[0] + 0.25 * slope)
-    return next(w for w, each in zip(SCHEDULE, evidence, strict=True) if each >= max(evidence) - SAME_EVIDENCE)
+    return next(w for w, each in zip(GAP_WEIGHTS, evidence, strict=True) if each >= max(evidence) - SAME_EVIDENCE)
 
 
 def rows(plans: Sequence[Planned]) -> Rows:

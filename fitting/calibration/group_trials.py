@@ -19,10 +19,14 @@ import numpy as np
 from dropper_jax.base.errors import Progress, silent
 from dropper_jax.base.read import ScenePath
 from dropper_jax.run.build import build
-from fitting.calibration.advice import Group, candidate_simulator, groups, joint_information
+from fitting.calibration.advice import joint_information
 from fitting.calibration.candidate import Candidate
+from fitting.calibration.fault_groups import FaultGroup, fault_groups
 from fitting.calibration.held_out import score_held_out, window_length
-from fitting.calibration.law_fits import OF_JOINTS, PARTS, part_of, scene_with_law, substeps_of, without_unused_parts
+from fitting.calibration.law_fits import substeps_of
+from fitting.calibration.law_scenes import scene_with_law, without_unused_parts
+from fitting.calibration.laws import JOINT_PARTS, LAW_PARTS, part_of
+from fitting.calibration.possible_faults import candidate_simulator
 from fitting.calibration.prepared import Prepared, fitted_parts, program_space
 from fitting.calibration.result import chi2_per_dof
 from fitting.estimate.least_squares import fit_windows
@@ -31,33 +35,34 @@ from fitting.estimate.noise import Noise, lag_one
 from fitting.estimate.residual_noise import memory_of
 from fitting.estimate.residuals import Solution
 from fitting.estimate.simulator import Simulator, choose_stepper
-from fitting.estimate.windows import LONGEST, Span, Starts, Windows, pick, with_rows
+from fitting.estimate.windows import LONGEST_WINDOW, Span, Starts, Windows, pick, with_rows
 from fitting.parameters.parameter import Parameter
 from fitting.parameters.paths import resolve
 from fitting.parameters.targets import all_joints
 
-#: Chi-square per degree of freedom, and correlation of neighbouring residuals, above which the whole model is wrong:
-#: the misfit is ten times the noise, and smooth. A misfit at 6 Hz, sampled 60 times a second, correlates by 0.81.
-WRONG = 100.0
-SMOOTH = 0.8
-#: Number of parts of a run, and those that are scored: one between fitted ones, and the end, where damping counts.
+#: Chi-square per degree of freedom from which a smooth misfit shows that the whole model is wrong: ten times the noise.
+WRONG_CHI_SQUARE = 100.0
+#: Correlation of neighbouring residuals above which a misfit is smooth: one at 6 Hz, sampled at 60 Hz, has 0.81.
+SMOOTH_CORRELATION = 0.8
+#: Number of parts of a run.
 PARTS_OF_RUN = 5
-SCORED = (2, 4)
+#: Numbers, from 0, of the parts that are scored: one between fitted ones, and the end, where damping counts.
+SCORED_PARTS = (2, 4)
 #: Relative growth of the score above which a group is needed: a smaller one makes no difference to a user.
-NEEDED = 0.05
-#: Minimum fraction of a number's information that must be its own; below it the number duplicates others. The second
-#: value is added to the diagonal of numbers that do the same.
-MODEL_ERROR = 2e-4
-RIDGE = 1e-12
+NEEDED_GROWTH = 0.05
+#: Minimum fraction of a number's information that must be its own; below it the number duplicates others.
+LEAST_INFORMATION_SHARE = 2e-4
+#: Value added to the diagonal of the scaled information, whose numbers may duplicate one another.
+DIAGONAL_RIDGE = 1e-12
 
 
-def is_model_wrong(prepared: Prepared, solution: Solution, limit: float = WRONG) -> bool:
+def is_model_wrong(prepared: Prepared, solution: Solution, limit: float = WRONG_CHI_SQUARE) -> bool:
     """Whether a fit leaves a smooth misfit far above the noise claimed by the traces."""
     expected = prepared.windows.weight
     if solution.windows.weight.shape != expected.shape or not np.isfinite(solution.cost):
         return False
     neighbours, _ = lag_one(solution.errors * expected, expected > 0)
-    return chi2_per_dof(prepared, solution) > limit and neighbours > SMOOTH
+    return chi2_per_dof(prepared, solution) > limit and neighbours > SMOOTH_CORRELATION
 
 
 #: Maximum evaluations of a trial, which starts near its end.
@@ -127,12 +132,12 @@ def scored_windows(prepared: Prepared) -> np.ndarray:
         low = windows.begin[mine].min()
         middle = 0.5 * (windows.begin + windows.ends)[mine]
         part = np.floor(PARTS_OF_RUN * (middle - low) / (windows.ends[mine].max() - low))
-        scored[mine] = np.isin(part, SCORED) & (len(part) >= PARTS_OF_RUN)
+        scored[mine] = np.isin(part, SCORED_PARTS) & (len(part) >= PARTS_OF_RUN)
     return scored & ~windows.released
 
 
 def stretches(prepared: Prepared, scored: np.ndarray) -> list[Span]:
-    """(run, from, to) of neighbouring scored windows, in equal parts of at most `LONGEST` [s]."""
+    """(run, from, to) of neighbouring scored windows, in equal parts of at most `LONGEST_WINDOW` [s]."""
     windows = prepared.windows
     found: list[Span] = []
     for k in np.flatnonzero(scored):
@@ -142,7 +147,7 @@ def stretches(prepared: Prepared, scored: np.ndarray) -> list[Span]:
         found.append(span)
     parts = []
     for run, low, high in found:
-        edges = np.linspace(low, high, int(np.ceil((high - low) / LONGEST)) + 1).tolist()
+        edges = np.linspace(low, high, int(np.ceil((high - low) / LONGEST_WINDOW)) + 1).tolist()
         parts += [Span(run, a, b) for a, b in pairwise(edges)]
     return parts
 
@@ -157,9 +162,9 @@ def with_full_law(prepared: Prepared, solution: Solution) -> tuple[Prepared, lis
     own = prepared.simulator
     given = scene.effects.get("joint_friction", {})
     free = prepared.names
-    zero = {part: 0.0 for part in OF_JOINTS if PARTS[part] in free}
+    zero = {part: 0.0 for part in JOINT_PARTS if LAW_PARTS[part] in free}
     dry = given.get("dry") is not None or own.model.line.compound
-    scene = scene_with_law(scene, dry, zero, OF_JOINTS)
+    scene = scene_with_law(scene, dry, zero, JOINT_PARTS)
     model, _ = build(scene)
     parameters = []
     shared = []
@@ -188,7 +193,7 @@ def free_groups(
     """
     before = prepared
     prepared, shared = with_full_law(prepared, solution)
-    found = groups(prepared.simulator.model, prepared.parameters, shared)
+    found = fault_groups(prepared.simulator.model, prepared.parameters, shared)
     zero = [replace(p, value=0.0) for p in shared]
     simulator = candidate_simulator(prepared, [*_parameters_of(found), *zero])
     trials = Trials(replace(prepared, simulator=simulator), loss, solution, before.windows)
@@ -204,7 +209,7 @@ def free_groups(
     search = Search(trials, effective(trials, base, found), base)
     progress(0.55, "testing what may be wrong: everything free")
     search.free_all()
-    if not search.lowest < first - np.log1p(NEEDED):
+    if not search.lowest < first - np.log1p(NEEDED_GROWTH):
         return None
     search.free_late(search.fix_needless(progress), progress)
     if not search.free:
@@ -237,7 +242,7 @@ class Search:
         needed: by name of a group, the factor of the held-out error without it.
     """
 
-    def __init__(self, trials: Trials, found: Sequence[Group], base: Solution) -> None:
+    def __init__(self, trials: Trials, found: Sequence[FaultGroup], base: Solution) -> None:
         self.trials = trials
         self.groups = found
         values = base.by_name
@@ -246,12 +251,12 @@ class Search:
             own = values.get(p.name, p.value)
             self.start[p.name] = values.get(ScenePath(p.name).stem, own)
         self.values = self.start | values
-        self.free: list[Group] = []
+        self.free: list[FaultGroup] = []
         self.best = base
         self.lowest = np.inf
         self.needed: dict[str, float] = {}
 
-    def fit(self, free: Sequence[Group]) -> Solution:
+    def fit(self, free: Sequence[FaultGroup]) -> Solution:
         """A fit with these groups free, from the best one so far."""
         replaced = _replaced_by(free)
         every = [p for p in self.trials.prepared.parameters if p.name not in replaced]
@@ -268,7 +273,7 @@ class Search:
         self.free = list(self.groups)
         self.lowest = self.trials.score(self.best)
 
-    def fix_needless(self, progress: Progress) -> dict[Group, float]:
+    def fix_needless(self, progress: Progress) -> dict[FaultGroup, float]:
         """Fix every group without which the score is not worse; returns them and the smallest score at that time."""
         fixed = {}
         for group in self.groups:
@@ -279,7 +284,7 @@ class Search:
             fewer = [other for other in self.free if other is not group]
             less = self.fit(fewer)
             now = self.trials.score(less)
-            if now < self.lowest + np.log1p(NEEDED):
+            if now < self.lowest + np.log1p(NEEDED_GROWTH):
                 self.free = fewer
                 self.best = less
                 self.lowest = min(self.lowest, now)
@@ -288,9 +293,9 @@ class Search:
                 self.needed[group.name] = float(np.exp(now - self.lowest))
         return fixed
 
-    def free_late(self, fixed: dict[Group, float], progress: Progress) -> None:
+    def free_late(self, fixed: dict[FaultGroup, float], progress: Progress) -> None:
         """Free again, the best first, what was fixed while others held the fit far from its minimum."""
-        late = [group for group, then in fixed.items() if self.lowest < then - np.log1p(NEEDED)]
+        late = [group for group, then in fixed.items() if self.lowest < then - np.log1p(NEEDED_GROWTH)]
         while late:
             self.values |= self.best.by_name
             for p in _parameters_of(late):
@@ -299,7 +304,7 @@ class Search:
             tries = [self.fit([*self.free, group]) for group in late]
             scores = [self.trials.score(one) for one in tries]
             k = int(np.argmin(scores))
-            if not scores[k] < self.lowest - np.log1p(NEEDED):
+            if not scores[k] < self.lowest - np.log1p(NEEDED_GROWTH):
                 return
             group = late.pop(k)
             self.needed[group.name] = float(np.exp(self.lowest - scores[k]))
@@ -308,17 +313,17 @@ class Search:
             self.lowest = scores[k]
 
 
-def _parameters_of(groups: Sequence[Group]) -> list[Parameter]:
+def _parameters_of(groups: Sequence[FaultGroup]) -> list[Parameter]:
     """The numbers of all groups."""
     return [p for group in groups for p in group.parameters]
 
 
-def _replaced_by(groups: Sequence[Group]) -> set[str]:
+def _replaced_by(groups: Sequence[FaultGroup]) -> set[str]:
     """Names of the parameters that the numbers of these groups replace."""
     return {p.name for group in groups for p in group.instead}
 
 
-def effective(trials: Trials, base: Solution, found: Sequence[Group]) -> list[Group]:
+def effective(trials: Trials, base: Solution, found: Sequence[FaultGroup]) -> list[FaultGroup]:
     """The groups without numbers that move no angle, or that duplicate others of the group or free ones.
 
     For coefficients of damping, all known earlier ones count, including those of other groups.
@@ -336,9 +341,9 @@ def effective(trials: Trials, base: Solution, found: Sequence[Group]) -> list[Gr
         known = list(free)
         own = []
         for p in group.parameters:
-            inner = scaled[np.ix_(known, known)] + RIDGE * np.eye(len(known))
+            inner = scaled[np.ix_(known, known)] + DIAGONAL_RIDGE * np.eye(len(known))
             alike = scaled[row, known] @ np.linalg.solve(inner, scaled[known, row])
-            if data[row, row] > 0 and 1.0 - alike > MODEL_ERROR:
+            if data[row, row] > 0 and 1.0 - alike > LEAST_INFORMATION_SHARE:
                 known.append(row)
                 own.append(p)
             row += 1
@@ -349,7 +354,7 @@ def effective(trials: Trials, base: Solution, found: Sequence[Group]) -> list[Gr
     return left
 
 
-def _candidate(group: Group, factor: float, solution: Solution) -> Candidate:
+def _candidate(group: FaultGroup, factor: float, solution: Solution) -> Candidate:
     """A group that was freed, with the changes of its numbers."""
     variance = np.diag(np.linalg.pinv(solution.information, hermitian=True))
     error = dict(zip(solution.by_name, np.sqrt(np.maximum(variance, 0.0)), strict=True))

@@ -9,9 +9,9 @@ from pathlib import Path
 from dropper_jax.base.errors import SceneError, unreadable
 
 #: Largest file that is read [bytes]: an hour at 1 kHz with ten columns is 300 MB.
-LARGEST = 500_000_000
+LARGEST_FILE = 500_000_000
 #: Bytes in which a zero byte shows that a file is not text.
-HEAD = 65536
+HEAD_BYTES = 65536
 
 
 def read_lines(path: Path) -> list[str]:
@@ -22,10 +22,10 @@ def read_lines(path: Path) -> list[str]:
     """
     try:
         size = path.stat().st_size
-        if size > LARGEST:
+        if size > LARGEST_FILE:
             raise SceneError(
-                f"{path.name}: has {size / 1e9:.3g} GB; allowed: {LARGEST / 1e9:g} GB. Keep the columns of time and "
-                "angle, or every tenth row"
+                f"{path.name}: has {size / 1e9:.3g} GB; allowed: {LARGEST_FILE / 1e9:g} GB. Keep the columns of time "
+                "and angle, or every tenth row"
             )
         data = path.read_bytes()
     except OSError as error:
@@ -33,7 +33,7 @@ def read_lines(path: Path) -> list[str]:
     if not data.strip():
         raise SceneError(f"{path.name}: is empty. Give a text file with a row per sample")
     wide = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
-    if b"\0" in data[:HEAD] and not wide:
+    if b"\0" in data[:HEAD_BYTES] and not wide:
         raise SceneError(f"{path.name}: is not text. Export it as CSV: a row per sample")
     encoding = "utf-16" if wide else "utf-8-sig"
     try:

@@ -2,7 +2,7 @@
 
 Let w_i be the energy that a unit of coefficient i would dissipate in the measured motion (its power over the whole
 trace, without any simulation). A part of a law with coefficients c dissipates w . c, the whole law W, the total loss.
-That a part dissipates a fraction `SHARE` of W is excluded if
+That a part dissipates a fraction `DETECTABLE_SHARE` of W is excluded if
 
     w . c + z sqrt(w' C w) < SHARE W,       C: covariance of c given all other parameters of the law
 
@@ -51,11 +51,11 @@ def _damping_power(model: Model, theta: Array, omega: Array) -> Array:
 
 
 #: Fraction of the lost energy that must be detectable for a part.
-SHARE = 0.1
+DETECTABLE_SHARE = 0.1
 #: Normal quantile of the upper limit of a part's share, that of one end of a 90 % interval.
-LIMIT = float(ndtri(0.95))
+LIMIT_DEVIATIONS = float(ndtri(0.95))
 #: Half width of the smoother of the measured motion, as a fraction of the shortest link's period.
-SMOOTHER = 0.06
+SMOOTHER_PERIODS = 0.06
 
 
 def dissipated_per_unit(prepared: Prepared, simulator: Simulator, owner: Sequence[str | None]) -> np.ndarray:
@@ -78,7 +78,7 @@ def dissipated_per_unit(prepared: Prepared, simulator: Simulator, owner: Sequenc
         if not mine.any():
             continue
         span = float(prepared.windows.begin[mine].min()), float(prepared.windows.ends[mine].max())
-        motion = smooth_stretch(trace, span, SMOOTHER * prepared.period)
+        motion = smooth_stretch(trace, span, SMOOTHER_PERIODS * prepared.period)
         if motion is None:
             continue
         t, theta, omega = motion
@@ -89,7 +89,7 @@ def dissipated_per_unit(prepared: Prepared, simulator: Simulator, owner: Sequenc
 
 
 def undetected_parts(law: Solution, owner: Sequence[str | None], per_unit: np.ndarray) -> tuple[str, ...]:
-    """Parts of a law for which the traces do not exclude that they dissipate `SHARE` of the energy.
+    """Parts of a law for which the traces do not exclude that they dissipate `DETECTABLE_SHARE` of the energy.
 
     Args:
         owner: the part of the law that each parameter belongs to; None if it belongs to none.
@@ -108,7 +108,7 @@ def undetected_parts(law: Solution, owner: Sequence[str | None], per_unit: np.nd
     found = []
     for part in dict.fromkeys(owners):
         work = np.where([other == part for other in owners], per_unit[free], 0.0)
-        highest = float(work @ centre) + LIMIT * np.sqrt(work @ covariance @ work)
-        if part is not None and highest >= SHARE * lost:
+        highest = float(work @ centre) + LIMIT_DEVIATIONS * np.sqrt(work @ covariance @ work)
+        if part is not None and highest >= DETECTABLE_SHARE * lost:
             found.append(part)
     return tuple(found)

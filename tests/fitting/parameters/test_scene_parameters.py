@@ -10,9 +10,9 @@ from dropper_jax import SceneError, build_model, load_scene
 from dropper_jax.run.quantity_names import quantity
 from fitting import Camera, fit, fitted_scene, observe, simulate_truth
 from fitting.parameters.names import full_names
-from fitting.parameters.of_scene import find_parameters, free_of_traces, scene_parameter
 from fitting.parameters.parameter import with_parameter_values
 from fitting.parameters.paths import resolve
+from fitting.parameters.scene_parameters import find_parameters, free_of_traces, scene_parameter
 from fitting.parameters.targets import Direction
 from fitting.sensitivity import Study, ranges
 

@@ -27,8 +27,8 @@ NO_ROWS = "has fewer than two rows of numbers. Give a text file with a row per s
 MISSING = ("", "nan", "na", "n/a", "null", "none", "-", "--", "inf", "-inf", "#n/a", "#nv")
 #: Seconds of a day.
 DAY = 86400.0
-#: Hours, minutes and seconds, after a date or alone.
-CLOCK = re.compile(r"(?:\d{4}-\d\d-\d\d[T ])?(\d{1,2}):(\d\d):(\d\d(?:[.,]\d+)?)(?:Z|[+-]\d\d:?\d\d)?")
+#: Hours, minutes and seconds, after a date (in any order) or alone.
+CLOCK = re.compile(r"(?:\d{1,4}[-/.]\d\d?[-/.]\d{1,4}[T ])?(\d{1,2}):(\d\d):(\d\d(?:[.,]\d+)?)(?:Z|[+-]\d\d:?\d\d)?")
 
 
 @dataclass(frozen=True)
@@ -159,10 +159,11 @@ def is_sample(row: Sequence[str], comma: bool) -> bool:
 def number(cell: str, comma: bool) -> float:
     """The number of a cell, in seconds for a time of day; NaN is missing."""
     text = cell.strip().strip('"')
+    digits = text
     if comma and "," in text:
-        text = text.replace(".", "").replace(",", ".")
+        digits = text.replace(".", "").replace(",", ".")
     try:
-        value = float(text)
+        value = float(digits)
     except ValueError:
         time = CLOCK.fullmatch(text)
         if time is None:
@@ -210,4 +211,4 @@ def are_units(row: Sequence[str]) -> bool:
 
 
 #: Units that may have a row of their own below the names.
-UNITS = ("s", "ms", "us", "µs", "sec", "min", "deg", "°", "rad", "mrad", "m", "cm", "mm", "px", "pixel", "counts")
+UNITS = ("s", "ms", "us", "µs", "ns", "sec", "min", "deg", "°", "rad", "mrad", "m", "cm", "mm", "px", "pixel", "counts")

@@ -229,8 +229,11 @@ def read_text(value: Plain, path: str, choices: Iterable[str] | None = None) -> 
         raise SceneError(
             f"{path}: {short_text(value)} is unknown; {nearest(value, choices)}; allowed: {', '.join(choices)}"
         )
-    if path.rpartition(".")[2] == "name" and len(value) > longest_name:
-        raise refuse(path, value, f"has {len(value)} characters", f"at most {longest_name}")
+    if path.rpartition(".")[2] == "name":
+        if len(value) > longest_name:
+            raise refuse(path, value, f"has {len(value)} characters", f"at most {longest_name}")
+        if value.splitlines() != [value]:
+            raise refuse(path, value, "is not one line", "a text of one line, not empty")
     return value
 
 

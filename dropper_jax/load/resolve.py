@@ -87,7 +87,11 @@ def with_tables(table: Values, before: str = "") -> Table:
 def _tables(items: Plain, path: str) -> list[Table]:
     if not isinstance(items, list | tuple):
         raise refuse(path, items, "is not a list", f"one or more [[{path}]] tables")
-    return [dict(read_table(plain(item), f"{path}.{i}")) for i, item in enumerate(items)]
+    tables = [dict(read_table(plain(item), f"{path}.{i}")) for i, item in enumerate(items)]
+    for i, table in enumerate(tables):
+        if "name" in table:
+            read_text(table["name"], f"{path}.{i}.name")
+    return tables
 
 
 #: Paths of the one gravity of a scene, that of weights and that of the water.

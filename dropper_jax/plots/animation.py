@@ -178,6 +178,7 @@ class _Stage:
         self._movers(flat)
         system.draw_bed(self.axes, run, limits)
         self.canvas = FigureCanvasAgg(self.figure)
+        figures.keep_dollars(self.figure)
         self.canvas.draw()
         self.screen = self._project(positions)
         self._surroundings(positions, system.surface_lines(run, limits, flat, self.t[frames]), frames)

@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure, FigureBase
 from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.text import Text
 
 from dropper_jax.base.files import atomic_write
 from dropper_jax.plots.run import Run
@@ -37,12 +38,21 @@ def save(figure: Figure, path: str | Path) -> Path:
     """Write the figure in the format of the path's suffix (PNG without one), atomically."""
     path = Path(path)
     kind = path.suffix.lstrip(".").lower() or "png"
+    keep_dollars(figure)
     layout = figure.get_layout_engine()
     if layout is not None and figure.axes:  # once, here: `savefig` would draw the figure again for it
         layout.execute(figure)
         figure.set_layout_engine(None)
     atomic_write(path, lambda file: figure.savefig(file, format=kind))
     return path
+
+
+def keep_dollars(figure: Figure) -> None:
+    """Draw names with dollars as they are: between two of them matplotlib reads mathematics."""
+    for text in figure.findobj(Text):
+        given = text.get_text()
+        if "$" in given and r"\mathdefault" not in given:  # which powers of ten next to an axis have
+            text.set_parse_math(False)
 
 
 def how(run: Run) -> tuple[str, str]:

@@ -106,9 +106,14 @@ def from_wavespectra(dataset: Any, seed: int = 0) -> Table:
         )
     frequency = np.asarray(dataset["freq"], float)
     coming = np.asarray(dataset["dir"], float)
+    rises = np.sign(np.diff(frequency))
+    if np.any(frequency <= 0.0) or np.ptp(rises) > 0.0 or rises[0] == 0.0:
+        raise SceneError("dataset.freq: allowed: frequencies above 0 Hz, all rising or all falling")
     # directions have one spacing, but need not go all round
     spacing = np.min(np.abs(np.diff(coming)))
-    energy = np.asarray(density.transpose("freq", "dir"), float) * np.gradient(frequency)[:, None] * spacing
+    energy = np.asarray(density.transpose("freq", "dir"), float) * np.abs(np.gradient(frequency))[:, None] * spacing
+    if not (np.all(energy >= 0.0) and np.any(energy > 0.0)):
+        raise SceneError("dataset.efth: allowed: energies of at least 0 and not all 0, without missing values")
     counts = energy > SMALLEST * energy.max()
     return {
         "kind": "components",

@@ -27,8 +27,10 @@ NO_ROWS = "has fewer than two rows of numbers. Give a text file with a row per s
 MISSING_TEXTS = ("", "nan", "na", "n/a", "null", "none", "-", "--", "inf", "-inf", "#n/a", "#nv")
 #: Seconds of a day.
 SECONDS_PER_DAY = 86400.0
-#: Hours, minutes and seconds, after a date or alone.
-TIME_OF_DAY = re.compile(r"(?:\d{4}-\d\d-\d\d[T ])?(\d{1,2}):(\d\d):(\d\d(?:[.,]\d+)?)(?:Z|[+-]\d\d:?\d\d)?")
+#: Hours, minutes and seconds, after a date (in any order) or alone.
+TIME_OF_DAY = re.compile(
+    r"(?:\d{1,4}[-/.]\d\d?[-/.]\d{1,4}[T ])?(\d{1,2}):(\d\d):(\d\d(?:[.,]\d+)?)(?:Z|[+-]\d\d:?\d\d)?"
+)
 
 
 @dataclass(frozen=True)
@@ -159,10 +161,11 @@ def is_sample(row: Sequence[str], comma: bool) -> bool:
 def number(cell: str, comma: bool) -> float:
     """The number of a cell, in seconds for a time of day; NaN is missing."""
     text = cell.strip().strip('"')
+    digits = text
     if comma and "," in text:
-        text = text.replace(".", "").replace(",", ".")
+        digits = text.replace(".", "").replace(",", ".")
     try:
-        value = float(text)
+        value = float(digits)
     except ValueError:
         time = TIME_OF_DAY.fullmatch(text)
         if time is None:
@@ -214,6 +217,7 @@ UNIT_ROW_WORDS = (
     "s",
     "ms",
     "us",
+    "ns",
     "µs",
     "sec",
     "min",

@@ -9,7 +9,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 
 #: Seconds per unit of time.
-SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
+SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 #: Periods of pendulums from 2 cm to 60 m [s]: a unit of time is read such that the motion's period is one of these.
 SHORTEST_PERIOD = 0.25
 LONGEST_PERIOD = 16.0
@@ -117,6 +117,6 @@ def unit_of_time(
     if rate is not None:
         return 1.0 / rate, f"{rate:g} frames per second"
     raise SceneError(
-        f"{file}: {column!r} has {period:.3g} units per swing, neither s, ms nor us. If it counts frames, give "
-        "their rate: --rate 60"
+        f"{file}: {column!r} has {period:.3g} units per swing, neither s, ms, us nor ns. If it counts frames, "
+        "give their rate: --rate 60"
     )

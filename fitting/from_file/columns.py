@@ -39,15 +39,18 @@ ANGLE_WORDS = word_set(
 RATE_WORDS = word_set(
     """
     omega velocity vel v vx vy speed rate acc acceleration a ax ay geschwindigkeit vitesse velocidad velocita w ω se
-    sigma error
+    sigma error gyro gyroscope
     """
 )
+#: A unit per time: `(rad/s)`, `[m s^-2]`.
+PER_TIME = re.compile(r"/\s*s(?:ec)?(?:\b|\d|²)|\bs\s*\^?\s*[-−⁻]\s*[12¹²]")
 AXIS_WORDS = {"x": "x", "u": "x", "y": "y", "z": "y", "v": "y"}
 #: Units by their words: what is measured, and the unit.
 TIME_UNITS = {
     **dict.fromkeys(word_set("s sec secs second seconds sekunden secondes segundos"), "s"),
     **dict.fromkeys(word_set("ms msec millis milliseconds millisekunden"), "ms"),
     **dict.fromkeys(word_set("us µs μs usec micros microseconds"), "us"),
+    **dict.fromkeys(word_set("ns nsec nanos nanoseconds"), "ns"),
 }
 ANGLE_UNITS = {
     **dict.fromkeys(word_set("deg degs degree degrees grad ° º grados gradi degres"), "deg"),
@@ -101,7 +104,7 @@ class Columns:
 
     Attributes:
         time: None: the rows are counted.
-        time_unit: `s`, `ms`, `us`, `frames`, or None if the name does not give it.
+        time_unit: `s`, `ms`, `us`, `ns`, `frames`, or None if the name does not give it.
         rate: frames per second from a comment [1/s], or None.
         angles: from the first link on.
         angle_unit: `deg`, `rad`, `mrad`, `counts`, or None.
@@ -128,7 +131,7 @@ def parse_name(name: str) -> tuple[tuple[str, ...], str | None]:
     if unit is not None:
         text = re.sub(r"[\[(/][^\])]*[\])]?\s*$", "", text)
     words = re.findall(r"[^\W\d_]+|\d+|°", text)
-    if unit is None and words and words[-1] in UNITS:
+    if unit is None and words and words[-1] in UNITS and not PER_TIME.search(text):
         if len(words) > 1:
             unit = UNITS[words.pop()]
         elif words[0] not in ("m", "s"):
@@ -160,6 +163,11 @@ def find_columns(cells: Cells, given: Mapping[str, str] | None = None, rate: flo
     angles = []
     if not points:
         angles = angle_columns(file, [column for column in free if moves(column.values)])
+    rates = [column.name for column in free if is_rate(column) and moves(column.values)]
+    if not points and not angles and rates:
+        raise SceneError(
+            f"{file}: shows rates alone: {first_names(rates, MOST_NAMES)}. Give angles or points, or fit a gyro as a channel"
+        )
     if not points and not angles:
         still = first_names([column.name for column in free], MOST_NAMES) or "its columns"
         raise SceneError(f"{file}: nothing moves in {still}. Give a file with motion")
@@ -277,7 +285,8 @@ def point_pairs(columns: Sequence[Column]) -> list[tuple[Column, Column]]:
     for column in columns:
         own = [word for word in column.words if word in AXIS_WORDS]
         rest = tuple(word for word in column.words if word not in AXIS_WORDS)
-        if len(own) == 1 and (set(rest) - {"a"}).isdisjoint(RATE_WORDS | ANGLE_WORDS | TIME_WORDS):
+        other = (set(rest) - {"a"}) & (RATE_WORDS | ANGLE_WORDS | TIME_WORDS)
+        if len(own) == 1 and not other and not PER_TIME.search(column.name):
             # `u, v` and `x, z` are pairs too, but of x, y, z the plane is that of x and y
             axes.setdefault(rest, {}).setdefault(AXIS_WORDS[own[0]], column)
     pairs = [(pair["x"], pair["y"]) for pair in axes.values() if len(pair) == 2]
@@ -308,7 +317,9 @@ def angle_columns(file: str, moving: Sequence[Column]) -> list[Column]:
 
 
 def is_rate(column: Column) -> bool:
-    """Whether a name is that of a rate or an error; single letters count alone only."""
+    """Whether a name or its unit is that of a rate, or a name that of an error; single letters count alone only."""
+    if PER_TIME.search(column.name):
+        return True
     return any(len(word) > 1 or len(column.words) == 1 for word in RATE_WORDS.intersection(column.words))
 
 

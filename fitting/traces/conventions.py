@@ -114,7 +114,7 @@ def _check_unit(trace: Trace, model: Model, unit: str | None) -> None:
         else:
             fix = "The unit is rad. Use --unit deg"
         raise SceneError(f"{trace.name}: theta reaches {largest:.3g} and looks like degrees. {fix}")
-    theta = trace.across_gaps(LONGEST_GAP * pendulum_period(length))
+    theta = trace.across_gaps(MAX_GAP_PERIODS * pendulum_period(length))
     rate = np.abs(np.diff(theta, axis=0) / np.diff(trace.t)[:, None])
     if unit == "deg" and largest < np.pi and np.nanmax(rate) < fastest:
         raise SceneError(

@@ -73,6 +73,8 @@ BAD = [
     ("line.0.mass", {"a": 1}, "line.0.mass: {'a': 1} is not a number", "list of 4 numbers"),
     ("line.0.mass", [0.1, 0.1, "x", 0.1], "line.0.mass.2: 'x' is not a number", "> 0 kg"),
     ("line.0.name", 3, "line.0.name: 3 is not a text", "text"),
+    ("line.0.name", "", "line.0.name: '' is not one line", "not empty"),
+    ("line.0.name", "west\nleg", r"line.0.name: 'west\nleg' is not one line", "not empty"),
     ("point", {"name": "left"}, "point: {'name': 'left'} is not a list", "[[point]]"),
     ("point.0", 7, "point.0: 7 is not a table", "keys"),
     ("effects", [1], "effects: [1] is not a table", "keys"),
@@ -302,8 +304,8 @@ def test_model_has_the_precision_of_the_scene():
 
 
 @pytest.mark.parametrize("bad", [["rope"], {"name": "rope"}, 3])
-@pytest.mark.parametrize("path", ["line.0.type", "line.0.sections.0.type", "line_type.0.name"])
-def test_a_list_or_table_for_the_name_of_a_type_is_refused_by_its_path(path, bad):
+@pytest.mark.parametrize("path", ["line.0.type", "line.0.sections.0.type", "line_type.0.name", "point.0.name"])
+def test_a_list_or_table_for_a_name_is_refused_by_its_path(path, bad):
     section = {"type": "rope", "length": 20.0, "links": 4}
     line = {"name": "line", "from": "a", "to": "b"}
     scene = {

@@ -1,5 +1,6 @@
 """Pictures of made-up motions: valid files, whole or absent, also of runs that failed or are short."""
 
+import dataclasses
 import shutil
 import sys
 from functools import cache
@@ -137,6 +138,23 @@ def test_animation_plays_all_frames_and_reports_progress(tmp_path, space):
     assert reported == sorted(reported)
     assert reported[-1] == 1.0
     assert [p.name for p in tmp_path.iterdir()] == ["motion.gif"]
+
+
+def test_a_name_with_dollars_is_drawn_as_it_is(tmp_path):
+    solution = run_of(12)
+    odd = dataclasses.replace(solution, scene=Scene.from_dict(solution.scene.to_dict() | {"name": "a$b^{c$d"}))
+    check_picture(plots.snapshot(odd, tmp_path / "pose.png"), "PNG")
+    check_picture(plots.animate(odd, tmp_path / "motion.gif", fps=4), "GIF")
+
+
+def test_logarithmic_axes_keep_their_powers_of_ten(tmp_path):
+    figure = style.new_figure(4.0, 3.0)
+    axes = figure.subplots()
+    axes.set_title("5 $ to 7 $")
+    axes.loglog([1.0, 1e6], [1.0, 1e6])
+    style.save(figure, tmp_path / "log.png")
+    assert not axes.title.get_parse_math()
+    assert all(label.get_parse_math() for label in axes.get_xticklabels())
 
 
 def test_long_motion_is_thinned_out_and_small(tmp_path):

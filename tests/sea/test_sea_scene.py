@@ -230,6 +230,23 @@ def test_a_wavespectra_dataset_becomes_a_sea_of_its_height_and_course():
     assert dj.Scene.from_dict(changed(sea__waves=waves)).sea.waves.kind == "components"
 
 
+def test_a_wavespectra_dataset_with_falling_frequencies_is_read_and_one_without_energies_is_refused(refusal):
+    xarray = pytest.importorskip("xarray", reason="reading wavespectra datasets needs the extra io")
+    frequency = np.linspace(0.05, 0.3, 6)
+    density = np.arange(1.0, 13.0).reshape(6, 2)
+
+    def dataset(energy, at=frequency):
+        return xarray.Dataset({"efth": (("freq", "dir"), energy)}, {"freq": at, "dir": [260.0, 270.0]})
+
+    rising = from_wavespectra(dataset(density))
+    falling = from_wavespectra(dataset(density[::-1], frequency[::-1]))
+    assert np.sum(falling["amplitude"] ** 2) == pytest.approx(np.sum(rising["amplitude"] ** 2))
+    for wrong in (0.0 * density, -density, np.where(density == 3.0, np.nan, density)):
+        assert refusal(from_wavespectra, dataset(wrong)).startswith("dataset.efth: ")
+    for wrong in (frequency - 0.05, frequency[[0, 2, 1, 3, 4, 5]], 0.1 * np.ones(6)):
+        assert refusal(from_wavespectra, dataset(density, wrong)).startswith("dataset.freq: ")
+
+
 def test_a_sector_of_directions_has_the_energy_of_its_bins():
     xarray = pytest.importorskip("xarray", reason="reading wavespectra datasets needs the extra io")
     frequency, coming = np.linspace(0.05, 0.3, 26), np.arange(180.0, 275.0, 10.0)

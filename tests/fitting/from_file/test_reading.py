@@ -1,5 +1,7 @@
 """Files of other programs: cells, columns, clock and unit are found, or what is missing is named in one line."""
 
+import re
+
 import numpy as np
 import pytest
 from written_files import DAMPING, LENGTH, RATE, double_pendulum, points, swing, write
@@ -28,6 +30,8 @@ T, PHI = swing()
         ("czas kąt", T, PHI + 1.57, "  ", False, "rad"),
         ("t;theta_mrad", T, 1e3 * PHI, ";", False, "mrad"),
         ("ch0,ch1", 1e3 * T, PHI, ",", False, "rad"),
+        ("timestamp,ch1", 1e9 * (1.7e9 + T), PHI, ",", False, "rad"),
+        ("Zeit / s;phi / rad", T, PHI, ";", True, "rad"),
     ],
 )
 def test_headers_units_and_decimals_give_the_same_trace(tmp_path, head, times, angle, separator, comma, unit):
@@ -213,6 +217,9 @@ def driven():
         ("t,encoder_counts", lambda: [T, np.round(1000 * PHI)], "--counts 4096"),
         ("t,angle 1 [rad],angle 2 [rad]", lambda: [T, PHI, np.roll(PHI, 30)], "--lengths L1,L2"),
         ("t,angle_rad", lambda: [T[::-1], PHI], "Reverse the rows"),
+        ("Time (s),Gyroscope z (rad/s)", lambda: [T, np.gradient(PHI, T)], "shows rates alone: Gyroscope z (rad/s)"),
+        ("t,swing (rad/s)", lambda: [T, np.gradient(PHI, T)], "shows rates alone: swing (rad/s)"),
+        ("t,x [m/s],y [m/s]", lambda: [T, np.cos(PHI), np.sin(PHI)], "shows rates alone: x [m/s], y [m/s]"),
     ],
 )
 def test_what_is_missing_is_named_in_one_line(tmp_path, head, columns, message, refusal):
@@ -291,14 +298,18 @@ def test_links_are_in_the_order_of_their_numbers_not_of_their_digits(tmp_path):
     assert [column.name for column in find_columns(read_cells(file), given).angles] == names
 
 
-def test_a_clock_that_passes_midnight_goes_on(tmp_path):
+@pytest.mark.parametrize("date", ["", "2026-11-30T", "11/30/2026 ", "30.11.2026 "])
+def test_a_clock_that_passes_midnight_goes_on(tmp_path, date):
     seconds = 86395.0 + T
     lines = ["time;angle_rad"]
     for second, angle in zip(seconds, PHI, strict=True):
         minutes, rest = divmod(second % 86400, 60)
         hour, minute = divmod(int(minutes), 60)
-        lines.append(f"{hour:02d}:{minute:02d}:{rest:06.3f};{angle:.6f}")
-    (tmp_path / "a.csv").write_text("\n".join(lines) + "\n")
+        lines.append(f"{date}{hour:02d}:{minute:02d}:{rest:06.3f};{angle:.6f}")
+    text = "\n".join(lines) + "\n"
+    if date.startswith("30."):
+        text = re.sub(r"(\d)\.(\d+)(?=[;\n])", r"\1,\2", text)  # decimal commas
+    (tmp_path / "a.csv").write_text(text)
     np.testing.assert_allclose(read_cells(tmp_path / "a.csv").values[:, 0], seconds, atol=1e-3)
 
 

@@ -165,9 +165,8 @@ def find_columns(cells: Cells, given: Mapping[str, str] | None = None, rate: flo
         angles = angle_columns(file, [column for column in free if moves(column.values)])
     rates = [column.name for column in free if is_rate(column) and moves(column.values)]
     if not points and not angles and rates:
-        raise SceneError(
-            f"{file}: shows rates alone: {first_names(rates, MOST_NAMES)}. Give angles or points, or fit a gyro as a channel"
-        )
+        names = first_names(rates, MOST_NAMES)
+        raise SceneError(f"{file}: shows rates alone: {names}. Give angles or points, or fit a gyro as a channel")
     if not points and not angles:
         still = first_names([column.name for column in free], MOST_NAMES) or "its columns"
         raise SceneError(f"{file}: nothing moves in {still}. Give a file with motion")

@@ -193,15 +193,15 @@ def _pairs(model: Model, lines: Sequence[str], path: str) -> tuple[tuple[int, in
     nodes = line_nodes(model, lines)
     pairs: list[tuple[int, int]] = []
     for one, other in pairwise(nodes):
-        first = _find_own_nodes(model, nodes[one], nodes[other])
-        second = _find_own_nodes(model, nodes[other], nodes[one])
+        first = _unshared_nodes(model, nodes[one], nodes[other])
+        second = _unshared_nodes(model, nodes[other], nodes[one])
         if not (first and second):
             raise SceneError(f"{path}.lines: {one!r} and {other!r} have no free nodes of their own. Use more links")
         pairs += product(first, second)
     return tuple(pairs)
 
 
-def _find_own_nodes(model: Model, nodes: np.ndarray, others: np.ndarray) -> list[int]:
+def _unshared_nodes(model: Model, nodes: np.ndarray, others: np.ndarray) -> list[int]:
     """The inner ones of a line's nodes; of a line of one link, its free ends that are not among `others`."""
     inner = nodes[nodes < model.geometry.inner]
     if len(inner):

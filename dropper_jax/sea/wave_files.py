@@ -95,6 +95,9 @@ def from_wavespectra(dataset: Any, seed: int = 0) -> Table:
 
     `dir` is where waves come from, clockwise from north (their convention); here +x is east and +y north. One component
     per bin, phases from the seed. Only the dataset itself needs xarray (extra `io`). Select one time and site first.
+
+    Raises:
+        SceneError: a variable is missing, other dimensions, or densities without waves.
     """
     for name in ("efth", "freq", "dir"):
         if name not in dataset:
@@ -109,6 +112,8 @@ def from_wavespectra(dataset: Any, seed: int = 0) -> Table:
     # directions have one spacing, but need not go all round
     spacing = np.min(np.abs(np.diff(coming)))
     energy = np.asarray(density.transpose("freq", "dir"), float) * np.gradient(frequency)[:, None] * spacing
+    if not (np.all(np.isfinite(energy)) and np.max(energy) > 0.0 and np.min(frequency) > 0.0):
+        raise SceneError("dataset.efth: needs finite densities, one at least above 0, at frequencies above 0 Hz")
     counts = energy > SMALLEST * energy.max()
     return {
         "kind": "components",

@@ -112,9 +112,9 @@ def from_wavespectra(dataset: Any, seed: int = 0) -> Table:
     # directions have one spacing, but need not go all round
     spacing = np.min(np.abs(np.diff(coming)))
     energy = np.asarray(density.transpose("freq", "dir"), float) * np.gradient(frequency)[:, None] * spacing
-    if not (np.all(np.isfinite(energy)) and np.max(energy) > 0.0 and np.min(frequency) > 0.0):
-        raise SceneError("dataset.efth: needs finite densities, one at least above 0, at frequencies above 0 Hz")
     counts = energy > SMALLEST * energy.max()
+    if not (np.all(np.isfinite(energy)) and np.any(counts) and np.all(frequency[np.any(counts, axis=1)] > 0.0)):
+        raise SceneError("dataset.efth: needs finite densities, one at least above 0, at frequencies above 0 Hz")
     return {
         "kind": "components",
         "amplitude": np.sqrt(2.0 * energy[counts]),

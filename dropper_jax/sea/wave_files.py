@@ -95,6 +95,9 @@ def from_wavespectra(dataset: Any, seed: int = 0) -> Table:
 
     `dir` is where waves come from, clockwise from north (their convention); here +x is east and +y north. One component
     per bin, phases from the seed. Only the dataset itself needs xarray (extra `io`). Select one time and site first.
+
+    Raises:
+        SceneError: a variable is missing, other dimensions, or densities without waves.
     """
     for name in ("efth", "freq", "dir"):
         if name not in dataset:
@@ -115,6 +118,8 @@ def from_wavespectra(dataset: Any, seed: int = 0) -> Table:
     if not (np.all(energy >= 0.0) and np.any(energy > 0.0)):
         raise SceneError("dataset.efth: allowed: energies of at least 0 and not all 0, without missing values")
     counts = energy > SMALLEST * energy.max()
+    if not (np.all(np.isfinite(energy)) and np.any(counts) and np.all(frequency[np.any(counts, axis=1)] > 0.0)):
+        raise SceneError("dataset.efth: needs finite densities, one at least above 0, at frequencies above 0 Hz")
     return {
         "kind": "components",
         "amplitude": np.sqrt(2.0 * energy[counts]),

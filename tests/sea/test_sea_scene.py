@@ -264,6 +264,14 @@ def test_spectra_of_several_times_or_one_direction_are_refused(refusal):
         assert refusal(from_wavespectra, data).startswith("dataset.efth: has the dimensions (")
 
 
+@pytest.mark.parametrize(("density", "lowest"), [(0.0, 0.1), (np.nan, 0.1), (1.0, 0.0)])
+def test_a_spectrum_without_waves_is_refused(density, lowest, refusal):
+    xarray = pytest.importorskip("xarray", reason="reading wavespectra datasets needs the extra io")
+    axes = {"freq": lowest + 0.1 * np.arange(3), "dir": 10.0 * np.arange(4)}
+    data = xarray.Dataset({"efth": (("freq", "dir"), np.full((3, 4), density))}, axes)
+    assert refusal(from_wavespectra, data).startswith("dataset.efth: needs finite densities")
+
+
 def test_an_elevation_that_does_not_change_is_refused(tmp_path, refusal):
     file = tmp_path / "flat.csv"
     file.write_text("t_s,elevation_m\n" + "".join(f"{i},0.3\n" for i in range(8)))

@@ -32,7 +32,15 @@ def profile(result: SceneFit, name: str, *, points: int = 3) -> Profile:
     The interval is where twice the growth stays below the `PROFILE_LEVEL` quantile of chi-square with one degree of
     freedom (Wilks 1938). It is interpolated in the root of the growth. If the standard error exceeds that from the
     noise (correlated residuals, a partly wrong model), the growth is scaled down accordingly (Kent 1982).
+
+    Raises:
+        SceneError: fewer than one point, a parameter that is not free, or the name of several.
     """
+    if points < 1:
+        raise SceneError(f"profile: {points} points on either side; allowed: at least 1")
+    name, *others = free_names(result, name)
+    if others:
+        raise SceneError(f"profile: {name!r} is one of {1 + len(others)} parameters of this name. Use its full path")
     solution = result.solution
     index = solution.problem.names.index(name)
     std_error = float(result.uncertainty.std_error[index])
@@ -94,19 +102,26 @@ def profiles(result: SceneFit, names: Sequence[str] = (), progress: Progress = s
     Raises:
         SceneError: a parameter that is not free.
     """
-    known = result.solution.problem.names
     found = []
-    for name in names or known:
-        if name in known:
-            full = name
-        else:
-            full = full_names(result.scene, [name], "profile")[0]
-        mine = [p for p in known if p == full or p.startswith((f"{full}.", f"{full}@"))]
-        if not mine:
-            raise SceneError(f"profile: {full!r} is not a free parameter; {nearest(full, known)}")
-        found += mine
+    for name in names or result.solution.problem.names:
+        found += free_names(result, name)
     rows = []
     for name in dict.fromkeys(found):
         progress(PROFILES_FRACTION, f"profile of {name}")
         rows.append(profile(result, name))
     return rows
+
+
+def free_names(result: SceneFit, name: str) -> list[str]:
+    """The free parameters of a name, which may be short, or that of a field with several.
+
+    Raises:
+        SceneError: a parameter that is not free.
+    """
+    known = result.solution.problem.names
+    if name not in known:
+        name = full_names(result.scene, [name], "profile")[0]
+    mine = [p for p in known if p == name or p.startswith((f"{name}.", f"{name}@"))]
+    if not mine:
+        raise SceneError(f"profile: {name!r} is not a free parameter; {nearest(name, known)}")
+    return mine

@@ -128,20 +128,27 @@ class State:
 def state(
     model: Model, r: ArrayLike, v: ArrayLike | None = None, tension: ArrayLike | None = None, t: ArrayLike = 0.0
 ) -> State:
-    """A state from free-node positions (nodes, 3) [m] and velocities; omitted values are zero."""
+    """A state from free-node positions (nodes, 3) [m] and velocities; omitted values are zero.
+
+    Raises:
+        ValueError: an array of another shape.
+    """
 
     def array(value: ArrayLike | None, *shape: int) -> Array:
         if value is None:
             value = np.zeros(shape)  # of NumPy: outside of a program `jnp.zeros` compiles one for each shape
-        return jnp.asarray(value, model.dtype)
+        values = jnp.asarray(value, model.dtype)
+        if values.shape != shape:
+            raise ValueError(f"state: has an array of the shape {values.shape}; allowed: {shape} for this model")
+        return values
 
-    r = array(r)
+    at_nodes = (model.free_nodes, 3)
     return State(
-        r=r,
-        v=array(v, *r.shape),
+        r=array(r, *at_nodes),
+        v=array(v, *at_nodes),
         tension=array(tension, model.line.links),
         t=array(t),
-        acceleration=array(None, *r.shape),
+        acceleration=array(None, *at_nodes),
         law=model.no_multipliers(),
         work=array(None, len(work_names(model))),
         parted=nothing_parted(model),

@@ -103,7 +103,9 @@ def report_runs(solutions: dict[str, Solution], settings: Settings | None = None
 
 
 def _same_lines(solutions: dict[str, Solution]) -> None:
-    """Reject runs whose lines have other names or links than those of the first."""
+    """Reject runs whose lines have other names or links than those of the first, and no runs."""
+    if not solutions:
+        raise SceneError("solutions: are empty; needed: one run or more")
     known = {}
     for name, solution in solutions.items():
         known[name] = [(line.name, line.spec.links, line.pieces) for line in whole_lines(solution.scene)]

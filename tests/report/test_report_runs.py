@@ -169,6 +169,10 @@ def test_bad_input_is_refused_in_one_line(longline, made, tmp_path, refused, mon
     assert words in refused(["report", *more])
 
 
+def test_no_runs_are_refused(refusal):
+    assert refusal(report_runs, {}) == "solutions: are empty; needed: one run or more"
+
+
 def test_a_load_that_some_runs_do_not_know_is_not_extrapolated():
     assert storm_extreme(np.array([0.0, 63.0, 0.0, 41.0]), 600.0, 10800.0, 0.9) == {
         "skipped": "no load at all in 2 of 4 runs"

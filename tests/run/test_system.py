@@ -53,6 +53,20 @@ def test_network_solve_and_its_transpose_are_those_of_the_dense_jacobian(network
     network_is_exact(model, s)
 
 
+def test_a_state_has_the_shapes_of_its_model():
+    model, _ = star()
+    nodes = model.free_nodes
+    for r, v, tension in (
+        (np.zeros((1, 3)), None, None),  # which would count for every node
+        (np.zeros((nodes + 3, 3)), None, None),  # with the fixed points
+        (np.zeros((nodes, 2)), None, None),
+        (np.zeros((nodes, 3)), np.zeros(3), None),
+        (np.zeros((nodes, 3)), None, 1.0),
+    ):
+        with pytest.raises(ValueError, match=r"^state: has an array of the shape \("):
+            state(model, r, v, tension)
+
+
 CHAIN = {"name": "chain", "mass": 10.91, "diameter": 0.042, "EA": 48.884e6, "damping_ratio": 0.1}
 HANGING = scene_of(
     {"a": [0.0, 0.0, 0.0], "joint": free_at([10.0, 0.0, -1.0], mass=100.0), "b": [20.0, 0.0, 0.0]},

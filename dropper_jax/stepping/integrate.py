@@ -88,8 +88,8 @@ def advance(
 
     if count is None:
         return jax.lax.scan(save, progress, None, length=saves)
-    save = jax.jit(save, inline=True)  # traced once, for the shapes of its rows and for the loop
-    return scan_steps(save, progress, count, empty_rows(jax.eval_shape(save, progress, None)[1], saves))
+    traced_once = jax.jit(save, inline=True)  # for the shapes of its rows, and for the loop
+    return scan_steps(traced_once, progress, count, empty_rows(jax.eval_shape(traced_once, progress, None)[1], saves))
 
 
 class Steps(NamedTuple):

@@ -24,7 +24,7 @@ from fitting.estimate.scene_fit import SceneFit
 from fitting.estimate.shooting import GAP_WEIGHTS
 from fitting.estimate.uncertainty import degrees_of_freedom
 from fitting.estimate.windows import Span, Windows
-from fitting.traces.conventions import LONGEST_GAP
+from fitting.traces.conventions import MAX_GAP_PERIODS
 from fitting.traces.planar import pendulum_period
 from fitting.traces.trace import Trace
 
@@ -266,7 +266,7 @@ class FitResult(SceneFit[Problem, Evaluation]):
         length = np.asarray(self.solution.problem.simulator.model_at(self.values).line.length)
         fastest = 0.0
         for trace in self.traces:
-            theta = trace.across_gaps(LONGEST_GAP * pendulum_period(length))
+            theta = trace.across_gaps(MAX_GAP_PERIODS * pendulum_period(length))
             rates = np.abs(np.diff(theta, axis=0)) / np.diff(trace.t)[:, None]
             fastest = max(fastest, float(np.max(np.nansum(rates * length, axis=1), initial=0.0)))
         return fastest

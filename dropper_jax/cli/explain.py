@@ -17,7 +17,7 @@ from dropper_jax.cli.printing import done_object, failure_of, print_result, prin
 if TYPE_CHECKING:
     from dropper_jax.explain.answers import Explained
 
-help = "answers on a mooring at rest: lengths, tensions, stiffnesses, damping, wear, each beside a closed form"
+help = "answers on a mooring at rest: lengths, tensions, stiffnesses, damping, wear, with closed forms"
 
 
 def add_arguments(parser: ArgumentParser) -> None:

@@ -134,7 +134,7 @@ def _read_csv(file: str | Path, path: str) -> tuple[list[str], np.ndarray]:
     try:
         with open(file, newline="", encoding="utf-8-sig") as opened:
             rows_of_text = (line for line in opened if not line.startswith("#"))
-            lines = [cells for cells in csv.reader(rows_of_text) if cells]
+            lines = [cells for cells in csv.reader(rows_of_text, strict=True) if cells]
     except (OSError, csv.Error, ValueError) as error:
         raise SceneError(f"{path}: cannot read {str(file)!r}: {getattr(error, 'strerror', None) or error}") from None
     if len(lines) < 2:

@@ -43,7 +43,7 @@ RATE_WORDS = word_set(
     """
 )
 #: A unit per time: `(rad/s)`, `[m s^-2]`.
-PER_TIME = re.compile(r"/\s*s(?:ec)?(?:\b|\d|²)|\bs\s*\^?\s*[-−⁻]\s*[12¹²]")
+PER_TIME = re.compile(r"/\s*s(?:ec)?(?:\b|\d|²)|(?:rad|deg|°|m)[\s·*.]+s\s*\^?\s*[-−⁻]\s*[12¹²]")
 AXIS_WORDS = {"x": "x", "u": "x", "y": "y", "z": "y", "v": "y"}
 #: Units by their words: what is measured, and the unit.
 TIME_UNITS = {

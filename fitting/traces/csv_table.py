@@ -89,7 +89,8 @@ def read_csv(
     try:
         rows = _split(body)
     except csv.Error as error:
-        raise SceneError(f"{path.name}: not a CSV file: {error}; allowed: columns {columns}") from None
+        why = f"{error}; is a quotation mark not closed?"
+        raise SceneError(f"{path.name}: not a CSV file: {why} allowed: columns {columns}") from None
     names = [name.strip() for name in rows[0]]
     if all(map(_is_number, names)):
         raise SceneError(f"{path.name}: has no header; allowed: a first row with the names of the columns, {columns}")
@@ -112,7 +113,8 @@ def _split(body: list[str]) -> list[list[str]]:
     if separator is None and " " in body[0].strip():
         rows = [line.split() for line in body]
     else:
-        rows = list(csv.reader(body, delimiter=separator or ",", skipinitialspace=True))
+        # strict: an open quote is an error, not a cell with the rest of the file
+        rows = list(csv.reader(body, delimiter=separator or ",", skipinitialspace=True, strict=True))
     if separator != ",":
         for row in rows[1:]:
             row[:] = [re.sub(r"^([^.,]*),([^.,]*)$", r"\1.\2", cell) for cell in row]

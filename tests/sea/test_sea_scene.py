@@ -124,6 +124,7 @@ def test_a_scene_has_one_gravity_whichever_section_gives_it():
     [
         ("period,amplitude\n3,1\n", "has the columns period, amplitude; allowed: period_s or frequency_hz"),
         ("period_s,amplitude_m\n3,x\n", "line 2: '3,x' is not all numbers"),
+        ('period_s,amplitude_m\n3,"1\n4,1\n', "unexpected end of data"),
         ("period_s,amplitude_m\n-3,1\n", "period_s of component 1 is -3; allowed: > 0"),
         ("period_s,amplitude_m\n", "has no rows"),
         ("period_s,frequency_hz,amplitude_m\n6,1,0.5\n", "component 1: frequency_hz 1 is not 1/period_s, 0.1667 Hz"),

@@ -219,6 +219,8 @@ def driven():
         ("t,angle_rad", lambda: [T[::-1], PHI], "Reverse the rows"),
         ("Time (s),Gyroscope z (rad/s)", lambda: [T, np.gradient(PHI, T)], "shows rates alone: Gyroscope z (rad/s)"),
         ("t,swing (rad/s)", lambda: [T, np.gradient(PHI, T)], "shows rates alone: swing (rad/s)"),
+        ("t,swing [rad s^-1]", lambda: [T, np.gradient(PHI, T)], "shows rates alone: swing [rad s^-1]"),
+        ("t,s-1,s-2", lambda: [T, PHI, 0.5 * PHI**2], "--columns theta_1=s-1"),
         ("t,x [m/s],y [m/s]", lambda: [T, np.cos(PHI), np.sin(PHI)], "shows rates alone: x [m/s], y [m/s]"),
     ],
 )

@@ -62,6 +62,7 @@ def test_a_trace_survives_writing_and_reading(tmp_path):
         (rows(names="t,theta_2"), "unknown column .theta_2."),
         ("t,theta_1\n", "no samples"),
         (rows(value=lambda i: "x"), "not a number"),
+        (rows(value=lambda i: '"1' if i == 5 else "1"), "unexpected end of data; is a quotation mark not closed"),
         ("# unit=rad, model_error=-1\n" + rows(), "model_error = '-1': not an angle"),
         ("# unit=rad, model_error=1.2.3\n" + rows(), "model_error = '1.2.3': not an angle"),
         (rows(value=lambda i: ""), "every sample is missing"),

@@ -405,10 +405,9 @@ def step_and_filter(
     return break_links(model, acting, s, s1), row, filtered
 
 
-def solve_and_finish(
-    stepper: Stepper, theta: StepInputs, filtering: Filter | None = None
-) -> tuple[State, Array, Array | None]:
-    """The state after an implicit step, its largest scaled row, and what `solve` filters."""
+def solve_and_finish(stepper: Stepper, theta: StepInputs, filtering: Filter | None = None) -> tuple[State, Array, Any]:
+    """The state after an implicit step, its largest scaled row, and what `solve` filters: (nodes, 3), None without
+    `filtering`."""
     u, row, filtered = solve(stepper, theta, filtering)
     s1 = stepper.integrator.problem(*theta).finish(solution(stepper, theta, u))
     model, s, _ = theta

@@ -146,8 +146,11 @@ def step_lengths(
 def _halved_steps(stepper: Stepper, model: Model, s: State, dt: Array, intervals: int, most: int) -> Steps:
     """One step for each interval, or halves of it where it does not converge."""
 
-    def one(carry: Loop, size: Array) -> tuple[Loop, tuple[Array, ...]]:
+    def one(carry: Loop, sizes: tuple[Array, Array | None]) -> tuple[Loop, tuple[Array, ...]]:
         s, number, lengths, alive = carry
+        size, last = sizes
+        if last is not None:
+            s, _ = with_step_changed(stepper, model, s, last, size)
 
         def try_one(now: Loop) -> Loop:
             interval, number, lengths = now
@@ -164,9 +167,26 @@ def _halved_steps(stepper: Stepper, model: Model, s: State, dt: Array, intervals
 
     first = begin(stepper, model, s).state
     start = first, jnp.zeros((), jnp.int32), jnp.zeros(most + 1, model.dtype), jnp.ones((), bool)
-    sizes = jnp.broadcast_to(dt, intervals)
+    sizes = jnp.broadcast_to(dt, intervals), _intervals_before(stepper, dt)
     (_, _, lengths, _), found = jax.lax.scan(one, jax.tree.map(jnp.asarray, start), sizes)
     return Steps(lengths[:most], *found)
+
+
+def _intervals_before(stepper: Stepper, dt: Array) -> Array | None:
+    """The interval before each of several (intervals,) [s], 0 before the first; None if all are equal, or if the scheme
+    has nothing to change between steps of different length."""
+    if dt.ndim and stepper.integrator.local_error is not None:
+        return jnp.append(0.0, dt[:-1])
+    return None
+
+
+def _of_first_steps(found: Steps, values: Array) -> Array:
+    """Values (most,) of steps: those of the intervals (intervals,) at the first step of each, 0 at others."""
+    number = jnp.arange(len(found.length))
+    # a search, because a scatter prevents one kernel
+    interval = jnp.searchsorted(found.ends, number, side="right")
+    first = jnp.append(0, found.ends[:-1])
+    return jnp.where(number == first[interval], values[interval], 0.0)
 
 
 def integrate(
@@ -225,7 +245,10 @@ def integrate(
     follows = accuracy is not None
     if follows or (stepper.halvings and stepper.integrator.implicit):
         found = step_lengths(stepper, model, s, dt, steps, most, accuracy)
-        return along_accepted_steps(stepper.plain, model, s, found, save_every, checkpoint, meter, follows)
+        before = _intervals_before(stepper, jax.lax.stop_gradient(dt))
+        if before is not None:
+            before = _of_first_steps(found, before)
+        return along_accepted_steps(stepper.plain, model, s, found, save_every, checkpoint, meter, follows, before)
     return _given_steps(stepper.plain, model, s, dt, steps, save_every, checkpoint, meter)
 
 
@@ -242,9 +265,9 @@ def _given_steps(
     """The run in steps as they are given."""
     saves = steps // save_every
     sizes = jnp.broadcast_to(dt, steps).reshape(saves, save_every)
-    before = None
-    if dt.ndim and stepper.integrator.local_error is not None:
-        before = jnp.append(0.0, dt[:-1]).reshape(saves, save_every)
+    before = _intervals_before(stepper, dt)
+    if before is not None:
+        before = before.reshape(saves, save_every)
     rows = sizes, before, _measured(jnp.arange(1, saves + 1), saves)
 
     def save(carry: Loop, row: tuple[Any, ...]) -> tuple[Loop, Trajectory]:
@@ -289,20 +312,22 @@ def along_accepted_steps(
     checkpoint: bool,
     meter: Array | None,
     follows: bool = False,
+    before: Array | None = None,
 ) -> tuple[State, Trajectory]:
     """The run along known steps.
 
     Args:
         follows: whether the steps follow an accuracy: one that differs from that before starts with rates that suit it
             (`step_change`), and tensions are means over the interval.
+        before: of steps that do not, the step before those (most,) [s] that start so, 0 of others; None if none does.
     """
 
-    def take(carry: Loop, row: tuple[Array, ...]) -> tuple[Loop, State]:
+    def take(carry: Loop, row: tuple[Array, Array | None, Array]) -> tuple[Loop, State]:
         s, meter = carry
         h, before, measured = row
 
         def advance_by_one(s: State) -> State:
-            if follows:
+            if before is not None:
                 s, _ = with_step_changed(stepper, model, s, before, h)
             return step(stepper, model, s, h)[0]
 
@@ -312,7 +337,8 @@ def along_accepted_steps(
         return (s, meter), s
 
     first = jax.tree.map(jnp.asarray, begin(stepper, model, s).state)
-    before = jnp.append(0.0, found.length[:-1])
+    if follows:
+        before = jnp.append(0.0, found.length[:-1])
     rows = found.length, before, _measured(jnp.arange(1, len(found.length) + 1), found.ends[-1])
     (last, _), states = _scan(take, (first, meter), rows, checkpoint)
     at = jax.tree.map(lambda a: a[found.ends[save_every - 1 :: save_every] - 1], states)

@@ -50,6 +50,18 @@ def test_the_interval_between_saved_times_is_not_reported_as_a_step(followed, tm
     assert head.endswith("energy_momentum with accuracy 0.01")
 
 
+@pytest.mark.parametrize("halvings", [0, 6])
+def test_tensions_of_rigid_links_stay_smooth_where_a_given_step_is_another_one(halvings):
+    model, start = dj.build("double-pendulum-chaotic")
+    stepper = dj.make_stepper(model, halvings=halvings)
+    dt = np.repeat([0.01, 0.004, 0.01], 20)
+    run = jax.jit(lambda model: dj.integrate(stepper, model, start, dt, len(dt), warn=False)[1].tension)
+    tension = np.asarray(run(model))
+    for first in (20, 40):  # a sawtooth that a change of the step starts does not decay
+        after = tension[first : first + 20]
+        assert np.abs(np.diff(after, n=2, axis=0)).max() < 0.005 * after.max()
+
+
 def test_a_snap_within_an_interval_has_its_peak_and_its_impulse(followed):
     assert followed.status == "ok"
     assert followed.warnings == ()

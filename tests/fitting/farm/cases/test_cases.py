@@ -20,7 +20,7 @@ from dropper_jax.evaluation.record import record
 from dropper_jax.evaluation.tension import anchors
 from dropper_jax.scene import line_slices
 from fitting.farm.cases import assess, run_cases, write_page
-from fitting.farm.cases.case_run import Runner
+from fitting.farm.cases.case_run import QuantityValues, Runner
 from fitting.farm.cases.case_store import CaseStore as Store
 from fitting.farm.cases.characteristic import characteristic
 from fitting.farm.cases.page import page_text
@@ -166,6 +166,15 @@ def test_quantities_by_name_are_in_the_report_and_wrong_ones_are_refused(found):
     assert "| tension.east-leg.anchor.max |" in page_text(found)
     with pytest.raises(SceneError, match="'east-lag' is not a line; did you mean 'east-leg'"):
         small_site(quantities=["tension.east-lag.max"])
+
+
+def test_the_start_of_a_case_is_that_of_its_run_and_not_its_first_saved_state():
+    model, start = dj.build("double-pendulum-periodic")
+    run = dj.simulate("double-pendulum-periodic", dt=0.01, duration=0.02)
+    values = QuantityValues(["tension.1.start", "z.2.start"], model, start, run.scene.run)
+    found = values.collect()
+    np.testing.assert_allclose(found["quantity:tension.1.start"], run.tension[0, 0])
+    np.testing.assert_allclose(found["quantity:z.2.start"], run.positions[0, 2, 2])
 
 
 def test_what_was_run_is_never_run_again_and_other_capacities_need_no_run(folder):

@@ -14,7 +14,6 @@ from dropper_jax.base.read import Values, rises
 from dropper_jax.effects.bending import Bending, link_at_point
 from dropper_jax.effects.end_motion import interpolate_quintic
 from dropper_jax.model import Effect, Kinematics, ModelView, sum_of_pieces
-from dropper_jax.model.slots import Force
 from dropper_jax.scene import SceneData
 
 #: Maximum difference of a unit vector's or quaternion's length from 1.
@@ -92,7 +91,7 @@ class ClampMotion(Effect):
 
     def piece_force(self, k: Kinematics, r: Array, v: Array) -> Array:
         link, _ = link_at_point(k.model, self.point)
-        bending = next(effect for effect in k.model.having(Force) if isinstance(effect, Bending))
+        bending = k.model.having(Bending)[0]
         stiffness = jnp.broadcast_to(bending.EI, k.line.length.shape)[link] / k.line.length[link]
         intact = k.line.axial.intact
         if intact is not None:

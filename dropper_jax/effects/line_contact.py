@@ -14,7 +14,7 @@ from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.base.numerics import as_array, dot
 from dropper_jax.base.read import Pairs, Values
-from dropper_jax.base.records import names_of
+from dropper_jax.base.records import by_name, names_of
 from dropper_jax.effects.contact_bars import Bars, ContactPairs, Group
 from dropper_jax.effects.nearest_points import Nearest, contact_force, nearest_points, relative_motion
 from dropper_jax.effects.rigid_bodies import tetrahedron
@@ -233,7 +233,7 @@ def _bars_of(scene: SceneData, name: str) -> tuple[int, list[tuple[np.ndarray, f
         if body.name == name:
             cylinders = [(np.array([c.start, c.end]), c.diameter) for c in body.cylinders]
             return i, cylinders + [(np.array([s.centre, s.centre]), s.diameter) for s in body.spheres]
-    buoy = next(buoy for buoy in scene.buoys if buoy.name == name)
+    buoy = by_name(scene.buoys)[name]
     points = names_of(scene.points)
     axis = np.zeros((2, 3))
     axis[:, 2] = [-buoy.attachment, buoy.height - buoy.attachment]

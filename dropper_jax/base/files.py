@@ -16,6 +16,8 @@ from typing import BinaryIO
 
 from dropper_jax.base.errors import SceneError
 
+#: Suffixes of files that contain a complete run; one without a suffix is an `.npz` file.
+RUN_SUFFIXES = (".npz", ".nc", ".zarr")
 #: Suffix of temporary files: `.NAME.HOST-PROCESS-xxxx.part`, in the same folder as NAME.
 PART_SUFFIX = ".part"
 #: Folders in which a shell puts command output that it passes as a file.

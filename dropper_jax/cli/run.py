@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from dropper_jax.base.files import unfinished_folder
+from dropper_jax.base.files import RUN_SUFFIXES, unfinished_folder
 from dropper_jax.base.read import Table, Values
 from dropper_jax.cli.given import AUTO, number, output_file, output_folder
 from dropper_jax.cli.options import (
@@ -32,8 +32,6 @@ if TYPE_CHECKING:
 
 help = "simulate a scene"
 
-#: Suffixes of files that contain a complete run.
-RUN_SUFFIXES = (".npz", ".nc", ".zarr")
 #: Suffixes of animations.
 FILMS = (".gif", ".mp4")
 

@@ -20,7 +20,14 @@ import numpy as np
 
 from dropper_jax.base.deferred import DeferredErrorFile
 from dropper_jax.base.errors import SceneError, unreadable
-from dropper_jax.base.files import atomic_write, refuse_pipe, remove_leftovers, unfinished_folder, unwritable
+from dropper_jax.base.files import (
+    RUN_SUFFIXES,
+    atomic_write,
+    refuse_pipe,
+    remove_leftovers,
+    unfinished_folder,
+    unwritable,
+)
 from dropper_jax.base.read import Plain, Table
 from dropper_jax.base.store import read_archive, write_archive
 from dropper_jax.run import labelled
@@ -52,10 +59,12 @@ def save_run(solution: Samples, path: str | Path) -> Path:
     all.
 
     Raises:
-        SceneError: one line, if packages are missing, or the disk fails (netCDF, Zarr).
+        SceneError: one line, if the suffix is another one, packages are missing, or the disk fails (netCDF, Zarr).
         OSError: the disk fails.
     """
     path = Path(path)
+    if path.suffix.lower() not in ("", *RUN_SUFFIXES):
+        raise SceneError(f"{path}: {path.suffix} is no format of runs; allowed: {', '.join(RUN_SUFFIXES)}")
     check_packages(path)
     write = {".nc": _write_netcdf, ".zarr": _write_zarr}.get(path.suffix.lower())
     if write is None:

@@ -57,6 +57,8 @@ def make_stepper(
         if settings.pop("iterations", None) is not None:
             raise SceneError(f"iterations: are given, but integrator {integrator!r} solves nothing. Leave them out")
         return Stepper(integrator=scheme, solver=None, **settings)
+    if settings.get("iterations", 1) < 1:
+        raise SceneError(f"iterations: {settings['iterations']!r} is out of range; allowed: 1 or more corrections")
     if solver == "auto":
         chosen = choose_solver(model, scheme)
     else:

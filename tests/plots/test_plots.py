@@ -148,11 +148,11 @@ def test_a_name_with_dollars_is_drawn_as_it_is(tmp_path):
 
 
 def test_logarithmic_axes_keep_their_powers_of_ten(tmp_path):
-    figure = style.new_figure(4.0, 3.0)
+    figure = figures.new_figure(4.0, 3.0)
     axes = figure.subplots()
     axes.set_title("5 $ to 7 $")
     axes.loglog([1.0, 1e6], [1.0, 1e6])
-    style.save(figure, tmp_path / "log.png")
+    figures.save(figure, tmp_path / "log.png")
     assert not axes.title.get_parse_math()
     assert all(label.get_parse_math() for label in axes.get_xticklabels())
 

@@ -33,6 +33,12 @@ def test_a_file_gives_back_every_number_and_setting(run, tmp_path, suffix):
     assert [item.name for item in tmp_path.iterdir()] == [f"run.{suffix}"]
 
 
+def test_another_suffix_is_refused_before_anything_is_written(run, tmp_path):
+    with pytest.raises(dj.SceneError, match=r"run\.csv: \.csv is no format of runs; allowed: \.npz, \.nc, \.zarr"):
+        run.save(tmp_path / "run.csv")
+    assert not list(tmp_path.iterdir())
+
+
 def test_dataset_has_names_units_and_the_angles_of_the_solution(run):
     dataset = run.to_xarray()
     assert dataset.attrs["Conventions"].startswith("CF-")

@@ -51,6 +51,11 @@ def test_iterations_of_an_explicit_scheme_are_refused_in_one_line():
         dj.make_stepper(dj.build_model(ROPE), "rk4", iterations=3)
 
 
+def test_a_step_without_corrections_is_refused_in_one_line():
+    with pytest.raises(dj.SceneError, match="^iterations: 0 is out of range; allowed: 1 or more corrections$"):
+        dj.make_stepper(dj.build_model(ROPE), iterations=0)
+
+
 @pytest.mark.parametrize("call", [dj.make_stepper, dj.simulate])
 def test_a_setting_that_does_not_exist_is_refused_in_one_line(call):
     scene = dj.build_model("dropper-release-a") if call is dj.make_stepper else "dropper-release-a"

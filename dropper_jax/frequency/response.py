@@ -127,8 +127,10 @@ def frequency_response(
 
     Raises:
         SceneError: no sea or waves, regular waves, no equilibrium, rigid bodies, an end that moves by itself, a wave
-            that a current stops, a direction that is not finite.
+            that a current stops, a direction that is not finite, less than one frequency.
     """
+    if frequencies < 1:
+        raise SceneError(f"frequencies: {frequencies} is out of range; allowed: 1 or more")
     if direction is not None and not np.isfinite(direction):
         raise SceneError(f"direction: {direction:g} is not finite; allowed: a finite angle")
     scene = load_scene(scene)

@@ -174,8 +174,15 @@ class SceneData(DeclaredSection):
         return table
 
     def point(self, name: str) -> PointSpec:
-        """The point with that name."""
-        return next(point for point in self.points if point.name == name)
+        """The point with that name.
+
+        Raises:
+            SceneError: an unknown name, with the nearest.
+        """
+        for point in self.points:
+            if point.name == name:
+                return point
+        raise SceneError(f"point: {name!r} is unknown; {nearest(name, names_of(self.points))}")
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, SceneData) and self.to_dict() == other.to_dict()

@@ -361,3 +361,9 @@ def test_messages_of_the_compiler_for_its_developers_are_not_shown_by_commands(m
     finally:
         gc.set_threshold(*threshold)
     assert os.environ[cli.XLA_LOG] == "3"  # fatal ones alone, in the words of XLA's logger
+
+
+def test_a_point_that_a_scene_lacks_is_named_with_the_nearest(refusal):
+    scene = dj.load_scene("dropper-release-a")
+    name = scene.points[0].name
+    assert refusal(scene.point, f"{name}x") == f"point: '{name}x' is unknown; did you mean '{name}'?"

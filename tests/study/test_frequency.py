@@ -226,6 +226,11 @@ def test_rigid_bodies_are_rejected_in_one_line(refusal):
     assert message.startswith("body: rigid bodies are not accurate in the frequency domain")
 
 
+def test_a_response_at_no_frequency_is_refused_in_one_line(refusal):
+    message = refusal(dj.frequency_response, hanging_mass(), STATES, frequencies=0)
+    assert message == "frequencies: 0 is out of range; allowed: 1 or more"
+
+
 @pytest.mark.parametrize("direction", [np.nan, np.inf])
 def test_a_direction_that_is_not_finite_is_refused_as_input(direction):
     with pytest.raises(dj.SceneError, match="direction: .* is not finite"):

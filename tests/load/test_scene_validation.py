@@ -364,6 +364,6 @@ def test_messages_of_the_compiler_for_its_developers_are_not_shown_by_commands(m
 
 
 def test_a_point_that_a_scene_lacks_is_named_with_the_nearest(refusal):
-    scene = dj.load_scene("dropper-release-a")
+    scene = load_scene("dropper-release-a")
     name = scene.points[0].name
     assert refusal(scene.point, f"{name}x") == f"point: '{name}x' is unknown; did you mean '{name}'?"

@@ -64,7 +64,7 @@ def save_run(solution: Samples, path: str | Path) -> Path:
     """
     path = Path(path)
     if path.suffix.lower() not in ("", *RUN_SUFFIXES):
-        raise SceneError(f"{path}: {path.suffix} is no format of runs; allowed: {', '.join(RUN_SUFFIXES)}")
+        raise SceneError(f"{path}: {path.suffix} is an unknown format; allowed: {', '.join(RUN_SUFFIXES)}")
     check_packages(path)
     write = {".nc": _write_netcdf, ".zarr": _write_zarr}.get(path.suffix.lower())
     if write is None:

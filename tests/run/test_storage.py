@@ -34,7 +34,7 @@ def test_a_file_gives_back_every_number_and_setting(run, tmp_path, suffix):
 
 
 def test_another_suffix_is_refused_before_anything_is_written(run, tmp_path):
-    with pytest.raises(dj.SceneError, match=r"run\.csv: \.csv is no format of runs; allowed: \.npz, \.nc, \.zarr"):
+    with pytest.raises(dj.SceneError, match=r"run\.csv: \.csv is an unknown format; allowed: \.npz, \.nc, \.zarr"):
         run.save(tmp_path / "run.csv")
     assert not list(tmp_path.iterdir())
 

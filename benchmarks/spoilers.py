@@ -88,7 +88,7 @@ def lost_frames(rng: np.random.Generator) -> Found:
 def marker_of_a_link(rng: np.random.Generator) -> Found:
     link = int(rng.integers(4))
     turn = np.deg2rad(1.0) * _share(rng) * np.eye(4)[link]
-    return {"turn": turn, "free": (f"marker.offset.{link}",), "name": f"marker of link {link}"}
+    return {"turn": turn, "free": (f"marker.offset.{link}",), "name": f"marker of link {link + 1}"}
 
 
 def marker_of_a_node(rng: np.random.Generator) -> Found:

@@ -44,7 +44,7 @@ def possible_faults(model: Model, release: Release | None) -> list[PossibleFault
         ("roll of the camera", [CAMERA]),
     ]
     if links > 1:
-        named += [(f"marker of link {j}", [f"{MARKER}.{j}"]) for j in range(links)]
+        named += [(f"marker of link {j + 1}", [f"{MARKER}.{j}"]) for j in range(links)]
         named += [(f"marker of node {i}", [f"{NODE}.{i}"]) for i in range(links + 1)]
     named += [
         ("rate of the clock", [CLOCK]),

@@ -109,11 +109,11 @@ class Trace:
         return np.hypot(self.se, self.model_error)
 
     def column_name(self, column: int) -> str:
-        """Recording and link, from 0, of a column of its windows."""
+        """Recording and link, from 1, of a column of its windows."""
         if not self.recordings:
-            return f"{self.name} link {column}"
+            return f"{self.name} link {column + 1}"
         number, link = divmod(column, self.links)
-        return f"{self.recordings[number].name} link {link}"
+        return f"{self.recordings[number].name} link {link + 1}"
 
     def between(self, low: float, high: float) -> Trace:
         """The samples with low <= t < high."""

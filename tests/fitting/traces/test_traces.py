@@ -295,3 +295,8 @@ def test_links_of_a_simulated_truth_keep_their_lengths_where_their_end_moves(cha
     nodes = simulate_truth(scene, 0.5, 20.0).nodes
     lengths = np.linalg.norm(np.diff(nodes, axis=1), axis=2)
     np.testing.assert_allclose(lengths, np.broadcast_to([0.2, 0.1], lengths.shape), rtol=1e-9)
+
+
+def test_links_of_a_trace_count_from_one_as_the_columns_of_its_file():
+    trace = Trace("film", np.arange(3.0), np.zeros((3, 2)))
+    assert [trace.column_name(j) for j in range(2)] == ["film link 1", "film link 2"]

@@ -109,17 +109,16 @@ def from_wavespectra(dataset: Any, seed: int = 0) -> Table:
         )
     frequency = np.asarray(dataset["freq"], float)
     coming = np.asarray(dataset["dir"], float)
-    rises = np.sign(np.diff(frequency))
-    if np.any(frequency <= 0.0) or np.ptp(rises) > 0.0 or rises[0] == 0.0:
-        raise SceneError("dataset.freq: allowed: frequencies above 0 Hz, all rising or all falling")
+    spacings = np.diff(frequency)
+    if not (np.all(frequency >= 0.0) and (np.all(spacings > 0.0) or np.all(spacings < 0.0))):
+        raise SceneError("dataset.freq: allowed: frequencies of at least 0 Hz, all rising or all falling")
     # directions have one spacing, but need not go all round
     spacing = np.min(np.abs(np.diff(coming)))
     energy = np.asarray(density.transpose("freq", "dir"), float) * np.abs(np.gradient(frequency))[:, None] * spacing
-    if not (np.all(energy >= 0.0) and np.any(energy > 0.0)):
-        raise SceneError("dataset.efth: allowed: energies of at least 0 and not all 0, without missing values")
     counts = energy > SMALLEST * energy.max()
-    if not (np.all(np.isfinite(energy)) and np.any(counts) and np.all(frequency[np.any(counts, axis=1)] > 0.0)):
-        raise SceneError("dataset.efth: needs finite densities, one at least above 0, at frequencies above 0 Hz")
+    possible = np.all(np.isfinite(energy)) and np.all(energy >= 0.0) and np.any(counts)
+    if not possible or np.any(counts[frequency == 0.0]):
+        raise SceneError("dataset.efth: needs finite densities of at least 0, one at least above 0, none at 0 Hz")
     return {
         "kind": "components",
         "amplitude": np.sqrt(2.0 * energy[counts]),

@@ -244,7 +244,7 @@ def test_a_wavespectra_dataset_with_falling_frequencies_is_read_and_one_without_
     assert np.sum(falling["amplitude"] ** 2) == pytest.approx(np.sum(rising["amplitude"] ** 2))
     for wrong in (0.0 * density, -density, np.where(density == 3.0, np.nan, density)):
         assert refusal(from_wavespectra, dataset(wrong)).startswith("dataset.efth: ")
-    for wrong in (frequency - 0.05, frequency[[0, 2, 1, 3, 4, 5]], 0.1 * np.ones(6)):
+    for wrong in (frequency - 0.1, np.nan * frequency, frequency[[0, 2, 1, 3, 4, 5]], 0.1 * np.ones(6)):
         assert refusal(from_wavespectra, dataset(density, wrong)).startswith("dataset.freq: ")
 
 

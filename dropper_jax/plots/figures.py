@@ -38,13 +38,18 @@ def save(figure: Figure, path: str | Path) -> Path:
     """Write the figure in the format of the path's suffix (PNG without one), atomically."""
     path = Path(path)
     kind = path.suffix.lstrip(".").lower() or "png"
-    keep_dollars(figure)
-    layout = figure.get_layout_engine()
-    if layout is not None and figure.axes:  # once, here: `savefig` would draw the figure again for it
-        layout.execute(figure)
-        figure.set_layout_engine(None)
+    _arrange(figure)
     atomic_write(path, lambda file: figure.savefig(file, format=kind))
     return path
+
+
+def _arrange(figure: Figure) -> None:
+    """Arrange the panels, once: `savefig` would draw the figure again for it."""
+    keep_dollars(figure)
+    layout = figure.get_layout_engine()
+    if layout is not None and figure.axes:
+        layout.execute(figure)
+        figure.set_layout_engine(None)
 
 
 def keep_dollars(figure: Figure) -> None:
@@ -69,8 +74,11 @@ def how(run: Run) -> tuple[str, str]:
 
 
 def title(figure: Figure, text: str) -> None:
-    """The title of a picture."""
-    figure.suptitle(text, fontsize=TITLE_SIZE, fontweight="bold", x=SIDE, ha="left")
+    """The title of a picture, in smaller letters where it would be wider than the picture."""
+    drawn = figure.suptitle(text, fontsize=TITLE_SIZE, fontweight="bold", x=SIDE, ha="left")
+    drawn.set_parse_math("$" not in text)
+    width = drawn.get_window_extent().width / figure.bbox.width
+    drawn.set_fontsize(TITLE_SIZE * min(1.0, (1.0 - 4.0 * SIDE) / width))
 
 
 def panels(figure: FigureBase, count: int, columns: int = 1, **options: Any) -> np.ndarray:
@@ -107,4 +115,7 @@ def finish(figure: Figure, run: Run, what: str, path: str | Path) -> Path:
     if isinstance(layout, ConstrainedLayoutEngine):
         foot, head = np.array([FOOT, HEAD]) / figure.get_figheight()
         layout.set(rect=(0.0, foot, 1.0, 1.0 - foot - head))
+        _arrange(figure)
+        for legend in figure.legends:  # which the layout leaves at the edge of the picture, on the foot
+            legend.set_bbox_to_anchor((0.0, foot, 1.0, 1.0 - foot))
     return save(figure, path)

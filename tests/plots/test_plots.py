@@ -157,6 +157,21 @@ def test_logarithmic_axes_keep_their_powers_of_ten(tmp_path):
     assert all(label.get_parse_math() for label in axes.get_xticklabels())
 
 
+def test_a_long_title_ends_within_the_picture_and_the_legend_above_the_foot(tmp_path, monkeypatch):
+    solution = run_of(12)
+    named = solution.scene.to_dict() | {"name": "a dropper with a name that is longer than most are"}
+    drawn = []
+    monkeypatch.setattr(figures, "save", lambda figure, path: drawn.append(figure) or path)
+    plots.snapshot(dataclasses.replace(solution, scene=Scene.from_dict(named)), tmp_path / "pose.png")
+    figure = drawn[0]
+    renderer = figure.canvas.get_renderer()
+    title, foot = (text.get_window_extent(renderer) for text in figure.texts)
+    assert title.x1 < figure.bbox.x1
+    legend = figure.legends[0].get_window_extent(renderer)
+    assert legend.y0 >= foot.y1
+    assert legend.y1 <= figure.axes[0].get_tightbbox(renderer).y0
+
+
 def test_long_motion_is_thinned_out_and_small(tmp_path):
     path = plots.animate(run_of(5001, links=7, dt=0.01), tmp_path / "long.gif")
     with Image.open(path) as image:

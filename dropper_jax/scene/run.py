@@ -54,7 +54,7 @@ class RunSpec(SectionValues):
     integrator: str = option("integrator", type=str, default="energy_momentum")
     solver: str = option("linear solver", choices=SOLVERS, default="auto")
     dtype: str = option("precision", choices=("float64", "float32"), default="float64")
-    save_every: int = count("equal steps between saved states", default=1)
+    save_every: int = count("equal steps between saved states, the last of which is at or after `duration`", default=1)
     options: dict[str, float] = field(default_factory=dict)  # of the scheme, by name
     #: For `step` and `interval` where the scene gives none [s]; the scene suggests them.
     suggested_step: float | None = None

@@ -142,5 +142,10 @@ def prepared(ready, motion):
 
 
 @pytest.fixture(scope="session")
-def ten(ready, motion, fitted):
-    return [fitted(ready(seen(motion, seed))) for seed in range(10)]
+def first_fit(ready, motion, fitted):
+    return fitted(ready(seen(motion, 0)))
+
+
+@pytest.fixture(scope="session")
+def ten(ready, motion, fitted, first_fit):
+    return [first_fit, *(fitted(ready(seen(motion, seed))) for seed in range(1, 10))]

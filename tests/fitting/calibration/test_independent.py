@@ -128,6 +128,7 @@ def test_profile_and_bootstrap_agree_with_the_errors_of_either_method(two, prepa
     np.testing.assert_allclose(spread, u.std_error, rtol=0.6)
 
 
+@pytest.mark.check
 def test_a_bootstrap_of_few_windows_is_as_wide_as_the_noise_makes_it_and_warns(ten):
     """Eight windows, of which the first few determine most, of ten traces with white noise of known size."""
     drawn = [bootstrap(result, draws=400) for result in ten]
@@ -137,19 +138,19 @@ def test_a_bootstrap_of_few_windows_is_as_wide_as_the_noise_makes_it_and_warns(t
     assert all("blocks of time, fewer than 15" in d.warning for d in drawn)
 
 
-def test_a_bootstrap_of_one_block_is_refused(ten):
+def test_a_bootstrap_of_one_block_is_refused(first_fit):
     """Every draw would be the fit itself, and its intervals of no width."""
     with pytest.raises(SceneError, match="bootstrap: blocks of 1000 stretches; allowed: 1 to"):
-        bootstrap(ten[0], block=1000)
+        bootstrap(first_fit, block=1000)
     with pytest.raises(SceneError, match="bootstrap: blocks of 0 stretches"):
-        bootstrap(ten[0], block=0)
+        bootstrap(first_fit, block=0)
 
 
 @pytest.mark.filterwarnings("ignore:overflow encountered", "ignore:invalid value encountered")
-def test_a_prediction_whose_neighbouring_run_fails_is_not_trusted(ten):
+def test_a_prediction_whose_neighbouring_run_fails_is_not_trusted(first_fit):
     """One standard error away the parameters overflow: that run has no motion."""
-    errors = np.full_like(ten[0].values, 1e300)
-    found = predict(replace(ten[0], uncertainty=replace(ten[0].uncertainty, std_error=errors)))
+    errors = np.full_like(first_fit.values, 1e300)
+    found = predict(replace(first_fit, uncertainty=replace(first_fit.uncertainty, std_error=errors)))
     assert found.trusted == found.begin
     assert np.isfinite(found.simulated).all()
 
@@ -342,9 +343,9 @@ def test_a_step_that_stays_too_coarse_is_warned_of(two, exact):
     ]
 
 
-def test_one_window_without_a_derivative_does_not_hold_the_parameters(prepared, ten):
+def test_one_window_without_a_derivative_does_not_hold_the_parameters(prepared, first_fit):
     """A joint at its switch gave 1e20 for one window: its part is left out and reported, the others decide."""
-    windows, best = prepared.windows, ten[0].solution
+    windows, best = prepared.windows, first_fit.solution
     sound = prepared.simulator(best.values, best.starts, windows)
     broken = sound._replace(jacobian=sound.jacobian.copy())
     broken.jacobian[3, 5:] *= 1e18
@@ -375,9 +376,9 @@ class Rough:
 
 
 @pytest.mark.parametrize(("off", "status"), [(0.0, "ok"), (1.0, "not_converged")])
-def test_where_no_step_lowers_the_cost_a_fit_reports_how_far_its_minimum_is(prepared, ten, off, status):
+def test_where_no_step_lowers_the_cost_a_fit_reports_how_far_its_minimum_is(prepared, first_fit, off, status):
     """0.3 standard errors are converged; the windows' own optimum shows how far the point really is."""
-    best = ten[0]
+    best = first_fit
     begin = best.values + off * best.uncertainty.std_error
     rough = replace(prepared.problem(), simulator=Rough(prepared.simulator, 0.3))
     found = fit_windows(rough, begin, best.solution.starts, iterations=30)

@@ -120,6 +120,7 @@ def test_steps_of_cases_follow_the_accuracy_of_the_site(tmp_path):
         small_site(run={**run, "accuracy": 0.01, "dt": 0.01})
 
 
+@pytest.mark.check
 def test_breaks_of_the_scenes_own_failures_are_not_those_of_a_state():
     """The east leg breaks at once in every run; the west leg, that of the state, only where a run reaches its time."""
     scene = {**SCENE, "failure": [{"line": "east-leg", "link": 1, "time": 0.1}]}

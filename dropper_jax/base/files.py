@@ -30,7 +30,10 @@ def refuse_pipe(path: Path, what: str) -> None:
     Raises:
         SceneError: the path is a named pipe.
     """
-    if path.is_fifo() and not str(path).startswith(PIPE_FOLDERS):
+    is_pipe = False
+    with suppress(OSError):  # of a name that is too long: reading the file gives the error
+        is_pipe = path.is_fifo()
+    if is_pipe and not str(path).startswith(PIPE_FOLDERS):
         raise SceneError(f"{what}: {str(path)!r} is a named pipe, which may never end. Use a regular file")
 
 

@@ -41,22 +41,42 @@ def evaluate(text: str, names: Mapping[str, Number], path: str) -> Number:
     Raises:
         SceneError: not an arithmetic expression, an unknown name (with the nearest), or a result that is not finite.
     """
-    if len(text) > MAX_LENGTH:
-        raise SceneError(f"{path}: an expression of {len(text)} characters; allowed: at most {MAX_LENGTH}")
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", SyntaxWarning)  # such as `1if`: rejected below
-            tree = ast.parse(text.strip(), mode="eval").body
-    except (SyntaxError, ValueError, RecursionError, MemoryError):
-        raise SceneError(f"{path}: {text.strip()!r} is not a valid expression; allowed: {ALLOWED}") from None
+    tree = _parse(text, path)
     try:
         found = _value(tree, names, path)
         finite = math.isfinite(found)
+    except SceneError:  # is a ValueError, and has its reason
+        raise
     except (ZeroDivisionError, OverflowError, ValueError, TypeError, RecursionError) as error:
         raise SceneError(f"{path}: {text.strip()!r} has no value ({error}); allowed: a finite number") from None
     if not finite:
         raise SceneError(f"{path}: {text.strip()!r} is {found}; allowed: a finite number")
     return found
+
+
+def names_in(text: str, path: str) -> list[str]:
+    """Names of the numbers in an expression, without those of functions.
+
+    Args:
+        path: its path in the scene, for errors.
+
+    Raises:
+        SceneError: not a valid expression.
+    """
+    nodes = list(ast.walk(_parse(text, path)))
+    functions = {node.func for node in nodes if isinstance(node, ast.Call)}
+    return [node.id for node in nodes if isinstance(node, ast.Name) and node not in functions]
+
+
+def _parse(text: str, path: str) -> ast.expr:
+    if len(text) > MAX_LENGTH:
+        raise SceneError(f"{path}: an expression of {len(text)} characters; allowed: at most {MAX_LENGTH}")
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", SyntaxWarning)  # such as `1if`: rejected below
+            return ast.parse(text.strip(), mode="eval").body
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
+        raise SceneError(f"{path}: {text.strip()!r} is not a valid expression; allowed: {ALLOWED}") from None
 
 
 def _value(node: ast.expr, names: Mapping[str, Number], path: str) -> Number:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import tomllib
 from importlib import resources
@@ -10,14 +11,14 @@ from pathlib import Path
 
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.files import refuse_pipe
-from dropper_jax.base.read import Table
+from dropper_jax.base.read import Table, short_text
 from dropper_jax.base.toml_text import parse_toml_text
 from dropper_jax.decks.reading.sections import looks_like_moordyn
 from dropper_jax.load.variants import VARIANTS
 
-#: Farms of other sizes are packaged too, but not listed.
+#: Farms of other sizes are packaged too, but not listed. Digits beyond those of any count are no size.
 FARM = "dropper-farm"
-FARM_NAME = re.compile(r"dropper-farm(?:-(\d+))?")
+FARM_NAME = re.compile(r"dropper-farm(?:-(\d{1,9}))?")
 MAX_DROPPERS = 200
 
 
@@ -71,6 +72,8 @@ def packaged_scene(name: str) -> Table:
         SceneError: a farm size that does not exist.
         KeyError: not `is_packaged`.
     """
+    if not is_packaged(name):
+        raise KeyError(name)
     if farm := FARM_NAME.fullmatch(name):
         return _farm_table(name, farm[1])
     if name in _files():
@@ -135,15 +138,15 @@ def _read_mooring(path: Path, depth: float | None) -> Table:
 
 
 def _read_file(path: Path) -> bytes:
-    if not (path.suffix or len(path.parts) > 1 or path.exists()):  # it does not look like a file
-        raise SceneError(f"scene: {str(path)!r} is not a packaged scene; {nearest(str(path), scene_names())}")
+    if not (path.suffix or len(path.parts) > 1 or os.path.exists(path)):  # it does not look like a file
+        name = str(path)
+        raise SceneError(f"scene: {short_text(name)} is not a packaged scene; {nearest(name, scene_names())}")
     refuse_pipe(path, "scene")
     try:
         return path.read_bytes()
-    except OSError as error:
-        raise SceneError(
-            f"scene: cannot read {str(path)!r}: {error.strerror or error}; `dropper new` writes a scene to edit"
-        ) from None
+    except (OSError, ValueError) as error:  # a name that no file can have is a ValueError
+        reason = getattr(error, "strerror", None) or error
+        raise SceneError(f"scene: cannot read {str(path)!r}: {reason}; `dropper new` writes a scene to edit") from None
 
 
 def folder_of(source: str | Path, allow_outside: bool) -> Path | None:

@@ -33,14 +33,17 @@ import copy
 import itertools
 import math
 import re
+import textwrap
 from collections import ChainMap
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from graphlib import CycleError, TopologicalSorter
 from typing import Any
 
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.read import (
     Plain,
+    ScenePath,
     Table,
     Values,
     check_keys,
@@ -50,9 +53,11 @@ from dropper_jax.base.read import (
     read_number,
     read_table,
     read_text,
+    refuse,
+    short_text,
 )
-from dropper_jax.base.records import column, without_keys
-from dropper_jax.load.expressions import Number, evaluate
+from dropper_jax.base.records import column, select_keys, without_keys, without_none
+from dropper_jax.load.expressions import Number, evaluate, names_in
 
 #: Sections that only templates have.
 TEMPLATE_SECTIONS = ("parameters", "unit", "array", "point_type")
@@ -61,32 +66,21 @@ REPEATED_SECTIONS = ("point", "line", "buoy", "failure")
 UNIT_SECTIONS = ("point", "line", "buoy")
 LAYOUT_KEYS = ("name", "origin", "heading", "shared")
 ARRAY_KEYS = ("of", "repeat", *LAYOUT_KEYS)
+#: Values of the layout of a unit that does not give them.
+DEFAULT_LAYOUT: Values = {"origin": [0.0, 0.0, 0.0], "heading": 0.0, "shared": {}}
+#: Keys of a line, of a point along it or of a buoy that name points.
+POINT_KEYS = ("from", "to", "point")
+#: Texts of a scene in which nothing is an expression.
+FREE_TEXTS = ("description", "notes")
+#: Maximum distance between two positions of a shared point, relative to the size of the unit: above rounding, below any
+#: intended distance.
+SHARED_TOLERANCE = 1e-6
 #: Maximum number of items created by one `repeat`: 200 longlines of 60 loops have 12 000.
 MAX_COPIES = 20_000
+#: Numbers by name: counters of the enclosing repetitions, then, in the last map, parameters.
+Names = ChainMap[str, Number]
 NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*\Z")
 BRACES = re.compile(r"\{([^{}]*)\}")
-
-
-class Names(ChainMap[str, Any]):
-    """Numbers by name: counters of the enclosing repetitions, then, in the last map, parameters evaluated on demand."""
-
-    def __init__(self, *maps: Table) -> None:
-        super().__init__(*maps)
-        self._being_evaluated: list[str] = []
-
-    def __getitem__(self, key: str) -> Number:
-        value = super().__getitem__(key)
-        path = f"parameters.{key}"
-        if not isinstance(value, str):
-            read_number(value, path, {})
-            return value
-        if key in self._being_evaluated:
-            raise SceneError(f"{path}: circular reference: {' -> '.join([*self._being_evaluated, key])}")
-        self._being_evaluated.append(key)
-        try:
-            return evaluate(value.lstrip().removeprefix("="), self, path)
-        finally:
-            self._being_evaluated.remove(key)
 
 
 @dataclass(frozen=True)
@@ -127,23 +121,21 @@ class Template:
         Raises:
             SceneError: the parameter does not exist (with the nearest), or it has no value.
         """
-        names = Names(self._parameters())
-        return names[_parameter_name(path, names)]
+        numbers = self._parameters()
+        return numbers[_parameter_name(path, numbers)]
 
-    def _parameters(self) -> Table:
-        parameters = dict(read_table(self.table.get("parameters", {}), "parameters"))
+    def _parameters(self) -> dict[str, Number]:
+        parameters = read_table(self.table.get("parameters", {}), "parameters")
         for name in parameters:
             if not NAME.match(name):
                 raise SceneError(
                     f"parameters.{name}: is not a valid name; allowed: letters, digits and _, not starting with a digit"
                 )
-        return parameters
+        return evaluate_parameters(parameters)
 
     def expand(self) -> tuple[Table, Plain]:
         """The scene without parameters, repetitions and arrays, and the types of its points."""
-        names = Names(self._parameters())
-        for name in names:  # all of them, used or not
-            names[name]
+        names = ChainMap(self._parameters())
         types = evaluate_values(self.table.get("point_type", []), names, "point_type")
         rest = without_keys(self.table, (*TEMPLATE_SECTIONS, *REPEATED_SECTIONS))
         found = evaluate_table(rest, names, "")
@@ -162,41 +154,61 @@ class Template:
         kind = read_text(array.get("of"), f"{path}.of", units)
         unit = units[kind]
         check_keys(unit, UNIT_SECTIONS, f"unit.{kind}")
+        points = found.setdefault("point", [])
+        known_points = {point.get("name"): point for point in points}
         for inner in _repetitions(array, path, names):
-            part = {section: _items(unit, section, inner, f"unit.{kind}.") for section in UNIT_SECTIONS}
-            layout = _Layout.read(array, path, inner, set(column(part["point"], "name")))
-            known = set(column(found.setdefault("point", []), "name"))
-            points = [layout.point(point) for point in part["point"]]
-            # a shared point has the position given by its first unit
-            found["point"] += [point for point in points if point["name"] not in known]
-            for section, keys in (("line", ("from", "to")), ("buoy", ("point",))):
+            part = {section: _items(unit, section, inner, f"unit.{kind}") for section in UNIT_SECTIONS}
+            layout = _Layout.read(array, path, inner, part["point"])
+            for own in part["point"]:
+                point = layout.point(own)
+                known = known_points.setdefault(point["name"], point)
+                if known is point:
+                    points.append(point)
+                else:
+                    layout.check_known_point(own["name"], point, known)
+            for section in ("line", "buoy"):
                 for item in part[section]:
-                    found.setdefault(section, []).append(layout.item(item, keys))
+                    found.setdefault(section, []).append(layout.item(item))
 
 
 @dataclass(frozen=True)
 class _Layout:
-    """The position of a unit, and the names of its parts there; `points` are the names of its points."""
+    """The position of a unit, and the names of its parts there.
+
+    Attributes:
+        prefix: of the names of its parts.
+        origin: its position (3,) [m].
+        heading: of its x axis [rad].
+        shared: names in the scene of the points that it shares with others, by those in the unit.
+        points: names of its points.
+        size: maximum distance of a point from the origin [m], at least 1 m.
+        path: of the array.
+    """
 
     prefix: str
     origin: list[float]
     heading: float
-    shared: Values
+    shared: Mapping[str, str]
     points: set[str]
+    size: float
     path: str
 
     @classmethod
-    def read(cls, array: Values, path: str, names: Names, points: set[str]) -> _Layout:
-        given = evaluate_table({key: array.get(key) for key in LAYOUT_KEYS}, names, path)
-        origin = read_list(given["origin"] or [0.0, 0.0, 0.0], f"{path}.origin", 3, "3 numbers")
-        shared = read_table(given["shared"] or {}, f"{path}.shared")
-        check_keys(shared, points, f"{path}.shared")
+    def read(cls, array: Values, path: str, names: Names, points: Sequence[Table]) -> _Layout:
+        given = without_none(select_keys(array, LAYOUT_KEYS))
+        layout = evaluate_table({**DEFAULT_LAYOUT, **given}, names, path)
+        own = set(column(points, "name"))
+        shared = read_table(layout["shared"], f"{path}.shared")
+        check_keys(shared, own, f"{path}.shared")
+        for key, name in shared.items():
+            read_text(name, f"{path}.shared.{key}")
         return cls(
-            read_text(given["name"], f"{path}.name"),
-            [read_number(x, f"{path}.origin.{i}", {"unit": "m"}) for i, x in enumerate(origin)],
-            math.radians(read_number(given["heading"] or 0.0, f"{path}.heading", {"unit": "deg"})),
+            read_text(layout.get("name"), f"{path}.name"),
+            _read_position(layout["origin"], f"{path}.origin"),
+            math.radians(read_number(layout["heading"], f"{path}.heading", {"unit": "deg"})),
             shared,
-            points,
+            own,
+            max([1.0, *(math.hypot(*point["position"]) for point in points)]),
             path,
         )
 
@@ -208,32 +220,59 @@ class _Layout:
             return f"{self.prefix}{name}"
         return name
 
-    def item(self, item: Table, keys: Sequence[str]) -> Table:
-        """A line or buoy of the unit in the scene, whose `keys` name points."""
-        found = {**item, "name": f"{self.prefix}{item['name']}"}
-        for key in keys:
-            if key in item:
-                found[key] = self.name_of_point(item[key])
+    def item(self, item: Table) -> Table:
+        """A line or buoy of the unit in the scene."""
+        found = {**self._with_scene_points(item), "name": f"{self.prefix}{item['name']}"}
         if "attach" in item:
-            found["attach"] = list(map(self._stop, item["attach"]))
+            found["attach"] = list(map(self._with_scene_points, item["attach"]))
         return found
 
-    def _stop(self, stop: Table) -> Table:
-        """A point along a line of the unit; without a name it has one after the line."""
-        if "point" not in stop:
-            return stop
-        return {**stop, "point": self.name_of_point(stop["point"])}
+    def _with_scene_points(self, item: Table) -> Table:
+        """A line, a point along it or a buoy, with the names of its points in the scene."""
+        named = select_keys(item, POINT_KEYS)
+        return item | {key: self.name_of_point(name) for key, name in named.items()}
 
     def point(self, point: Table) -> Table:
         """A point of the unit in the scene."""
-        where = f"{self.path}, point {point['name']}"
-        position = read_list(point.get("position"), where, 3, "3 numbers")
-        x, y, z = (read_number(value, where, {"unit": "m"}) for value in position)
+        x, y, z = point["position"]
         cos = math.cos(self.heading)
         sin = math.sin(self.heading)
         moved = (cos * x - sin * y, sin * x + cos * y, z)
         position = [start + step for start, step in zip(self.origin, moved, strict=True)]
         return point | {"name": self.name_of_point(point["name"]), "position": position}
+
+    def check_known_point(self, name: str, point: Table, known: Table) -> None:
+        """Check that a point of the unit may be one that the scene has already.
+
+        Args:
+            name: its name in the unit.
+            point, known: the point as this unit gives it, and that of the scene.
+
+        Raises:
+            SceneError: it is not in `shared`, or its position is another.
+        """
+        if name not in self.shared:
+            allowed = "a prefix with unique names, or a point in `shared`"
+            raise refuse(f"{self.path}.name", point["name"], "is used twice", allowed)
+        here = point["position"]
+        there = _read_position(known.get("position"), f"point.{known['name']}.position")
+        if math.dist(here, there) > SHARED_TOLERANCE * self.size:
+            raise SceneError(
+                f"{self.path}.shared.{name}: {short_text(known['name'])} is at {_coordinates(there)}, but "
+                f"at {_coordinates(here)} in this unit; allowed: one position"
+            )
+
+
+def _coordinates(position: Sequence[float]) -> str:
+    """A position for an error line."""
+    numbers = ", ".join(f"{x:.8g}" for x in position)
+    return f"({numbers}) m"
+
+
+def _read_position(value: Plain, path: str) -> list[float]:
+    """Coordinates (3,) [m]."""
+    position = read_list(value, path, 3, "3 numbers")
+    return [read_number(x, f"{path}.{i}", {"unit": "m"}) for i, x in enumerate(position)]
 
 
 def _parameter_name(path: str, parameters: Values) -> str:
@@ -244,14 +283,63 @@ def _parameter_name(path: str, parameters: Values) -> str:
     return name
 
 
-def _items(table: Values, section: str, names: Names, before: str = "") -> list[Table]:
-    """Items of a section; those with `repeat` once for every combination of its counters."""
-    path = f"{before}{section}"
-    found = evaluate_list(table.get(section, []), names, path)
-    if before:  # names in units are prefixed, and needed before the scene is read
-        for i, item in enumerate(found):
-            read_text(item.get("name"), f"{path}.{i}.name")
+def evaluate_parameters(parameters: Values) -> dict[str, Number]:
+    """Parameters as numbers, each evaluated once and after those that it refers to.
+
+    Raises:
+        SceneError: not a number or an expression, or expressions that refer to each other in a circle.
+    """
+    texts = {}
+    referred = {}
+    for name, value in parameters.items():
+        path = f"parameters.{name}"
+        if not isinstance(value, str):
+            read_number(value, path, {})
+            continue
+        texts[name] = value.lstrip().removeprefix("=")
+        referred[name] = [other for other in names_in(texts[name], path) if other in parameters]
+    try:
+        order = list(TopologicalSorter(referred).static_order())
+    except CycleError as error:
+        circle = error.args[1][::-1]
+        chain = textwrap.shorten(" -> ".join(circle), 200, placeholder=" ...")
+        raise SceneError(f"parameters.{circle[0]}: circular reference: {chain}") from None
+    found = dict(parameters)
+    for name in order:
+        if name in texts:
+            found[name] = evaluate(texts[name], found, f"parameters.{name}")
     return found
+
+
+def _items(table: Values, section: str, names: Names, unit_path: str = "") -> list[Table]:
+    """Items of a section of the scene or of a unit; those with `repeat` once for every combination of its counters."""
+    path = join(unit_path, section)
+    found = evaluate_list(table.get(section, []), names, path)
+    if unit_path:
+        for i, item in enumerate(found):
+            _check_unit_item(item, section, f"{path}.{i}")
+    return found
+
+
+def _check_unit_item(item: Table, section: str, path: str) -> None:
+    """Check what the layout of a unit changes in an item, before the scene is read.
+
+    Raises:
+        SceneError: a name that is not a text, or a position that is not 3 numbers.
+    """
+    read_text(item.get("name"), f"{path}.name")
+    if section == "point":
+        _read_position(item.get("position"), f"{path}.position")
+    _check_point_names(item, path)
+    for i, attached in enumerate(read_list(item.get("attach", []), f"{path}.attach", None, "a list of tables")):
+        own_path = f"{path}.attach.{i}"
+        _check_point_names(read_table(attached, own_path), own_path)
+
+
+def _check_point_names(item: Values, path: str) -> None:
+    """Check that a line, a point along it or a buoy names its points with texts."""
+    for key, name in select_keys(without_none(item), POINT_KEYS).items():
+        read_text(name, f"{path}.{key}")
 
 
 def _repetitions(item: Values, path: str, names: Names) -> Iterator[Names]:
@@ -304,20 +392,22 @@ def evaluate_values(value: Plain, names: Names, path: str) -> Plain:
             return evaluate_table(value, names, path)
         case list():
             return evaluate_list(value, names, path)
+        case str() if ScenePath(path).stem in FREE_TEXTS:
+            return value
         case str() if value.lstrip().startswith("="):
             return evaluate(value.lstrip()[1:], names, path)
-        case str() if not path.endswith(("description", "notes")):
+        case str():
             return BRACES.sub(lambda found: _text(evaluate(found[1], names, path)), value)
     return value
 
 
 def evaluate_table(table: Values, names: Names, path: str) -> Table:
-    """The same of a table."""
+    """A table with all expressions in its values evaluated."""
     return {key: evaluate_values(item, names, join(path, key)) for key, item in table.items()}
 
 
 def evaluate_list(items: Sequence[Plain], names: Names, path: str) -> list[Any]:
-    """The same of a list; an item with `repeat` once for every repetition."""
+    """A list with all expressions in its items evaluated; an item with `repeat` once for every repetition."""
     found = []
     for i, item in enumerate(items):
         own = f"{path}.{i}"
@@ -330,6 +420,5 @@ def evaluate_list(items: Sequence[Plain], names: Names, path: str) -> list[Any]:
 
 
 def _text(number: Number) -> str:
-    if isinstance(number, float):
-        return f"{number:g}"
-    return str(number)
+    """A number in a name: different numbers differ, and 3.0 is `3`."""
+    return str(number).removesuffix(".0")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
-from dropper_jax import Scene, build_model, load_scene, scene_names
+from dropper_jax import Scene, build_model, load_scene, packaged_scene, scene_names
 from dropper_jax.load.variants import DAMPING
 
 EXPECTED = {f"paper-case-{number}{end}" for number in range(1, 6) for end in ("", "-table-6")}
@@ -31,6 +31,12 @@ MODEL_ANGLES = {
 
 def test_packaged_scenes_are_the_promised_ones():
     assert set(scene_names()) == EXPECTED
+
+
+@pytest.mark.parametrize("name", ["foo", "foo-ramp", "paper-case-1-undamped", "dropper-farm-x"])
+def test_a_name_without_a_packaged_scene_is_a_key_error(name):
+    with pytest.raises(KeyError):
+        packaged_scene(name)
 
 
 @pytest.mark.parametrize("name", sorted(EXPECTED))

@@ -234,6 +234,23 @@ def test_missing_file_and_folder_are_refused(tmp_path, refusal):
         assert "cannot read" in refusal(load_scene, path)
 
 
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("dropper-farm-" + "1" * 5000, "is not a packaged scene"),
+        ("x" * 300, "is not a packaged scene"),
+        ("a\0b", "is not a packaged scene"),
+        ("x" * 300 + ".toml", "cannot read"),
+        ("a\0b.toml", "cannot read"),
+    ],
+    ids=["digits", "long", "nul", "long-file", "nul-file"],
+)
+def test_a_name_that_no_file_can_have_is_refused_as_any_other(name, words, refusal):
+    message = refusal(load_scene, name)
+    assert message.startswith("scene: ")
+    assert words in message
+
+
 def test_values_are_changed_by_path_number_or_name():
     scene = Scene.from_dict(LOOP)
     values = {"effects.linear_damping.b_l": 0.5, "effects.quadratic_damping.b_q": 0.25, "run.dt": 0.02}

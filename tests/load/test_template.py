@@ -39,6 +39,20 @@ def changed(**values):
     return {**copy.deepcopy(FARM), **values}
 
 
+ROPE = {
+    "point": [{"name": "a", "position": [0.0, 0.0, 0.0]}, {"name": "b", "position": [10.0, 0.0, 0.0]}],
+    "line": [{"name": "l", "from": "a", "to": "b", "type": "rope", "length": 11.0, "links": 4}],
+}
+
+
+def ropes(line=(), points=(), **array):
+    """An array of ropes over 10 m, with other values of their line, further points of the scene and of the array."""
+    unit = copy.deepcopy(ROPE)
+    unit["line"][0].update(line)
+    table = {key: FARM[key] for key in ("run", "line_type", "effects")}
+    return {**table, "point": list(points), "unit": {"rope": unit}, "array": [{"of": "rope", "name": "k-"} | array]}
+
+
 def test_the_plain_scene():
     scene = dj.load_scene(FARM)
     assert scene.name == "farm-3"
@@ -79,15 +93,64 @@ def test_the_same_from_toml():
 
 
 def test_a_point_along_a_line_of_a_unit_needs_no_name():
-    unit = {
-        "point": [{"name": "a", "position": [0.0, 0.0, 0.0]}, {"name": "b", "position": [10.0, 0.0, 0.0]}],
-        "line": [{"name": "l", "from": "a", "to": "b", "type": "rope", "length": 11.0, "links": 4}],
-    }
-    unit["line"][0]["attach"] = [{"at": 5.0}]
-    table = {key: FARM[key] for key in ("run", "line_type", "effects")}
-    scene = dj.load_scene({**table, "unit": {"rope": unit}, "array": [{"of": "rope", "name": "k-"}]})
+    scene = dj.load_scene(ropes({"attach": [{"at": 5.0}]}))
     assert [point.name for point in scene.points] == ["k-a", "k-b", "k-l-at-5"]
     assert [(line.start, line.end) for line in scene.lines] == [("k-a", "k-l-at-5"), ("k-l-at-5", "k-b")]
+
+
+@pytest.mark.parametrize(
+    "table", [ropes(points=[{"name": "k-a", "position": [0.0, 5.0, 0.0]}]), ropes(repeat={"row": 2})]
+)
+def test_points_that_are_not_shared_have_names_of_their_own(table, refusal):
+    assert refusal(dj.load_scene, table).startswith("array.0.name: 'k-a' is used twice; allowed: ")
+
+
+def test_units_that_share_a_point_agree_on_its_position(refusal):
+    row = {"repeat": {"k": 2}, "name": "r{k}-", "shared": {"a": "p-{k}", "b": "p-{k + 1}"}}
+    scene = dj.load_scene(ropes(**row, origin=["= 10 * k / cos(0)", 0.0, 0.0]))
+    assert [point.name for point in scene.points] == ["p-1", "p-2", "p-3"]
+    message = refusal(dj.load_scene, ropes(**row, origin=["= 10.5 * k", 0.0, 0.0]))
+    assert message.startswith("array.0.shared.a: 'p-2' is at (20.5, 0, 0) m, but at (21, 0, 0) m in this unit")
+    anchor = {"name": "p-1", "position": [0.0, 0.1, 0.0]}
+    assert "shared.a: 'p-1' is at (0, 0.1, 0) m" in refusal(dj.load_scene, ropes(points=[anchor], shared={"a": "p-1"}))
+
+
+@pytest.mark.parametrize(
+    ("table", "start"),
+    [
+        (ropes(origin=0), "array.0.origin: 0 is not a list"),
+        (ropes(origin=False), "array.0.origin: False is not a list"),
+        (ropes(heading=""), "array.0.heading: '' is not a number"),
+        (ropes(shared=[]), "array.0.shared: [] is not a table"),
+        (ropes(shared={"a": ["x"]}), "array.0.shared.a: ['x'] is not a text"),
+        (ropes(shared={"a": 3}), "array.0.shared.a: 3 is not a text"),
+        (ropes({"from": ["a"]}), "unit.rope.line.0.from: ['a'] is not a text"),
+        (ropes({"attach": [{"point": ["x"]}]}), "unit.rope.line.0.attach.0.point: ['x'] is not a text"),
+    ],
+)
+def test_values_of_another_type_in_units_and_arrays_are_refused_by_path(table, start, refusal):
+    assert refusal(dj.load_scene, table).startswith(start)
+
+
+def test_descriptions_and_notes_are_free_texts():
+    scene = dj.load_scene(changed(description="= a scene with {braces}", notes=["= a note", "with {braces}"]))
+    assert scene.description == "= a scene with {braces}"
+    assert list(scene.notes) == ["= a note", "with {braces}"]
+
+
+def test_different_numbers_give_different_names():
+    numbers = {**FARM["parameters"], "x": 1234567.0}
+    assert dj.load_scene(changed(parameters=numbers, name="{x} {x + 1} {x / 2}")).name == "1234567 1234568 617283.5"
+
+
+def test_a_long_chain_of_parameters_has_a_value_or_one_short_reason(refusal):
+    """Each is evaluated once, however many refer to it."""
+    chain = {f"p{i}": f"= p{i - 1} + p{i - 1}" for i in range(400, 0, -1)}
+    numbers = {**FARM["parameters"], **chain, "max": "= max(loops, 2)"}
+    scene = dj.load_scene(changed(parameters={**numbers, "p0": 1}))
+    assert (scene.value("parameters.p400"), scene.value("parameters.max")) == (2.0**400, 3.0)
+    message = refusal(dj.load_scene, changed(parameters={**numbers, "p0": "= 1 / 0"}))
+    assert message == "parameters.p0: '1 / 0' has no value (division by zero); allowed: a finite number"
 
 
 def test_rows_of_units_with_heading_and_shared_anchors():

@@ -21,11 +21,14 @@ LAWS: dict[str, Callable[..., AxialLaw]] = {
     "damped_rope": DampedRope,
     "tabulated": Tabulated,
 }
+#: Laws of links that stretch, in words.
+STRETCHING_LAWS = ", ".join(name for name in LAWS if name != "rigid")
 
 __all__ = [
     "AXIAL_RINGING",
     "LAWS",
     "LENGTH_IN_TIME",
+    "STRETCHING_LAWS",
     "AxialLaw",
     "ChangingLength",
     "DampedRope",

@@ -71,7 +71,7 @@ def _fatigue(record: Record, line: WholeLine, settings: Settings) -> Table:
     for j in picked:
         own = cycles(tension[:, j])
         counted.append(own[own[:, 0] > least])
-    load = breaking_load(spec, settings)
+    load = breaking_load(record, line, settings)
     damages = None
     why_not = NO_CURVE
     if load is None:

@@ -13,7 +13,7 @@ from dropper_jax.evaluation.settings import Settings
 from dropper_jax.run.end_links import loaded_fixed_points, point_loads
 from dropper_jax.run.line_weights import end_angles, end_forces
 from dropper_jax.run.statistics import excess_kurtosis, statistic
-from dropper_jax.scene import AnchorSpec, LineSpec, WholeLine, utilisations
+from dropper_jax.scene import AnchorSpec, WholeLine, sliced_lines, utilisations
 from dropper_jax.stepping.extremes import Extremes
 
 
@@ -68,25 +68,25 @@ def _line(record: Record, where: WholeLine, settings: Settings) -> Table:
         "least": _peak(s, low, extremes.least, extremes.least_at),
         "mean_first_link_n": float(tension[:, 0].mean()),
         "mean_last_link_n": float(tension[:, -1].mean()),
-        "utilisation": _utilisation(spec, largest, settings),
+        "utilisation": _utilisation(record, where, largest, settings),
         **_smooth_maxima(record, tension),
     }
 
 
-def _utilisation(spec: LineSpec, largest: np.ndarray, settings: Settings) -> Table | None:
+def _utilisation(record: Record, where: WholeLine, largest: np.ndarray, settings: Settings) -> Table | None:
     """Maximum tensions (n,) [N] of a line over its breaking load, without and with the safety factor."""
-    load = breaking_load(spec, settings)
+    load = breaking_load(record, where, settings)
     if load is None:
         return None
     share = largest / load
     worst = int(np.argmax(share))
-    source = "--breaking-load"
-    if spec.breaking_load is not None:
-        source = "the line"
+    source = "the line"
+    if np.isnan(_own_breaking_load(record, where)[worst]):
+        source = "--breaking-load"
     return {
         "largest": float(share[worst]),
         "with_factor": settings.safety_factor * float(share[worst]),
-        "at_m": float(arc(spec.length)[worst]),
+        "at_m": float(arc(where.spec.length)[worst]),
         "breaking_load_n": float(load[worst]),
         "from": source,
         "along": share,
@@ -109,13 +109,24 @@ def _smooth_maxima(record: Record, tension: np.ndarray) -> dict[str, float]:
     }
 
 
-def breaking_load(spec: LineSpec, settings: Settings) -> np.ndarray | None:
-    """Breaking load (n,) [N] of the links of a line: that of the line, else the setting, else None."""
-    if spec.breaking_load is not None:
-        return np.asarray(spec.breaking_load, float)
-    if settings.breaking_load is None:
+def breaking_load(record: Record, where: WholeLine, settings: Settings) -> np.ndarray | None:
+    """Breaking load (n,) [N] of the links of a line: that of their piece of the line, else the setting; None if links
+    have neither."""
+    load = _own_breaking_load(record, where)
+    if settings.breaking_load is not None:
+        load = np.where(np.isnan(load), settings.breaking_load, load)
+    if np.isnan(load).any():
         return None
-    return np.full(spec.links, settings.breaking_load)
+    return load
+
+
+def _own_breaking_load(record: Record, where: WholeLine) -> np.ndarray:
+    """Breaking load (n,) [N] of the links of a line in the scene; NaN of a piece without one."""
+    loads = np.full(record.tension.shape[1], np.nan)
+    for piece, own in sliced_lines(record.scene):
+        if piece.breaking_load is not None:
+            loads[own.links] = piece.breaking_load
+    return loads[where.links]
 
 
 #: Below this fraction of its mean a load has no defined direction.

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from dropper_jax.axial import STRETCHING_LAWS
 from dropper_jax.base.errors import SceneError
 from dropper_jax.explain.catenary import Hanging, Shape, hanging_length, offset_until_uplift, solve
 from dropper_jax.load.checks_water import bed_height
@@ -83,9 +84,7 @@ def refuse_rigid(scene: Scene) -> None:
 def stiffness_of(line: LineSpec) -> np.ndarray:
     """EA (n,) [N] of a line that stretches."""
     if line.EA is None:
-        raise SceneError(
-            f"line {line.name}: rigid links have no stiffness; allowed for explain: elastic, rope, tabulated"
-        )
+        raise SceneError(f"line {line.name}: rigid links have no stiffness; allowed for explain: {STRETCHING_LAWS}")
     return line.EA
 
 

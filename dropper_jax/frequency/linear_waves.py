@@ -24,6 +24,7 @@ import jax.numpy as jnp
 from jax import Array
 from jax.scipy.sparse.linalg import gmres
 
+from dropper_jax.axial import STRETCHING_LAWS
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import SceneError
 from dropper_jax.frequency.linear_drag import dragging_effects, iterate_drag, linear_drag, no_drag
@@ -196,7 +197,7 @@ def tension_deviation(model: Model, pose: State) -> tuple[Array, Array]:
     """
     check_no_bodies(model)
     if not model.line.axial.elastic:
-        raise SceneError("line.axial.law: 'rigid' has no axial stiffness; allowed: elastic, rope, tabulated")
+        raise SceneError(f"line.axial.law: 'rigid' has no axial stiffness; allowed: {STRETCHING_LAWS}")
     waves = None if model.sea is None else model.sea.waves
     if waves is None or waves.size < 2:
         raise SceneError("sea.waves: is not an irregular linear sea. Use kind 'spectrum'")

@@ -147,7 +147,7 @@ def with_stated_errors(solution: Kind, run: Program, outcome: RunOutcome, finer:
 
 
 def state_errors(solution: Samples, companion: Companion, outcome: RunOutcome) -> StatedErrors | None:
-    """Errors of a run; None if a step of the companion fails."""
+    """Errors of a run; None if a step of the companion fails, or if a coarser one saves no state."""
     rows = outcome.trajectory
     # every other save of the one with more of them is at the time of a save of the other
     stride = 2 if companion.finer else 1
@@ -263,6 +263,8 @@ def time_of_divergence(solution: Samples, finer: Samples) -> float | None:
     """Time [s] from which a run and one with `finer_values` are different motions (chaos); None if they are not."""
     count = min(len(solution.t), (len(finer.t) + 1) // 2)
     nodes = solution.positions[1:count]
+    if not len(nodes):  # the finer run has one saved state too, if `save_every` exceeds its steps
+        return None
     travel = _travel(solution, nodes)
     if travel is None:
         return None

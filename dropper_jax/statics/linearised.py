@@ -23,6 +23,7 @@ import numpy as np
 from jax import Array
 from numpy.typing import ArrayLike
 
+from dropper_jax.axial import STRETCHING_LAWS
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.model import Ends, Model, State
@@ -115,7 +116,7 @@ def linearised_about(model: Model, pose: State) -> Linearised:
         SceneError: rigid links or bodies, or an effect that is not smooth.
     """
     if not model.line.axial.elastic:
-        raise SceneError("line.axial.law: 'rigid' has no axial stiffness; allowed: elastic, rope, tabulated")
+        raise SceneError(f"line.axial.law: 'rigid' has no axial stiffness; allowed: {STRETCHING_LAWS}")
     if model.constraints:
         raise SceneError("body: rigid bodies are not linearised; allowed: scenes of lines, points and buoys")
     if model.laws:

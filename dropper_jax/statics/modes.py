@@ -11,6 +11,7 @@ import numpy as np
 from jax import Array
 from jax.scipy.linalg import solve_triangular
 
+from dropper_jax.axial import STRETCHING_LAWS
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import SceneError
 from dropper_jax.model import Model, State
@@ -127,7 +128,7 @@ def natural_periods(model: Model, pose: State, count: int) -> Array:
     if not model.line.axial.elastic:
         raise SceneError(
             "line.axial.law: the modes of 'rigid' links depend on the configuration: periods have no derivative here; "
-            "allowed: elastic, rope, tabulated"
+            f"allowed: {STRETCHING_LAWS}"
         )
     stiffness, motions = stiffness_and_motions(rest(model), pose)
     stiffness = _symmetric(stiffness)

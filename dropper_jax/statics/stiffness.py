@@ -20,6 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from dropper_jax.axial import STRETCHING_LAWS
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.records import names_of
@@ -65,9 +66,7 @@ def mooring_stiffness(model: Model, pose: State, names: Sequence[str], loads: Ar
         SceneError: unknown point; rigid links, whose tensions do not follow from lengths; unconstrained motions.
     """
     if not model.line.axial.elastic:
-        raise SceneError(
-            "line.axial.law: 'rigid' has no axial stiffness; allowed for stiffness: elastic, rope, tabulated"
-        )
+        raise SceneError(f"line.axial.law: 'rigid' has no axial stiffness; allowed for stiffness: {STRETCHING_LAWS}")
     loads = jnp.zeros_like(pose.r) if loads is None else loads
     model = rest(model)
     rows_by_name = _resolve_names(model, names)

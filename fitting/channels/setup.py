@@ -88,7 +88,7 @@ def find_free(scene: Scene, data: Data, names: Sequence[str], option: str = "fre
     """The parameters of these names, with start values and bounds.
 
     Raises:
-        SceneError: a name that cannot be free, or a duplicate one.
+        SceneError: a name that cannot be free, or two of the same number.
     """
     found: list[Parameter] = []
     model = build_model(scene)
@@ -100,7 +100,7 @@ def find_free(scene: Scene, data: Data, names: Sequence[str], option: str = "fre
     for p in found:
         if not isinstance(p.where, SetupTarget | ModelTarget | Direction):
             raise SceneError(f"{option}: {p.name!r} is for traces of angles. Use channel.NAME.offset and the like")
-    check_once([p.name for p in found], option)
+    check_once(found, option)
     return tuple(found)
 
 

@@ -22,7 +22,7 @@ def write_case(folder: Path, measured: list[MeasuredFile], scene: Table, options
     traces = []
     for one in measured:
         path = unused(folder, one.trace.name, ".csv")
-        traces.append(str(write_trace(path, one.trace, [note.replace("=", " ") for note in one.notes])))
+        traces.append(str(write_trace(path, one.trace, one.notes)))
     path = atomic_write(unused(folder, "scene", ".toml"), as_toml(scene))
     return shlex.join(["dropper", "fit", *traces, "--scene", str(path), *options])
 

@@ -153,11 +153,22 @@ def _for_each(which: str, given: Mapping[str, Given] | None, names: Sequence[str
     return found
 
 
-def check_once(names: Sequence[str], option: str) -> None:
-    """Reject a duplicate name."""
-    for i, name in enumerate(names):
-        if name in names[:i]:
-            raise SceneError(f"{option}: {name!r} is given twice; allowed: every parameter once")
+def check_once(parameters: Sequence[Parameter], option: str) -> None:
+    """Reject a duplicate name, and two names of the same number, which no data can tell apart.
+
+    Raises:
+        SceneError: with the name or both names.
+    """
+    first: dict[str | Target, str] = {}
+    for p in parameters:
+        if p.name in first:
+            raise SceneError(f"{option}: {p.name!r} is given twice; allowed: every parameter once")
+        if p.where in first:
+            raise SceneError(
+                f"{option}: {first[p.where]!r} and {p.name!r} are the same number; allowed: every number once"
+            )
+        first[p.name] = p.name
+        first[p.where] = p.name
 
 
 def _adjust(p: Parameter, start: StartValues, bounds: Bounds, priors: Priors, wider: bool) -> Parameter:

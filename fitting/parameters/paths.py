@@ -150,7 +150,7 @@ def _of_model(model: Model, name: str, option: str) -> list[Parameter]:
     stem, entries = found
     section, index, field = known[stem]
     value = np.asarray(getattr(getattr(model, section)[index], field.name))
-    if value.ndim == 0 and not entries:
+    if value.ndim == 0 and entries in ((), (0,)):
         return [_parameter(name, ModelTarget(section, index, field.name), float(value), field.metadata)]
     count = min(value.size, _acting_entries(model, section, field, value.size))
     if entries and entries[0] >= count:
@@ -180,7 +180,7 @@ def count_joints(model: Model) -> int:
     return model.line.links
 
 
-#: A bound that must not be reached (of a mass, a length).
+#: Distance of the bound from a limit that must not be reached (0 of a mass, of a length), over the start value.
 OPEN_BOUND_MARGIN = 1e-3
 
 

@@ -57,7 +57,7 @@ def find_parameters(
                 found.append(scene_parameter(scene, model, name, idle))
             except SceneError:
                 raise error from None
-    check_once([p.name for p in found], option)
+    check_once(found, option)
     return tuple(found)
 
 
@@ -129,5 +129,5 @@ def free_of_traces(
                 'whose values are proportional to them, such as b_l = ["= head", "= head", "= tail"]'
             )
         found.append(tied)
-    check_once([p.name for p in found], "free")
+    check_once(found, "free")
     return tuple(found)

@@ -2,7 +2,7 @@
 
 A file is a CSV with columns `t, theta_1..n[, omega_1..n][, se_1..n]` and comment lines such as
 `# zero=down, sign=1, unit=rad, model_error=1e-4`; a missing sample is empty. Rates omega are not used. Comments
-`# warning: ...` become warnings.
+`# warning: ...` become warnings, others are for people.
 Internally, angles are from the horizontal, positive downwards.
 """
 
@@ -30,10 +30,20 @@ UNITS = ("rad", "deg")
 RADIANS = {"rad": 1.0, "deg": np.pi / 180, "mrad": 1e-3}
 #: Names of columns.
 COLUMN_NAME = re.compile(r"t|(theta|omega|se)_\d+")
+#: Keys of a comment.
+KEYS = ("zero", "sign", "unit", "model_error")
+#: The same, also misspelled, before `=`, or before a colon where a part of a comment starts.
+KEY_PATTERN = r"zeros?|signs?|units?|model_?errors?"
+KEY = re.compile(rf"\b({KEY_PATTERN})\s*=", re.IGNORECASE)
+KEY_COLON = re.compile(rf"(^|[,;])\s*({KEY_PATTERN})\s*:", re.IGNORECASE)
+#: Where a value ends: at a comma, a semicolon or the next key.
+VALUE_END = re.compile(r"[,;]|\s\w+\s*=")
 #: Prefix of comments that are warnings.
 WARNING_PREFIX = "warning: "
 #: Minimum number of samples of a trace that can be windowed.
 FEWEST_SAMPLES = 10
+#: Maximum error of a written time, over the shortest step, for which 9 digits are enough.
+TIME_ERROR = 1e-3
 
 
 @dataclass(frozen=True)
@@ -174,7 +184,7 @@ def as_trace(
         SceneError: it has angles of another number of links, or arrays that do not fit together.
     """
     if isinstance(given, Trace):
-        trace = given
+        trace = _with_arrays(given)
         check_shapes(trace)
         check_times(trace.name, trace.t)
     else:
@@ -182,6 +192,23 @@ def as_trace(
     if trace.links != links:
         raise SceneError(f"{trace.name}: has {trace.links} angles, but the scene has {links} links; allowed: {links}")
     return trace
+
+
+def _with_arrays(trace: Trace) -> Trace:
+    """The trace with arrays of numbers, also if it was built from lists.
+
+    Raises:
+        SceneError: something else than numbers, rows of different lengths.
+    """
+    try:
+        arrays = {key: np.asarray(getattr(trace, key), float) for key in ("t", "theta")}
+        if trace.se is not None:
+            arrays["se"] = np.asarray(trace.se, float)
+    except (TypeError, ValueError):
+        raise SceneError(
+            f"{trace.name}: t, theta and se are not arrays of numbers; allowed: t (k,), theta and se (k, links)"
+        ) from None
+    return replace(trace, **arrays)
 
 
 def read_trace(
@@ -227,7 +254,7 @@ def read_trace(
         se=se,
         convention=convention(stated.get("zero"), stated.get("sign"), stated.get("unit"), path.name),
         warnings=tuple(c.removeprefix(WARNING_PREFIX) for c in table.comments if c.startswith(WARNING_PREFIX)),
-        model_error=float(stated.get("model_error", 0.0)),
+        model_error=_read_model_error(path.name, stated.get("model_error", "0")),
     )
     check_trace(trace, partial)
     return trace
@@ -280,13 +307,42 @@ def _check_columns(file: str, names: list[str], links: int | None) -> int:
 
 
 def _header_values(file: str, comments: Sequence[str]) -> dict[str, str]:
-    """The values `key=value` in comments that are not warnings."""
-    text = " ".join(comment for comment in comments if not comment.startswith(WARNING_PREFIX))
-    found = dict(re.findall(r"\b(\w+)\s*=\s*([^\s,;]+)", text))  # \b: once per word, of any length
-    error = found.get("model_error", "0")
-    if not re.fullmatch(r"(\d+\.?\d*|\.\d+)([eE]-\d+)?", error):
-        raise SceneError(f"{file}: model_error = {error!r}: not an angle; allowed: a number of at least 0")
+    """The values `key=value` or `key: value` of `KEYS` in comments that are not warnings; others are for people.
+
+    Raises:
+        SceneError: a misspelled key, or one with two values.
+    """
+    found: dict[str, str] = {}
+    for comment in comments:
+        if comment.startswith(WARNING_PREFIX):
+            continue
+        _, *parts = KEY.split(KEY_COLON.sub(r"\1 \2=", comment))
+        for key, text in zip(parts[::2], parts[1::2], strict=True):
+            if key not in KEYS:
+                raise SceneError(f"{file}: unknown key {key!r} in a comment; {nearest(key.lower(), KEYS)}")
+            value = VALUE_END.split(text, 1)[0].strip()
+            if key != "model_error":
+                value = value.partition(" ")[0]
+            if found.setdefault(key, value) != value:
+                raise SceneError(f"{file}: {key} = {found[key]!r} and {key} = {value!r}; allowed: one value")
     return found
+
+
+def _read_model_error(file: str, text: str) -> float:
+    """The model error that a comment states.
+
+    Raises:
+        SceneError: not a number, below 0 or not finite.
+    """
+    try:
+        error = float(text)
+    except ValueError:
+        error = -1.0
+    if not 0.0 <= error < np.inf:
+        raise SceneError(
+            f"{file}: model_error = {text!r}: not an angle; allowed: a number of at least 0, in the unit of the angles"
+        )
+    return error
 
 
 def convention(zero: str | None, sign: str | int | None, unit: str | None, where: str = "traces") -> Convention:
@@ -310,6 +366,8 @@ def check_shapes(trace: Trace) -> None:
     count = np.size(trace.t)
     if np.shape(trace.t) != (count,) or np.ndim(trace.theta) != 2 or len(trace.theta) != count:
         raise SceneError(f"{trace.name}: theta has shape {np.shape(trace.theta)}; allowed: ({count}, links), as t has")
+    if not np.shape(trace.theta)[1]:
+        raise SceneError(f"{trace.name}: theta has no columns; allowed: one for each link")
     if trace.se is not None and np.shape(trace.se) != np.shape(trace.theta):
         raise SceneError(f"{trace.name}: se has shape {np.shape(trace.se)}; allowed: {np.shape(trace.theta)}, as theta")
 
@@ -324,47 +382,72 @@ def check_trace(trace: Trace, partial: bool = False) -> None:
         SceneError: with the trace and the first error.
     """
     theta = trace.theta
+    check_shapes(trace)
     check_times(trace.name, trace.t)
     known = np.isfinite(theta).sum(axis=0)
+    links = np.arange(trace.links)
     if partial and known.any():
-        theta = theta[:, known > 0]
-        known = known[known > 0]
-    if known.min() < FEWEST_SAMPLES:
-        text = f"{known.min()} samples; allowed: at least {FEWEST_SAMPLES}"
-        if not known.min():
+        links = np.flatnonzero(known)
+    fewest = links[np.argmin(known[links])]
+    if known[fewest] < FEWEST_SAMPLES:
+        text = f"{known[fewest]} samples; allowed: at least {FEWEST_SAMPLES}"
+        if not known[fewest]:
             text = "every sample is missing; needed: numbers"
-        raise SceneError(f"{trace.name}: theta_{int(np.argmin(known)) + 1}: {text}")
-    for j, column in enumerate(theta.T):
+        raise SceneError(f"{trace.name}: theta_{fewest + 1}: {text}")
+    for j in links:
+        column = theta[:, j]
         if (mark := placeholder(column)) is not None:
             raise SceneError(
                 f"{trace.name}: theta_{j + 1}: {mark:g} in {int((column == mark).sum())} rows, far from the rows "
                 "before and after them, seems to mark missing samples; allowed: empty cells for missing samples"
             )
-    if np.nanmax(np.nanmax(theta, axis=0) - np.nanmin(theta, axis=0)) < 1e-9:
+    moving = theta[:, links]
+    if np.max(np.nanmax(moving, axis=0) - np.nanmin(moving, axis=0)) < 1e-9:
         raise SceneError(f"{trace.name}: theta: is constant, nothing moves. Use a trace with motion")
     if trace.se is not None and not np.nanmin(trace.se) > 0:
         raise SceneError(f"{trace.name}: se: {np.nanmin(trace.se):g} is not positive; allowed: standard errors > 0")
 
 
 def write_trace(path: str | Path, trace: Trace, notes: Sequence[str] = ()) -> Path:
-    """Write a trace in the format that `read_trace` reads; `notes` are comment lines for people, without `=`."""
+    """Write a trace in the format that `read_trace` reads; `notes` are for people, each one comment that states nothing
+    of the trace: without `=` and line breaks."""
     names = ["t", *column_names("theta", trace.links)]
-    columns = [trace.t[:, None], trace.theta]
+    columns = trace.theta
     if trace.se is not None:
         names += column_names("se", trace.links)
-        columns.append(trace.se)
+        columns = np.concatenate([trace.theta, trace.se], axis=1)
     c = trace.convention
     head = f"# zero={c.zero or 'horizontal'}, sign={c.sign or 1}, unit={c.unit or 'rad'}"
     if trace.model_error:
         head += f", model_error={trace.model_error:.9g}"
     text = io.StringIO()
     text.write(f"{head}\n")
-    text.writelines(f"# {note}\n" for note in notes)
-    text.writelines(f"# {WARNING_PREFIX}{warning}\n" for warning in trace.warnings)
+    text.writelines(f"# {_plain_note(note)}\n" for note in notes)
+    text.writelines(f"# {WARNING_PREFIX}{_one_line(warning)}\n" for warning in trace.warnings)
     text.write(",".join(names) + "\n")
-    for row in np.concatenate(columns, axis=1):
-        text.write(",".join(map(_cell, row)) + "\n")
+    for time, row in zip(_time_cells(trace.t), columns, strict=True):
+        text.write(",".join([time, *map(_cell, row)]) + "\n")
     return atomic_write(path, text.getvalue())
+
+
+def _one_line(text: str) -> str:
+    """The text without line breaks."""
+    return " ".join(text.splitlines())
+
+
+def _plain_note(note: str) -> str:
+    """The note as a comment from which no value is read."""
+    return KEY_COLON.sub(r"\1 \2", _one_line(note).replace("=", " "))
+
+
+def _time_cells(t: np.ndarray) -> list[str]:
+    """Times of a trace file with 9 digits, or with all if 9 are too few for the steps, as of seconds since 1970."""
+    t = np.asarray(t, float)
+    cells = [f"{time:.9g}" for time in t]
+    error = np.max(np.abs(np.array(cells, float) - t), initial=0.0)
+    if error < TIME_ERROR * np.min(np.diff(t), initial=np.inf):
+        return cells
+    return [str(time) for time in t.tolist()]
 
 
 def _cell(number: float) -> str:

@@ -307,6 +307,25 @@ def test_pieces_between_attached_points_are_reported_as_the_line_they_were_cut_f
     assert (near["nearest"], near["nearest_at_m"]) == ("drop", 4.5)
 
 
+def test_a_piece_without_a_breaking_load_leaves_those_of_the_other_pieces(made):
+    table = rope([("a", (0, 0, 0), "fixed"), ("b", (8, 0, 0), "fixed")], 4, length=8.0)
+    kind = {"name": "weak", "mass": 1.0, "diameter": 0.1, "EA": 1e6, "breaking_load": 10.0}
+    other = {"name": "other", "mass": 1.0, "diameter": 0.1, "EA": 1e6}
+    table["point"].append({"name": "under", "kind": "fixed", "position": [4.0, 0.0, -6.0]})
+    halves = [{"type": name, "length": 4.0, "links": 2} for name in ("weak", "other")]
+    line = {"name": "backbone", "from": "a", "to": "b", "sections": halves, "attach": [{"point": "mid", "at": 4.0}]}
+    drop = {"name": "drop", "from": "mid", "to": "under", "type": "weak", "length": 6.0, "links": 2}
+    table |= {"line_type": [kind, other], "line": [line, drop]}
+    pose = [[0, 0, 0], [2, 0, 0], [4, 0, 0], [4, 0, 0], [6, 0, 0], [8, 0, 0], [4, 0, 0], [4, 0, -3], [4, 0, -6]]
+    solution = made(table, np.tile(np.array(pose, float), (5, 1, 1)), np.tile([1.0, 2.0, 3.0, 4.0, 5.0, 6.0], (5, 1)))
+    assert report_run(solution)["tension"][0]["utilisation"] is None
+    strong = report_run(solution, Settings(breaking_load=100.0))["tension"][0]["utilisation"]
+    np.testing.assert_allclose(strong["along"], [0.1, 0.2, 0.03, 0.04])
+    assert (strong["breaking_load_n"], strong["from"]) == (10.0, "the line")
+    weak = report_run(solution, Settings(breaking_load=4.0))["tension"][0]["utilisation"]
+    assert (weak["largest"], weak["breaking_load_n"], weak["from"]) == (1.0, 4.0, "--breaking-load")
+
+
 def test_lines_with_a_breaking_load_report_what_fatigue_lacks():
     line = {"line": "leg", "cycles": [3.0], "equivalent_range_n": [10.0], "largest_range_n": [20.0], "damage": None}
     with_load = line | {"why_no_damage": NO_CURVE}

@@ -7,7 +7,7 @@ import pytest
 import dropper_jax as dj
 from dropper_jax.cli import main
 from dropper_jax.run import companion
-from dropper_jax.run.companion import SCATTER, errors_in_words
+from dropper_jax.run.companion import SCATTER, errors_in_words, finer_values, time_of_divergence
 
 NAME = "conical-pendulum-damped"
 
@@ -115,6 +115,15 @@ def test_a_slow_drift_is_no_chaos_and_a_sudden_one_is():
     chaotic = companion._start_of_chaos(1e-6 * np.exp(0.7 * t), nodes)
     assert t[chaotic] == pytest.approx(np.log(1e4) / 0.7, rel=0.01)
     assert companion._start_of_chaos(1e-6 * np.exp(0.1 * t), nodes) is None
+
+
+def test_one_saved_state_has_errors_and_shows_no_chaos():
+    scene = dj.load_scene(NAME).with_values({"run.dt": 0.1, "run.duration": 0.5, "run.save_every": 10})
+    run = dj.simulate(scene, companion="coarser")
+    assert len(run.t) == 2
+    assert run.settings["stated_errors"]["companion"] == "a run with steps of 0.05 s"
+    finer = dj.simulate(scene.with_values(finer_values(scene.run)))
+    assert time_of_divergence(run, finer) is None
 
 
 def test_a_run_at_rest_has_no_error_of_positions(falling):

@@ -183,7 +183,7 @@ def _resume_search(file: Path | None, mark: str, design: Design) -> tuple[Search
         if table["before"] is not None:
             table["before"] = Start(**table["before"])
         found = Search(**table), GradientCheck(**along)
-    except (ValueError, KeyError, TypeError):
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
         raise SceneError(
             f"--state: {str(file)!r} is not a state of a search. Use one that it wrote, or a new file"
         ) from None

@@ -123,6 +123,20 @@ def test_noise_of_a_fast_log_does_not_hide_its_period(rows, noise):
     assert main_period(t, angle[:, None]) == pytest.approx(2 * np.pi / 7.0, rel=5e-3)
 
 
+@pytest.mark.parametrize(("begin", "rows"), [(9.95, 50), (9.9, 100)])
+def test_the_end_of_a_fast_log_keeps_its_rows_where_few_means_would_remain(tmp_path, begin, rows):
+    t = np.arange(10000) / 1000
+    file = tmp_path / "a.csv"
+    write(
+        file, ["t,angle 1 [rad],angle 2 [rad]"], np.stack([t, 0.5 * np.sin(4 * t), 0.4 * np.sin(4 * t + 0.3)], axis=1)
+    )
+    whole = read_measured(file, FileOptions(lengths=(0.3, 0.3)))
+    assert len(whole.trace.t) < 1000
+    found = read_measured(file, FileOptions(lengths=(0.3, 0.3), begin=begin))
+    assert len(found.trace.t) == rows
+    assert not any("thinned" in note for note in found.notes)
+
+
 def test_frames_need_a_rate_and_a_comment_gives_it(tmp_path):
     rows = np.stack([np.arange(len(T)), PHI], axis=1)
     bare = write(tmp_path / "a.csv", ["frame,angle_rad"], rows)

@@ -67,6 +67,23 @@ def test_a_path_of_the_model_stays_one_and_a_wrong_one_is_named():
         find_parameters(scene, model, ["line.chain.length", "line.chain.length"], "to")
 
 
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [
+        ("line.0.mass.2", "line.dropper.mass.2"),
+        ("point.right.position.0", "point.1.position.0"),
+        ("effects.linear_damping.b_l", "effects.linear_damping.b_l.0"),
+        ("clock.lost.0.3", "clock.lost.0.03"),
+    ],
+)
+def test_two_names_of_the_same_number_are_refused(first, second):
+    scene = load_scene("dropper-release-a")
+    model = build_model(scene)
+    for find in (free_of_traces, lambda *given: find_parameters(*given, "to")):
+        with pytest.raises(SceneError, match=f"'{first}' and '{second}' are the same number"):
+            find(scene, model, [first, "line.0.mass.1", second])
+
+
 def test_global_studies_refuse_what_a_straight_line_cannot_follow():
     scene = load_scene(SCENE)
     model = build_model(scene)

@@ -13,7 +13,7 @@ from fitting.parameters.paths import resolve
 from fitting.traces import planar
 from fitting.traces.conventions import check_scale, settle_convention
 from fitting.traces.noise import DEGREE, noise, smooth
-from fitting.traces.trace import as_trace
+from fitting.traces.trace import as_trace, check_trace
 
 ANY = Convention()
 
@@ -70,6 +70,11 @@ def test_a_trace_survives_writing_and_reading(tmp_path):
         (rows(count=5), "at least"),
         ("t,theta_1\n0,1\n0.02,2\n0.01,3\n" + "".join(f"{i},1\n" for i in range(1, 20)), "goes back"),
         ("t,theta_1\n0,1\n0.01,2\n0.01,3\n" + "".join(f"{i},1\n" for i in range(1, 20)), "is repeated"),
+        ("# unit=rad, model_error=2 deg\n" + rows(), "model_error = '2 deg': not an angle"),
+        ("# unit=rad, model_error=inf\n" + rows(), "model_error = 'inf': not an angle"),
+        ("# units=deg, zero=down\n" + rows(), "unknown key 'units' in a comment; did you mean 'unit'"),
+        ("# Zero: down\n" + rows(), "unknown key 'Zero' in a comment; did you mean 'zero'"),
+        ("# zero=down, unit=rad\n# unit=deg\n" + rows(), "unit = 'rad' and unit = 'deg'; allowed: one value"),
         ("# zero=up\n" + rows(), "zero = 'up' is unknown"),
         (rows().replace("0.050,", "0.050,1,"), "one per column"),
         (rows().replace("t,theta_1\n", ""), "has no header"),
@@ -83,6 +88,30 @@ def test_a_file_that_cannot_be_used_is_refused_in_one_line(tmp_path, text, words
     with pytest.raises(SceneError, match=words) as caught:
         read_trace(write(tmp_path, text))
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("number", ["1e-1", "0.01e1", "+0.1", "1.0e-1"])
+def test_values_of_comments_are_read_after_an_equals_sign_or_a_colon(tmp_path, number):
+    text = f"# fps=60 sign=-1\n# zero: down, unit: deg; model_error={number}\n# at 12:30, unit = deg\n"
+    trace = read_trace(write(tmp_path, text + rows()))
+    assert trace.convention == Convention("down", -1, "deg")
+    assert trace.model_error == 0.1
+
+
+def test_notes_and_warnings_of_any_text_leave_a_written_trace_as_it_was(tmp_path):
+    t = np.arange(30) / 60
+    before = Trace("x", t, np.sin(t)[:, None], convention=Convention("down", 1, "rad"), warnings=("one\nunit=deg",))
+    file = write_trace(tmp_path / "x.csv", before, ["unit=deg", "zero: horizontal", "two\nlines, sign: -1", ""])
+    after = read_trace(file)
+    assert after.convention == before.convention
+    assert after.warnings == ("one unit=deg",)
+    np.testing.assert_allclose(after.theta, before.theta, atol=1e-8)
+
+
+def test_times_since_1970_survive_writing_and_reading(tmp_path):
+    t = 1.7e9 + np.arange(30) / 100
+    after = read_trace(write_trace(tmp_path / "x.csv", Trace("x", t, np.sin(30 * (t - t[0]))[:, None])))
+    np.testing.assert_array_equal(after.t, t)
 
 
 @pytest.mark.parametrize(
@@ -267,6 +296,8 @@ def test_a_file_without_a_time_names_whole_columns_and_what_to_do(tmp_path, head
     [
         ({"theta": np.zeros(20)}, r"x: theta has shape \(20,\); allowed: \(20, links\)"),
         ({"theta": np.zeros((19, 2))}, r"x: theta has shape \(19, 2\)"),
+        ({"theta": np.zeros((20, 0))}, "x: theta has no columns; allowed: one for each link"),
+        ({"theta": [[0.0, 1.0]] * 19 + [[0.0]]}, "x: t, theta and se are not arrays of numbers"),
         ({"se": np.ones(20)}, r"x: se has shape \(20,\); allowed: \(20, 2\)"),
         ({"t": -np.arange(20.0)}, "x: t: decreases from row to row"),
         ({"t": np.where(np.arange(20) == 3, np.nan, np.arange(20.0))}, "x: t: row 4 is missing"),
@@ -276,6 +307,27 @@ def test_a_trace_in_memory_whose_arrays_do_not_fit_together_is_refused(change, w
     given = {"t": np.arange(20.0), "theta": np.zeros((20, 2))} | change
     with pytest.raises(SceneError, match=words):
         as_trace(Trace("x", **given), 2)
+
+
+def test_a_trace_of_lists_has_arrays():
+    trace = as_trace(Trace("x", list(range(20)), [[0.0, 0.1]] * 20, se=[[1.0, 1.0]] * 20), 2)
+    assert trace.links == 2
+    assert trace.total_error.shape == (20, 2)
+
+
+def test_a_link_is_named_by_its_own_column_where_others_show_nothing():
+    theta = np.sin(np.arange(40.0))[:, None] * np.ones(4)
+    theta[:, 0] = np.nan
+    theta[5:, 2] = np.nan
+    trace = Trace("x", np.arange(40.0), theta)
+    with pytest.raises(SceneError, match="x: theta_3: 5 samples"):
+        check_trace(trace, partial=True)
+    theta[:, 2] = theta[:, 1]
+    theta[::5, 3] = -999.0
+    with pytest.raises(SceneError, match="x: theta_4: -999 in 8 rows"):
+        check_trace(trace, partial=True)
+    with pytest.raises(SceneError, match="x: theta has no columns"):
+        check_trace(Trace("x", np.arange(40.0), np.zeros((40, 0))))
 
 
 @pytest.mark.parametrize("width", [5, 11, 49])

@@ -250,6 +250,15 @@ def test_a_state_of_another_search_is_refused(site, tmp_path, state, message):
         optimise(site, file)
 
 
+@pytest.mark.parametrize("text", ["[]", "null", "3", '"x"', '{"site": 1, "along": 3}', "{"])
+def test_a_file_that_is_not_a_state_is_refused(site, tmp_path, text):
+    file = tmp_path / "state.json"
+    file.write_text(text)
+    for given in (file, tmp_path):
+        with pytest.raises(SceneError, match="is not a state of a search"):
+            optimise(site, given)
+
+
 def test_capacities_that_are_the_scene_s_follow_the_design():
     design = read_problem(changed(part=[{"name": "legs", "lines": "*-leg"}], unchecked=["loop-*", "backbone"]))
     value, slope = design.scene_constraints(design.start)

@@ -10,7 +10,7 @@ nodes define the axes of a piece, or six if a rigid body owns any bar; every pie
 | link, bar of a body | - | first, last; the four corners of the body |
 
 The owner of a bar is the number of a body, or -1 minus the number of a buoy's point. The ends of a body's axis are
-The owner of a bar is the number of a body, or -1 minus the number of a buoy's point. The ends of a body's axis are
+weighted means of its corners. Those of a buoy's axis have constant offsets from its point; its weights are 1, 0, 0, 0.
 """
 
 from __future__ import annotations
@@ -107,7 +107,7 @@ class Bars:
         return p + jnp.concatenate([jnp.zeros((self.pair_count, 4, 3), p.dtype), more])
 
     def at_axis_ends(self, x: Array) -> Array:
-        """Positions or velocities at the axes' ends (pieces, 4, 3), without buoys' offsets, from nodes (pieces, m, 3)."""
+        """Positions or velocities at axes' ends (pieces, 4, 3), without buoys' offsets, from nodes (pieces, m, 3)."""
         if self.weights is None:
             return x
         other = jnp.sum(self.weights[..., None] * x[self.pair_count :, None, 2:], axis=-2)

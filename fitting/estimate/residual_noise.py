@@ -162,7 +162,8 @@ class ResidualNoiseModel:
             return replace(noise, decay=np.where(channels, decay, noise.decay))
 
         # fitted starts remove some of the memory and never add to it
-        if not -WHITE_CORRELATION < self._innovation_correlation(with_memory(correlation), channels) < 2 * WHITE_CORRELATION:
+        remaining = self._innovation_correlation(with_memory(correlation), channels)
+        if not -WHITE_CORRELATION < remaining < 2 * WHITE_CORRELATION:
             return None
         rho = self._likeliest(with_memory, MIN_CORRELATION, MAX_CORRELATION, CORRELATION_TOLERANCE)
         off = correlation - correlation[channels].mean()

@@ -62,7 +62,7 @@ class ComparedLaws:
         return undetected_parts(solution, self.families[dry_friction].owner, self.per_unit[dry_friction])
 
 
-def compared_laws(prepared: Prepared, names: Sequence[str], progress: Progress) -> ComparedLaws:
+def prepare_laws(prepared: Prepared, names: Sequence[str], progress: Progress) -> ComparedLaws:
     """Laws, from the simplest one on, with the simulators of their families."""
     others = [name for name in prepared.names if part_of(name) is None]
     families = {}

@@ -20,7 +20,7 @@ import numpy as np
 
 from dropper_jax.base.errors import Progress, SceneError, nearest, silent
 from dropper_jax.base.read import ScenePath
-from fitting.calibration.compared_laws import ComparedLaws, compared_laws, fit_fullest, fit_laws, restart_from_larger
+from fitting.calibration.compared_laws import ComparedLaws, fit_fullest, fit_laws, prepare_laws, restart_from_larger
 from fitting.calibration.cross_validation import (
     Fold,
     Scores,
@@ -79,7 +79,7 @@ def compare_laws(prepared: Prepared, laws: Sequence[str] = tuple(LAWS), progress
         if law not in LAWS:
             raise SceneError(f"laws: {law!r} is unknown; {nearest(law, LAWS)}")
     names = sorted(laws, key=lambda law: (len(LAWS[law]), list(LAWS).index(law)))
-    compared, fullest_fits = fit_fullest(compared_laws(prepared, names, progress))
+    compared, fullest_fits = fit_fullest(prepare_laws(prepared, names, progress))
     fullest = fullest_fits[names[-1]]
     memory = fullest.problem.memory
     replaced = _equivalent_parts(names, prepared, fullest)
@@ -87,7 +87,7 @@ def compare_laws(prepared: Prepared, laws: Sequence[str] = tuple(LAWS), progress
     windows = compared.prepared.windows
     folds = with_released_fitted(blocks(windows.run), windows.released)
     scores = [score(solution, folds) for solution in solutions.values()]
-    rows = _undecided_rows(compared, solutions, costs, scores, replaced)
+    rows = _law_rows(compared, solutions, costs, scores, replaced)
     rows = decide(rows, [replace(scored, log_score=scored.log_score / memory) for scored in scores])
     possible = {row.name: solutions[row.name] for row in rows if row.possible}
     if len(possible) == 1:
@@ -99,7 +99,7 @@ def compare_laws(prepared: Prepared, laws: Sequence[str] = tuple(LAWS), progress
     return decide_joined(rows, joined_costs, undetected)
 
 
-def _undecided_rows(
+def _law_rows(
     laws: ComparedLaws,
     solutions: Mapping[str, Solution],
     costs: Mapping[str, float],

@@ -1,4 +1,17 @@
-"""Contacts of round bars in `line_contact`: pairs of links, and links with the bars of bodies and buoys."""
+"""Contacts of round bars in `line_contact`: pairs of links, and links with the bars of bodies and buoys.
+
+A piece is a pair of axes that may touch. Pieces of two links come first, those of a link and a bar after them. Four
+nodes define the axes of a piece, or six if a rigid body owns any bar; every piece then has six.
+
+| piece | 4 nodes | 6 nodes |
+| --- | --- | --- |
+| two links | first, last of one; first, last of the other | the same; first of the first link twice, not used |
+| link, bar of a buoy | first, last; the buoy's point twice | first, last; the buoy's point four times |
+| link, bar of a body | - | first, last; the four corners of the body |
+
+The owner of a bar is the number of a body, or -1 minus the number of a buoy's point. The ends of a body's axis are
+weighted means of its corners. Those of a buoy's axis have constant offsets from its point; its weights are 1, 0, 0, 0.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +34,7 @@ Group = tuple[int, ...]
 class ContactPairs:
     """Lines that may touch each other, and bars of bodies and buoys with the lines that may touch them.
 
-    The owner of a bar is the number of a body, or -1 minus the number of a buoy's point.
+    Owners are numbered as in the description of this module.
     """
 
     axis: Array = parameter("axes of bars relative to their owners (bars, 2, 3)", unit="m", shape="vectors")
@@ -42,19 +55,18 @@ class ContactPairs:
         return bool(np.any(self.owners >= 0))
 
     def nodes(self, graph: Graph) -> np.ndarray:
-        """Nodes of the pieces, first pairs of links, then links with bars: four each; with rigid bodies six, those of a
-        link and the body's corners."""
+        """Nodes of the pieces (pieces, 4), with rigid bodies (pieces, 6), in the order of the module's table."""
         first, second = _links_and_links(graph, self.line_pairs)
-        link, bar = _links_and_bars(graph, self.line_bars)
-        owners = self.owners[bar]
-        pairs = [graph.first[first], graph.last[first], graph.first[second], graph.last[second]]
+        links, bars = _links_and_bars(graph, self.line_bars)
+        owners = self.owners[bars]
+        pair_nodes = [graph.first[first], graph.last[first], graph.first[second], graph.last[second]]
         own = graph.point_node[np.where(owners < 0, -1 - owners, 0)]
-        bars = [graph.first[link], graph.last[link], own, own]
+        bar_nodes = [graph.first[links], graph.last[links], own, own]
         if self.rigid:
-            pairs += [graph.first[first]] * 2
+            pair_nodes += [graph.first[first]] * 2
             corners = self.corner + 4 * np.maximum(owners, 0) + np.arange(4)[:, None]
-            bars[2:] = np.where(owners >= 0, graph.point_node[corners], own)
-        return np.concatenate([np.stack(pairs, axis=1), np.stack(bars, axis=1)])
+            bar_nodes[2:] = np.where(owners >= 0, graph.point_node[corners], own)
+        return np.concatenate([np.stack(pair_nodes, axis=1), np.stack(bar_nodes, axis=1)])
 
 
 #: Rounding of the nearest point for parallel axes, relative to the square of their lengths: they meet at their middles,
@@ -67,7 +79,8 @@ class Bars:
 
     Attributes:
         reach: sums of radii (pieces,) [m].
-        spread: see `nearest_points`, (pieces,) [m^2].
+        parallel_rounding: see `nearest_points`, (pieces,) [m^2].
+        pair_count: number of pieces of two links, which come first.
     """
 
     def __init__(self, pairs: ContactPairs, radius: Array, model: ModelView) -> None:
@@ -75,37 +88,37 @@ class Bars:
         length = model.line.length
         radius = jnp.broadcast_to(radius, length.shape)
         first, second = _links_and_links(model.geometry, pairs.line_pairs)
-        link, bar = _links_and_bars(model.geometry, pairs.line_bars)
-        axis = pairs.axis[bar]
+        links, bars = _links_and_bars(model.geometry, pairs.line_bars)
+        axis = pairs.axis[bars]
         across = axis[:, 1] - axis[:, 0]
-        self.reach = jnp.concatenate([radius[first] + radius[second], radius[link] + pairs.radius[bar]])
-        square = jnp.concatenate([length[first] ** 2 + length[second] ** 2, length[link] ** 2 + dot(across, across)])
-        self.spread = PARALLEL_ROUNDING * jax.lax.stop_gradient(square)
-        self.pairs = len(first)  # pairs of links come first
-        self.weights = pairs.weights[bar] if pairs.rigid else None
-        self.offset = jnp.where((pairs.owners[bar] < 0)[:, None, None], axis, 0.0)
+        self.reach = jnp.concatenate([radius[first] + radius[second], radius[links] + pairs.radius[bars]])
+        square = jnp.concatenate([length[first] ** 2 + length[second] ** 2, length[links] ** 2 + dot(across, across)])
+        self.parallel_rounding = PARALLEL_ROUNDING * jax.lax.stop_gradient(square)
+        self.pair_count = len(first)
+        self.weights = pairs.weights[bars] if pairs.rigid else None
+        self.offset = jnp.where((pairs.owners[bars] < 0)[:, None, None], axis, 0.0)
 
     def axes(self, r: Array) -> Array:
         """Ends of both axes (pieces, 4, 3) [m] of pieces whose nodes are at r (pieces, m, 3)."""
-        p = self.mix_velocities(r)
+        p = self.at_axis_ends(r)
         if not len(self.offset):
             return p
         more = jnp.concatenate([jnp.zeros_like(self.offset), self.offset], axis=1)
-        return p + jnp.concatenate([jnp.zeros((self.pairs, 4, 3), p.dtype), more])
+        return p + jnp.concatenate([jnp.zeros((self.pair_count, 4, 3), p.dtype), more])
 
-    def mix_velocities(self, v: Array) -> Array:
-        """Velocities of the ends of both axes (pieces, 4, 3) from those of the nodes (pieces, m, 3)."""
+    def at_axis_ends(self, x: Array) -> Array:
+        """Positions or velocities at axes' ends (pieces, 4, 3), without buoys' offsets, from nodes (pieces, m, 3)."""
         if self.weights is None:
-            return v
-        other = jnp.sum(self.weights[..., None] * v[self.pairs :, None, 2:], axis=-2)
-        return jnp.concatenate([v[:, :2], jnp.concatenate([v[: self.pairs, 2:4], other])], axis=1)
+            return x
+        other = jnp.sum(self.weights[..., None] * x[self.pair_count :, None, 2:], axis=-2)
+        return jnp.concatenate([x[:, :2], jnp.concatenate([x[: self.pair_count, 2:4], other])], axis=1)
 
-    def spread_out(self, force: Array) -> Array:
+    def to_nodes(self, force: Array) -> Array:
         """Forces on the ends of the axes (pieces, 4, 3), distributed to the nodes of their pieces (pieces, m, 3)."""
         if self.weights is None:
             return force
-        own = jnp.sum(self.weights[..., None] * force[self.pairs :, 2:, None], axis=1)
-        links = jnp.pad(force[: self.pairs, 2:], ((0, 0), (0, 2), (0, 0)))
+        own = jnp.sum(self.weights[..., None] * force[self.pair_count :, 2:, None], axis=1)
+        links = jnp.pad(force[: self.pair_count, 2:], ((0, 0), (0, 2), (0, 0)))
         return jnp.concatenate([force[:, :2], jnp.concatenate([links, own])], axis=1)
 
 

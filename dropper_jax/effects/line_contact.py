@@ -120,13 +120,13 @@ class LinksInContact(LineContact):
     def piece_force(self, k: Kinematics, r: Array, v: Array) -> Array:
         bars = self._bars(k.model)
         p = bars.axes(r)
-        speed = bars.mix_velocities(v)
-        near = nearest_points(p, bars.reach, bars.spread)
+        speed = bars.at_axis_ends(v)
+        near = nearest_points(p, bars.reach, bars.parallel_rounding)
         _, push = contact_force(near.distance, bars.reach, self.stiffness)
         force = near.shares[..., None] * (push[..., None] * near.separation)[..., None, :]
         if k.h is not None:  # the middle of a step
             force = force + self._correct_push(bars, p, k.h * speed, force)
-        return bars.spread_out(force + self._dissipative_force(near, push, speed))
+        return bars.to_nodes(force + self._dissipative_force(near, push, speed))
 
     def contact_energy(self, k: Kinematics) -> Array:
         """Energy of compressed contacts, scalar [J]."""
@@ -134,7 +134,7 @@ class LinksInContact(LineContact):
         return jnp.sum(self._energy(bars, bars.axes(at_pieces(k, self.piece_nodes(k.model))[0])))
 
     def _energy(self, bars: Bars, p: Array) -> Array:
-        distance = nearest_points(p, bars.reach, bars.spread).distance
+        distance = nearest_points(p, bars.reach, bars.parallel_rounding).distance
         return contact_force(distance, bars.reach, self.stiffness)[0]
 
     def _correct_push(self, bars: Bars, p: Array, displacement: Array, force: Array) -> Array:
@@ -160,7 +160,7 @@ class LinksInContact(LineContact):
         nodes = self.piece_nodes(before.model)
         start = bars.axes(at_pieces(before, nodes)[0])
         motion = relative_motion(start, bars.axes(at_pieces(after, nodes)[0]))
-        distance = nearest_points(start, bars.reach, bars.spread).distance
+        distance = nearest_points(start, bars.reach, bars.parallel_rounding).distance
         return jnp.any((motion > LARGEST_MOTION * bars.reach) & (distance - motion < bars.reach))
 
 

@@ -32,29 +32,29 @@ class Nearest(NamedTuple):
 MIN_DISTANCE = 1e-2
 
 
-def nearest_points(p: Array, reach: Array, spread: Array) -> Nearest:
-    """The minimum of `|p0 + s u - q0 - t w|^2 + spread ((s - 1/2)^2 + (t - 1/2)^2)` over s and t from 0 to 1.
+def nearest_points(p: Array, reach: Array, rounding: Array) -> Nearest:
+    """The minimum of `|p0 + s u - q0 - t w|^2 + rounding ((s - 1/2)^2 + (t - 1/2)^2)` over s and t from 0 to 1.
 
     The function is strictly convex in s and t, so the points move continuously, and the root of the minimum has the
     gradient of the distance at fixed s and t. It is found in three steps: s without the limits on t, t at that s, s at
     that t, each clipped to 0 to 1 (Ericson 2005, 5.1.9, which is exact for any such function).
 
     Args:
-        p: ends of the axes (..., 4, 3) [m]; reach: sum of the radii (...,) [m]; spread: (...,) [m^2].
+        p: ends of the axes (..., 4, 3) [m]; reach: sum of the radii (...,) [m]; rounding: (...,) [m^2].
     """
     u = p[..., 1, :] - p[..., 0, :]
     w = p[..., 3, :] - p[..., 2, :]
     off = p[..., 0, :] - p[..., 2, :]
-    a = dot(u, u) + spread
+    a = dot(u, u) + rounding
     b = dot(u, w)
-    c = dot(w, w) + spread
-    e = 0.5 * spread - dot(u, off)
-    f = 0.5 * spread + dot(w, off)
+    c = dot(w, w) + rounding
+    e = 0.5 * rounding - dot(u, off)
+    f = 0.5 * rounding + dot(w, off)
     s = jnp.clip((e * c + b * f) / (a * c - b * b), 0.0, 1.0)
     t = jnp.clip((b * s + f) / c, 0.0, 1.0)
     s = jnp.clip((b * t + e) / a, 0.0, 1.0)
     difference = off + s[..., None] * u - t[..., None] * w
-    minimum = dot(difference, difference) + spread * ((s - 0.5) ** 2 + (t - 0.5) ** 2)
+    minimum = dot(difference, difference) + rounding * ((s - 0.5) ** 2 + (t - 0.5) ** 2)
     distance = jnp.sqrt(minimum + (MIN_DISTANCE * reach) ** 2)
     return Nearest(distance, difference / distance[..., None], jnp.stack([1.0 - s, s, t - 1.0, -t], axis=-1))
 

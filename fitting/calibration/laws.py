@@ -39,6 +39,11 @@ def contains(law: str, other: str) -> bool:
     return set(LAWS[law]) > set(LAWS[other])
 
 
+def has_dry_friction(law: str) -> bool:
+    """Whether a law has dry friction, for which it is fitted by another scheme."""
+    return "dry" in LAWS[law]
+
+
 @dataclass(frozen=True)
 class Law:
     """A damping law of a comparison: its fit and its scores.

@@ -12,7 +12,8 @@ from dropper_jax.base.errors import Progress, SceneError, nearest, part_of, sile
 from fitting.calibration.prepared import Prepared
 from fitting.estimate.least_squares import continue_fit, fit_windows
 from fitting.estimate.loss import LEAST_SQUARES, Loss, initial_loss
-from fitting.estimate.residual_noise import fit_with_noise, transfer_solution
+from fitting.estimate.noise_rounds import fit_with_noise
+from fitting.estimate.residual_noise import transfer_solution
 from fitting.estimate.residuals import Solution
 from fitting.estimate.shooting import fit_shooting, solve_to_end
 from fitting.estimate.step_size import refine, with_finer_step

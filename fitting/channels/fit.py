@@ -21,7 +21,8 @@ from fitting.channels.result import VERDICTS, Between, ChannelFit, combine_runs,
 from fitting.channels.setup import find_free
 from fitting.estimate.least_squares import continue_fit, first_solution
 from fitting.estimate.loss import LEAST_SQUARES, Loss, as_loss, initial_loss
-from fitting.estimate.residual_noise import NOISE_ROUNDS, fit_with_noise, transfer_solution
+from fitting.estimate.noise_rounds import NOISE_ROUNDS, fit_with_noise
+from fitting.estimate.residual_noise import transfer_solution
 from fitting.estimate.scene_fit import common_warnings
 from fitting.estimate.step_size import refine
 from fitting.parameters.names import by_full_path, default_free, full_names
@@ -293,7 +294,7 @@ def settle_noise(point: ChannelSolution, iterations: int, progress: Progress = s
     found = descend(point)
     found.iterations += point.iterations
     floor = (point.problem.floor / point.problem.claimed_noise)[:, None]
-    found = fit_with_noise(found, descend, claimed_series, floor, same=NOISE_TOLERANCE)
+    found = fit_with_noise(found, descend, claimed_series, floor, tolerance=NOISE_TOLERANCE)
     if found.status != "ok":
         return found
     ended = descend(found)  # no steps if the last noise moves no parameter

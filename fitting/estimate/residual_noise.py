@@ -41,18 +41,27 @@ from fitting.estimate.uncertainty import leverage, start_covariances
 from fitting.estimate.windows import Windows
 from fitting.traces.trace import Trace
 
-#: Maximum memory of the noise that is used.
+#: Maximum correlation of neighbours in the noise that is used, at which 400 samples count as one.
 MAX_CORRELATION = 0.995
-#: Rise of the log likelihood from which a more complex noise model is used.
+#: Its minimum in noise with memory, which then differs little from white noise, and the accuracy of its search.
+MIN_CORRELATION = 0.02
+CORRELATION_TOLERANCE = 4e-3
+#: Rise of the log likelihood from which a more complex noise model is used. Twice it, a chi-square of one number, is
+#: reached by chance with a probability of 0.0005.
 LIKELIHOOD_GAIN = 6.0
-#: Number of remaining samples above which a channel's noise is its own, and not that of all channels of its run.
-FEWEST_LEFT = 10
+#: Degrees of freedom above which a channel's noise is its own, and not that of all channels of its run: the standard
+#: error of a size from 10 is 22 %.
+MIN_DEGREES_OF_FREEDOM = 10
 #: Relative change of the noise's size at its fixed point.
 SIZE_TOLERANCE = 0.01
 #: Standard errors by which the correlation of a channel must differ from the mean to count as its own.
 OWN_MEMORY_ERRORS = 3.0
-#: Significance of the links' common motion along their rates, in standard deviations, for a delay model.
+#: Significance of the links' common motion along their rates, in standard deviations, for a delay model: a normal
+#: number reaches it with a probability below 1e-6.
 DELAY_SIGNIFICANCE = 5.0
+#: Range of a delay's logarithm around its moment estimate in which it is searched for, and the accuracy of the search.
+DELAY_LOG_RANGE = 1.5
+DELAY_LOG_TOLERANCE = 0.02
 
 
 class ResidualNoiseModel:
@@ -93,12 +102,12 @@ class ResidualNoiseModel:
         """The solution in units of a noise with its sizes at their fixed point, or near it."""
         for _ in range(rounds):
             before = noise.factor
-            noise = replace(noise, factor=np.maximum(before * self._grow(self.at(noise)), self.floor))
+            noise = replace(noise, factor=np.maximum(before * self._size_ratio(self.at(noise)), self.floor))
             if np.max(np.abs(np.log(noise.factor / before))) < SIZE_TOLERANCE:
                 break
         return self.at(noise)
 
-    def _grow(self, point: Solution) -> np.ndarray:
+    def _size_ratio(self, point: Solution) -> np.ndarray:
         """Standard deviation of the residuals relative to the assumed one (R, n), with degrees of freedom counted."""
         source = point.windows.source
         unused = (point.windows.weight > 0) - leverage(point)
@@ -108,20 +117,20 @@ class ResidualNoiseModel:
             square = squares[source == r].sum(axis=(0, 1))
             left = unused[source == r].sum(axis=(0, 1))
             every = np.sqrt(square.sum() / max(left.sum(), 1.0))
-            found[r] = np.where(left > FEWEST_LEFT, np.sqrt(square / np.maximum(left, 1.0)), every)
+            found[r] = np.where(left > MIN_DEGREES_OF_FREEDOM, np.sqrt(square / np.maximum(left, 1.0)), every)
         return np.where(found > 0, found, 1.0)
 
     def estimate(self, noise: Noise) -> Solution:
         """The solution in units of the noise estimated from these residuals, starting from another one."""
-        nothing = replace(noise, decay=np.full_like(noise.decay, np.inf), delay=np.zeros_like(noise.delay))
-        white = self.fixed_point(nothing)
+        white_noise = replace(noise, decay=np.full_like(noise.decay, np.inf), delay=np.zeros_like(noise.delay))
+        white = self.fixed_point(white_noise)
         found = white
         groups = [np.ones_like(self.floor, bool)]
         if not self.traces:
             sensors = np.arange(len(self.floor))[:, None]
             groups = [sensors == sensor for sensor in range(len(self.floor))]
-        for mine in groups:
-            found = self._likelier(found, self._with_memory(found, mine))
+        for channels in groups:
+            found = self._likelier(found, self._with_memory(found, channels))
         if self.traces:
             return self._likelier(found, self._with_delay(white))
         return found
@@ -132,43 +141,45 @@ class ResidualNoiseModel:
             return found
         return tried
 
-    def _likeliest(self, of: Callable[[float], Noise], low: float, high: float, tolerance: float) -> float:
+    def _likeliest(self, noise_at: Callable[[float], Noise], low: float, high: float, tolerance: float) -> float:
         """The number between two ends whose noise has the highest likelihood."""
         from scipy.optimize import minimize_scalar  # noqa: PLC0415 - slow to import, and white noise needs none
 
         def cost(x: float) -> float:
-            return minus_two_log_likelihood(self.fixed_point(of(x), 2))
+            return minus_two_log_likelihood(self.fixed_point(noise_at(x), 2))
 
         return float(minimize_scalar(cost, bounds=(low, high), method="bounded", options={"xatol": tolerance}).x)
 
-    def _with_memory(self, point: Solution, mine: np.ndarray) -> Solution | None:
+    def _with_memory(self, point: Solution, channels: np.ndarray) -> Solution | None:
         """AR(1) noise of some channels (R, n), at first with a common memory; None if residuals do not support it."""
         noise = point.problem.noise
         correlation, error = lag_one_by_source(point.windows, point.evaluation.residual, len(self.floor))
-        if not is_correlated(correlation[mine], error[mine]):
+        if not is_correlated(correlation[channels], error[channels]):
             return None
 
         def with_memory(rho: np.ndarray | float) -> Noise:
             decay = -np.log(np.clip(rho, 1e-6, MAX_CORRELATION)) / self.interval
-            return replace(noise, decay=np.where(mine, decay, noise.decay))
+            return replace(noise, decay=np.where(channels, decay, noise.decay))
 
         # fitted starts remove some of the memory and never add to it
-        if not -WHITE_CORRELATION < self._innovations(with_memory(correlation), mine) < 2 * WHITE_CORRELATION:
+        remaining = self._innovation_correlation(with_memory(correlation), channels)
+        if not -WHITE_CORRELATION < remaining < 2 * WHITE_CORRELATION:
             return None
-        rho = self._likeliest(with_memory, 0.02, MAX_CORRELATION, 4e-3)
-        off = correlation - correlation[mine].mean()
-        each = np.clip(rho + np.where(np.abs(off) > OWN_MEMORY_ERRORS * error, off, 0.0), 0.02, MAX_CORRELATION)
+        rho = self._likeliest(with_memory, MIN_CORRELATION, MAX_CORRELATION, CORRELATION_TOLERANCE)
+        off = correlation - correlation[channels].mean()
+        own = np.abs(off) > OWN_MEMORY_ERRORS * error
+        each = np.clip(rho + np.where(own, off, 0.0), MIN_CORRELATION, MAX_CORRELATION)
         found = self.fixed_point(with_memory(each))
-        if abs(self._innovations(found.problem.noise, mine)) < WHITE_CORRELATION:
+        if abs(self._innovation_correlation(found.problem.noise, channels)) < WHITE_CORRELATION:
             return found
         return None
 
-    def _innovations(self, noise: Noise, mine: np.ndarray) -> float:
+    def _innovation_correlation(self, noise: Noise, channels: np.ndarray) -> float:
         """Correlation of neighbours in the residuals of some channels after a fit with correlated noise."""
         windows = noise.apply_to(self.claimed, self.traces)
-        nothing = np.zeros((*windows.weight.shape, 0))
-        left = whiten(windows, in_noise_units(self.raw._replace(jacobian=nothing), self.claimed, windows)).residual
-        return lag_one(left, (windows.weight > 0) & mine[windows.source][:, None])[0]
+        no_jacobian = np.zeros((*windows.weight.shape, 0))
+        left = whiten(windows, in_noise_units(self.raw._replace(jacobian=no_jacobian), self.claimed, windows)).residual
+        return lag_one(left, (windows.weight > 0) & channels[windows.source][:, None])[0]
 
     def _with_delay(self, point: Solution) -> Solution | None:
         """A delay of every frame; None if the residuals do not support it, or the delays are not random."""
@@ -178,9 +189,9 @@ class ResidualNoiseModel:
         along = np.sum(speed * point.evaluation.residual, axis=2)
         delay = np.zeros_like(white.delay)
         for r in np.unique(point.windows.run):
-            mine = point.windows.run == r
-            more = np.sum(along[mine] ** 2 - square[mine])
-            size = np.sum(square[mine] ** 2)
+            in_run = point.windows.run == r
+            more = np.sum(along[in_run] ** 2 - square[in_run])
+            size = np.sum(square[in_run] ** 2)
             if more > DELAY_SIGNIFICANCE * np.sqrt(2 * size):
                 delay[r] = np.sqrt(more / size)
         late = along / np.maximum(np.sqrt(square), 1e-300)
@@ -190,7 +201,8 @@ class ResidualNoiseModel:
         def delayed(x: float) -> Noise:
             return replace(white, delay=delay * np.exp(x))
 
-        return self.fixed_point(delayed(self._likeliest(delayed, -1.5, 1.5, 0.02)))
+        log_ratio = self._likeliest(delayed, -DELAY_LOG_RANGE, DELAY_LOG_RANGE, DELAY_LOG_TOLERANCE)
+        return self.fixed_point(delayed(log_ratio))
 
 
 def transfer_solution(solution: Solution, problem: Residuals, evaluation: Evaluation) -> Solution:
@@ -227,41 +239,3 @@ def memory_of(point: Solution) -> float:
     if is_correlated(rho, error):
         return min((1 + rho) / max(1 - rho, 1e-9), longest)
     return 1.0
-
-
-#: Rounds of fit and noise, and the change of the noise below which another fit would change nothing: an error of 5 % of
-#: the weights costs less than 0.01 standard errors.
-NOISE_ROUNDS = 3
-NOISE_TOLERANCE = 0.05
-
-
-def fit_with_noise(
-    solution: Solution,
-    again: Callable[[Solution], Solution],
-    claimed: Callable[[Solution], Windows],
-    floor: np.ndarray,
-    traces: Sequence[Trace] = (),
-    same: float = NOISE_TOLERANCE,
-) -> Solution:
-    """Alternate noise estimate and fit, up to their common fixed point; the noise alone of a fit that failed.
-
-    Args:
-        solution: the end of a fit.
-        again: continues from a solution whose noise has changed.
-        claimed: the samples of a solution with the claimed noise.
-        floor, traces: as for `ResidualNoiseModel`.
-        same: change of the noise below which another fit would change nothing.
-    """
-    for _ in range(NOISE_ROUNDS):
-        before = solution.problem.noise or Noise.as_claimed(*floor.shape)
-        solution = ResidualNoiseModel(solution, claimed(solution), traces, floor).estimate(before)
-        if traces:  # sensors of different kinds have no common memory
-            solution.problem = replace(solution.problem, memory=memory_of(solution))
-        if solution.problem.noise.max_relative_difference(before) < same or solution.status != "ok":
-            break
-        further = again(solution)
-        if further.status != "ok":
-            break
-        further.iterations += solution.iterations
-        solution = further
-    return solution

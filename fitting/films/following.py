@@ -14,9 +14,9 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from fitting.films.detection import Circles
 from fitting.films.flattening import Flat, flatten, robust_lengths
-from fitting.films.hindsight import TrackedChain, fill_missed, reverse_chain
 from fitting.films.identity import follow, length_errors
 from fitting.films.marks import find_marks
+from fitting.films.missed_circles import fill_missed
 from fitting.films.ordering import (
     AmbiguousOrderError,
     Chain,
@@ -30,6 +30,7 @@ from fitting.films.ordering import (
     resting,
     turn_round,
 )
+from fitting.films.tracked_chain import TrackedChain, reverse_chain
 
 #: Changes [tolerances] up to which another order is equally good.
 AS_GOOD = 3.0

@@ -15,13 +15,15 @@ from fitting.films.appearance import scan
 from fitting.films.calibration import Lens, calibrate, plane_from_board
 from fitting.films.chain_check import LARGEST_ERROR, why_no_chain
 from fitting.films.detection import MarkerAppearance
+from fitting.films.exposure import remove_blur
 from fitting.films.flattening import Flat, central_differences, detected_links, level_error
 from fitting.films.following import follow_film
-from fitting.films.hindsight import TrackedChain, detect_again, remove_blur
 from fitting.films.link_angles import estimate_angle_errors, four_quadrant, to_trace
 from fitting.films.marks import Marks, find_marks
+from fitting.films.missed_circles import detect_again
 from fitting.films.ordering import AmbiguousOrderError
 from fitting.films.out_of_plane import changing_lengths, length_statistics
+from fitting.films.tracked_chain import TrackedChain
 from fitting.films.video import Video
 from fitting.traces.trace import FEWEST_SAMPLES, Trace
 

@@ -9,8 +9,10 @@ import pytest
 
 from dropper_jax import SceneError
 from fitting import bootstrap, fit, predict, profile
-from fitting.calibration.comparison import Law, compare_laws, with_bic
+from fitting.calibration.comparison import compare_laws
 from fitting.calibration.fit import estimate
+from fitting.calibration.law_bic import with_bic
+from fitting.calibration.laws import Law
 from fitting.calibration.prediction import DIVERGED_ANGLE
 from fitting.calibration.summarise import summarise
 from fitting.estimate.descent import CONVERGED_DISTANCE, GradientDescent

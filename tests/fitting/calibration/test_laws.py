@@ -11,7 +11,7 @@ from scipy.stats import chi2, multivariate_normal
 import dropper_jax as dj
 from dropper_jax import SceneError
 from fitting import Convention, Trace, prepare
-from fitting.calibration import comparison
+from fitting.calibration import compared_laws, comparison, joined_laws
 from fitting.calibration.cross_validation import Scores, blocks, last_third, other_runs, score_window
 from fitting.calibration.decision import chance, decide, decide_joined, shares, verdict
 from fitting.calibration.laws import LAW_PARTS, LAWS, Law, contains
@@ -233,7 +233,7 @@ def test_a_law_stuck_in_a_wrong_valley_is_fitted_again_from_a_larger_one(law, ef
     """A law whose own fit is made to end with far too little of it; the larger one has its scheme, or another."""
     more = {"axis": [0.0, 1.0, 0.0]} if law == "dry" else {}
     scene, trace = rod_trace({effect: {field: truth, **more}}, 4.0, 240, 2e-3)
-    honest = comparison.fit_law
+    honest = compared_laws.fit_law
 
     def stuck(prepared, family, name, inner):
         found = honest(prepared, family, name, inner)
@@ -244,7 +244,8 @@ def test_a_law_stuck_in_a_wrong_valley_is_fitted_again_from_a_larger_one(law, ef
             found = replace(found, values=values, evaluation=evaluation, cost=cost)
         return found
 
-    monkeypatch.setattr(comparison, "fit_law", stuck)
+    for module in (compared_laws, joined_laws):
+        monkeypatch.setattr(module, "fit_law", stuck)
     rows = comparison.compare_laws(prepare(trace, scene, [field]), laws=[law, "linear + dry"])
     laws = {one.name: one for one in rows}
     assert laws[law].values[f"effects.{effect}.{field}"] == pytest.approx(truth, rel=0.05)

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from fitting import Convention, Trace, View, read_trace, write_trace
+from fitting.films.exposure import exposure_share, second_differences
 from fitting.films.flattening import Flat, flatten
-from fitting.films.hindsight import exposure_share, second_differences
 from fitting.films.link_angles import estimate_angle_errors, four_quadrant
 from fitting.films.marks import find_marks
 

@@ -420,5 +420,5 @@ def evaluate_list(items: Sequence[Plain], names: Names, path: str) -> list[Any]:
 
 
 def _text(number: Number) -> str:
-    """A number in a name: different numbers differ, and 3.0 is `3`."""
-    return str(number).removesuffix(".0")
+    """A number in a name, without its rounding: 3.0 is `3`, 3 * 0.1 is `0.3`."""
+    return f"{number:.15g}"

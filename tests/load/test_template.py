@@ -140,7 +140,10 @@ def test_descriptions_and_notes_are_free_texts():
 
 def test_different_numbers_give_different_names():
     numbers = {**FARM["parameters"], "x": 1234567.0}
-    assert dj.load_scene(changed(parameters=numbers, name="{x} {x + 1} {x / 2}")).name == "1234567 1234568 617283.5"
+    assert (
+        dj.load_scene(changed(parameters=numbers, name="{x} {x + 1} {x / 2} {3 * 0.1}")).name
+        == "1234567 1234568 617283.5 0.3"
+    )
 
 
 def test_a_long_chain_of_parameters_has_a_value_or_one_short_reason(refusal):

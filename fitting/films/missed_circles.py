@@ -55,7 +55,7 @@ def fill_missed(found: TrackedChain, mapped: list[np.ndarray], circles: list[Cir
 def detect_again(found: TrackedChain, images: Iterable[np.ndarray], appearance: MarkerAppearance) -> None:
     """Search the frames themselves, in order, for undetected nodes at their expected positions, mainly half hidden."""
     error = _bridged_errors(found)
-    hidden = (~found.detected).any(axis=1)
+    hidden = np.any(~found.detected, axis=1)
     stop = int(np.max(np.flatnonzero(hidden), initial=-1)) + 1  # later frames need not be read
     for i, image in enumerate(islice(images, stop)):
         if hidden[i]:

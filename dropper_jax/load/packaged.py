@@ -11,7 +11,7 @@ from pathlib import Path
 
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.files import refuse_pipe
-from dropper_jax.base.read import Table, short_text
+from dropper_jax.base.read import Table
 from dropper_jax.base.toml_text import parse_toml_text
 from dropper_jax.decks.reading.sections import looks_like_moordyn
 from dropper_jax.load.variants import VARIANTS
@@ -20,6 +20,8 @@ from dropper_jax.load.variants import VARIANTS
 FARM = "dropper-farm"
 FARM_NAME = re.compile(r"dropper-farm(?:-(\d{1,9}))?")
 MAX_DROPPERS = 200
+#: Longest name of a file on common systems; no packaged scene has a longer one.
+LONGEST_NAME = 255
 
 
 def parse_toml(data: bytes, label: str) -> Table:
@@ -138,15 +140,16 @@ def _read_mooring(path: Path, depth: float | None) -> Table:
 
 
 def _read_file(path: Path) -> bytes:
-    if not (path.suffix or len(path.parts) > 1 or os.path.exists(path)):  # it does not look like a file
-        name = str(path)
-        raise SceneError(f"scene: {short_text(name)} is not a packaged scene; {nearest(name, scene_names())}")
+    name = str(path)
+    looks_like_a_file = path.suffix or len(path.parts) > 1 or len(name) > LONGEST_NAME or os.path.exists(path)
+    if not looks_like_a_file:
+        raise SceneError(f"scene: {name!r} is not a packaged scene; {nearest(name, scene_names())}")
     refuse_pipe(path, "scene")
     try:
         return path.read_bytes()
     except (OSError, ValueError) as error:  # a name that no file can have is a ValueError
         reason = getattr(error, "strerror", None) or error
-        raise SceneError(f"scene: cannot read {str(path)!r}: {reason}; `dropper new` writes a scene to edit") from None
+        raise SceneError(f"scene: cannot read {name!r}: {reason}; `dropper new` writes a scene to edit") from None
 
 
 def folder_of(source: str | Path, allow_outside: bool) -> Path | None:

@@ -238,7 +238,7 @@ def test_missing_file_and_folder_are_refused(tmp_path, refusal):
     ("name", "words"),
     [
         ("dropper-farm-" + "1" * 5000, "is not a packaged scene"),
-        ("x" * 300, "is not a packaged scene"),
+        ("x" * 300, "cannot read"),
         ("a\0b", "is not a packaged scene"),
         ("x" * 300 + ".toml", "cannot read"),
         ("a\0b.toml", "cannot read"),

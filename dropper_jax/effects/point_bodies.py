@@ -13,6 +13,9 @@ from dropper_jax.base.numerics import safe_norm, upright
 from dropper_jax.effects.submerged import submerged_fraction
 from dropper_jax.model import Effect, Kinematics, ModelView
 
+#: Minimum diameter [m] over which a body enters the water: drag on one without volume would jump at the surface.
+SMALLEST_DIAMETER = 1e-2
+
 
 @component
 class PointBodies(Effect):
@@ -36,9 +39,8 @@ class PointBodies(Effect):
         return model.geometry.point_node[list(self.points)]
 
     def _diameter(self) -> Array:
-        # minimum diameter over which a body enters the water [m], so that a mass without volume causes no jump
-        smallest = 1e-2
-        return jnp.maximum(jnp.cbrt(6.0 * self.volume / jnp.pi + smallest**3), smallest)
+        """Diameters (bodies,) [m] over which bodies enter the water."""
+        return jnp.cbrt(jnp.maximum(6.0 * self.volume / jnp.pi, SMALLEST_DIAMETER**3))
 
     def _at_bodies(self, model: ModelView, per_body: Array) -> Array:
         """Values of the bodies on the free nodes."""
@@ -48,8 +50,10 @@ class PointBodies(Effect):
         return self._at_bodies(model, self.mass)
 
     def contact_area(self, model: ModelView) -> Array:
-        """Plan area on the seabed (nodes,) [m^2]: that of a sphere of the same volume."""
-        return self._at_bodies(model, 0.25 * jnp.pi * self._diameter() ** 2)
+        """Plan area on the seabed (nodes,) [m^2]: that of a sphere of the same volume, none of a body without one."""
+        has_volume = self.volume > 0.0
+        cube = jnp.where(has_volume, 6.0 * self.volume / jnp.pi, 1.0)
+        return self._at_bodies(model, jnp.where(has_volume, 0.25 * jnp.pi * jnp.cbrt(cube) ** 2, 0.0))
 
     def _wet_share(self, k: Kinematics, elevation: Array) -> Array:
         """Submerged fraction (bodies,) under a surface at the bodies (bodies,) [m]."""

@@ -50,3 +50,10 @@ def test_water_brakes_a_body_without_volume_only_where_it_is_under_water(body, z
     model, k, end = body(z, v=0.8, volume=0.0)
     drag = float(model.effect("point_bodies").force(k)[end, 0])
     assert drag == pytest.approx(-wet * 0.5 * RHO * DRAG_AREA * 0.8**2, rel=1e-9)
+
+
+@pytest.mark.parametrize("radius", [0.0, 0.005, 0.3])
+def test_the_contact_area_of_a_body_is_that_of_a_sphere_of_any_size(body, radius):
+    model, _, end = body(-10.0, volume=4.0 / 3.0 * np.pi * radius**3)
+    area = model.effect("point_bodies").contact_area(model)
+    assert float(area[end]) == pytest.approx(np.pi * radius**2, rel=1e-12)

@@ -10,8 +10,8 @@ from dropper_jax.base.numerics import spread
 from dropper_jax.base.read import Table
 from dropper_jax.evaluation.record import Record, arc
 from dropper_jax.evaluation.settings import Settings
+from dropper_jax.run.end_forces import end_angles, end_forces
 from dropper_jax.run.end_links import loaded_fixed_points, point_loads
-from dropper_jax.run.line_weights import end_angles, end_forces
 from dropper_jax.run.statistics import excess_kurtosis, statistic
 from dropper_jax.scene import AnchorSpec, WholeLine, sliced_lines, utilisations
 from dropper_jax.stepping.extremes import Extremes

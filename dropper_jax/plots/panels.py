@@ -14,7 +14,8 @@ from matplotlib.ticker import MaxNLocator
 
 from dropper_jax.base.records import names_of
 from dropper_jax.plots import figures, marks, scales, style
-from dropper_jax.plots.run import ANGLE_ROUNDING, Run, changing, chosen_links
+from dropper_jax.plots.movement import ANGLE_ROUNDING, changing, chosen_links
+from dropper_jax.plots.run import Run
 from dropper_jax.plots.style import CYCLE, FAINT, FIRST
 
 #: Maximum number of links with a trace; more are drawn as a map over time and link (traces) or thinned out (grid).

@@ -1,4 +1,4 @@
-"""Tensions over time and along lines."""
+"""Tensions over time: the maximum of all links, forces on fixed points, ends of lines."""
 
 from __future__ import annotations
 
@@ -7,43 +7,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dropper_jax.load.scene import Scene
-from dropper_jax.plots import figures, panels, style
-from dropper_jax.plots.run import TENSION_ROUNDING, Run, changing
+from dropper_jax.plots import panels, style
+from dropper_jax.plots.movement import changing
+from dropper_jax.plots.run import TENSION_ROUNDING, Run
 from dropper_jax.plots.scales import force_unit
-from dropper_jax.plots.style import CYCLE, DARK
+from dropper_jax.plots.style import DARK
 from dropper_jax.plots.time_panels import Curve, Panel, history
-from dropper_jax.run.bends import curvature
-from dropper_jax.run.end_links import Motion, loaded_fixed_points, point_loads
-from dropper_jax.scene import whole_lines
+from dropper_jax.run.end_links import Motion, load_vectors, loaded_fixed_points
 
 #: Maximum number of curves in one panel.
 MAX_CURVES = 4
-
-
-@style.plot_style()
-def along_lines(scene: Scene, positions: np.ndarray, tension: np.ndarray, path: str | Path) -> Path:
-    """Tension [N or kN] and curvature [1/m] over the arc length of the lines with the most tension, at equilibrium.
-
-    Args:
-        positions: all nodes (nodes, 3) [m]; tension: (n,) [N].
-    """
-    bent = curvature(scene, positions[None])[0]
-    bent[bent == 0.0] = np.nan  # ends, and points that cut a line
-    lines = sorted(whole_lines(scene), key=lambda line: -tension[line.links].max())
-    unit, size = force_unit(tension)
-    figure = figures.new_figure(7.5, 4.8)
-    upper, lower = figure.subplots(2, 1, sharex=True)
-    for i, (colour, line) in enumerate(zip(CYCLE, lines[: 2 * MAX_CURVES], strict=False)):
-        dashes = "--" if i % 2 else "-"  # equal lines hide each other
-        mark = {"marker": "o", "ms": 2.5, "color": colour, "ls": dashes}
-        arc = np.concatenate([[0.0], np.cumsum(line.spec.length)])
-        upper.plot(arc[1:] - 0.5 * line.spec.length, tension[line.links] / size, label=line.name, **mark)
-        lower.plot(arc, bent[line.nodes], **mark)
-    upper.set_ylabel(f"tension [{unit}]")
-    lower.set(xlabel="unstretched arc length [m]", ylabel="curvature [1/m]")
-    figures.legend_above(upper, 4, "left", borderaxespad=0.2)
-    return figures.save(figure, path)
 
 
 class ScaledTensions(NamedTuple):
@@ -87,7 +60,7 @@ def tension_history(run: Run, path: str | Path) -> Path:
     if len(run.t) > 1 and not changing([scaled.low, scaled.high], threshold).any():
         return panels.constants(run, path, "tension", [(f"tension [{scaled.unit}]", scaled.tension)])
     shown = [maximum_panel(run, scaled)]
-    if len(run.written_lines) > 1:
+    if len(run.written_lines) > 1 and loaded_fixed_points(run.scene):  # lines of a drifting body have none
         shown.append(fixed_points_panel(run, scaled))
     return history(run, path, "tension", [*shown, ends_panel(run, scaled)])
 
@@ -106,16 +79,15 @@ def maximum_panel(run: Run, scaled: ScaledTensions) -> Panel:
 def fixed_points_panel(run: Run, scaled: ScaledTensions) -> Panel:
     """Forces on the most loaded fixed points."""
     names = loaded_fixed_points(run.scene)
-    vectors = point_loads(Motion(run.scene, run.t, run.positions, scaled.t, run.tension[scaled.samples]))
-    forces = [vectors[name] for name in names]
-    force = np.linalg.norm(forces, axis=-1).T / scaled.size
+    vectors = load_vectors(Motion(run.scene, run.t, run.positions, scaled.t, run.tension[scaled.samples]))
+    force = np.linalg.norm(vectors, axis=-1) / scaled.size
     low = force
     high = force
     if run.point_load_min is not None and run.point_load_max is not None:
         low = run.point_load_min[scaled.samples, :, 2] / scaled.size
         high = run.point_load_max[scaled.samples, :, 2] / scaled.size
     tops = np.nanmax(high, axis=0)
-    loaded = tops > UNLOADED_SHARE * tops.max()
+    loaded = tops > UNLOADED_SHARE * np.max(tops, initial=0.0)
     shown = [i for i in np.argsort(-tops, kind="stable") if loaded[i]][:MAX_CURVES]
     curves = [Curve(names[i], scaled.t, force[:, i], low[:, i], high[:, i]) for i in shown]
     title = _count_title("force on each fixed point", len(shown), len(names))

@@ -20,8 +20,9 @@ import numpy as np
 from dropper_jax.base.files import atomic_write
 from dropper_jax.base.read import Table
 from dropper_jax.plots import figures, tension_colours
-from dropper_jax.plots.run import Bodies, Run, elevations, readable
-from dropper_jax.plots.system import bed_grid
+from dropper_jax.plots.body_shapes import Bodies
+from dropper_jax.plots.run import Run, elevations, readable
+from dropper_jax.plots.surroundings import bed_grid
 from dropper_jax.plots.time_panels import cycle
 from dropper_jax.run.simulate import Solution
 from dropper_jax.scene.body import rotation

@@ -18,8 +18,8 @@ from dropper_jax.plots import figures, scales, style
 from dropper_jax.plots.run import readable
 from dropper_jax.plots.scales import force_unit
 from dropper_jax.plots.style import ALERT, CYCLE, DARK, FAINT, FIRST, SECOND
+from dropper_jax.plots.tension_along import draw_bands
 from dropper_jax.plots.time_panels import Curve, line_style
-from dropper_jax.plots.water import draw_bands
 from dropper_jax.report.sections import load_of_anchor
 from dropper_jax.report.tables import largest
 from dropper_jax.run.end_links import point_loads

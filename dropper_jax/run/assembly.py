@@ -24,12 +24,12 @@ from dropper_jax.run.end_of_run import Last, last_row, name_leaves
 from dropper_jax.run.observation import SavedStates, break_in_words, breaks, observe_states
 from dropper_jax.run.plausibility import scene_warnings
 from dropper_jax.run.pose_remarks import pose_remarks
-from dropper_jax.run.resolution import with_quality_checks, without_push
+from dropper_jax.run.quality_checks import with_quality_checks
 from dropper_jax.run.row_store import InMemory
 from dropper_jax.run.samples import Kind
 from dropper_jax.run.step_extremes import extremes_by_signal, saved_signal
 from dropper_jax.run.variables import EXTREMES
-from dropper_jax.scene import RunSpec
+from dropper_jax.scene import RunSpec, sliced_lines
 from dropper_jax.stepping.extremes import Extremes
 from dropper_jax.stepping.halving import DRIFT_LIMIT
 from dropper_jax.stepping.progress import Trajectory
@@ -131,6 +131,18 @@ def _observe_run(kind: type[Kind], prepared: PreparedRun, run: Trajectory) -> Ki
         **observed,
     )
     return replace(found, warnings=tuple(_run_warnings(found, model, np.asarray(start.tension))))
+
+
+def without_push(scene: Scene, tension: np.ndarray, tolerance: float) -> np.ndarray:
+    """The tensions (k, n) [N], changed in place: zero for slack ropes if negative within the step tolerance.
+
+    Axial residuals are lengths, so a relative tolerance of the length is a relative tolerance of EA for tensions.
+    """
+    for line, where in sliced_lines(scene):
+        if line.axial_law == "rope" and line.EA is not None:
+            own = tension[:, where.links]
+            tension[:, where.links] = np.where((own < 0.0) & (own >= -tolerance * line.EA), 0.0, own)
+    return tension
 
 
 def _first_failure(prepared: PreparedRun, run: Trajectory, start_s: float) -> tuple[str, Table]:

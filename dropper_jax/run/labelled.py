@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.records import names_of
 from dropper_jax.load.checks_water import surface_over
-from dropper_jax.run.end_links import loaded_fixed_points, point_loads
+from dropper_jax.run.end_links import load_vectors, loaded_fixed_points
 from dropper_jax.run.samples import Samples
 from dropper_jax.run.step_extremes import LOADS
 from dropper_jax.scene import whole_lines
@@ -33,9 +34,8 @@ Encoding = dict[Hashable, dict[str, Any]]
 def derive_variables(solution: Samples) -> Variables:
     """Variables computed from a run: surface at the origin, forces on fixed points, tension at the ends of lines."""
     found: Variables = {}
-    if names := loaded_fixed_points(solution.scene):
-        loads = point_loads(solution.motion)
-        vectors = np.stack([loads[name] for name in names], axis=1)
+    if loaded_fixed_points(solution.scene):
+        vectors = load_vectors(solution.motion)
         meaning = "sum of the forces of the lines that end at a fixed point; at tension_time"
         found["point_load"] = (("time", "held_point", "axis"), vectors, _attributes("N", meaning))
     links = [(line.links.start, line.links.stop - 1) for line in whole_lines(solution.scene)]
@@ -88,7 +88,7 @@ def coordinates(solution: Samples) -> Variables:
             ("link", "link", nodes[1:], "link j joins nodes j - 1 and j"),
         ]
     else:
-        lines = np.repeat([line.name for line in scene.lines], counts)
+        lines = np.repeat(names_of(scene.lines), counts)
         of_line = number[ends_link]
         links = [f"{name}/{j}" for name, j in zip(lines[ends_link], of_line, strict=True)]
         names += [
@@ -104,7 +104,7 @@ def coordinates(solution: Samples) -> Variables:
         if solution.point_load_max is not None:
             names.append(("load", "load", LOADS, "part of a load, vertical upwards"))
     if scene.bodies:
-        names.append(("body", "body", [body.name for body in scene.bodies], "rigid body"))
+        names.append(("body", "body", names_of(scene.bodies), "rigid body"))
     for name, axis, values, meaning in names:
         if not isinstance(values, np.ndarray):
             values = np.array(values, dtype=str)

@@ -9,8 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from dropper_jax.base.markdown import first_names
+from dropper_jax.base.records import by_name
 from dropper_jax.load.scene import Scene
-from dropper_jax.run.line_weights import lines_in_words
+from dropper_jax.run.line_weights import MOST_NAMES
 from dropper_jax.scene import LineSpec, whole_lines
 
 #: Ratio of the length of a line to the distance of its ends that only a wrong unit explains: mm for m is 1000, cm 100.
@@ -120,10 +122,10 @@ def check_spans(scene: Scene, only_broken: bool) -> Iterator[str]:
             short[line.name] = (distance / line.spec.total, line.spec.total, distance)
     if short:
         _, length, distance = max(short.values())
-        what = f"{lines_in_words(list(short))}: {length:.4g} m between points {distance:.4g} m apart"
+        what = f"{first_names(list(short), MOST_NAMES)}: {length:.4g} m between points {distance:.4g} m apart"
     else:
         what = (
-            f"{lines_in_words(list(names))}: {worst.path.length:.4g} m of lines between {worst.start!r} and "
+            f"{first_names(list(names), MOST_NAMES)}: {worst.path.length:.4g} m of lines between {worst.start!r} and "
             f"{worst.path.end!r}, {worst.distance:.4g} m apart"
         )
     above = f"stretched by more than {LARGEST_STRAIN:.0%}"
@@ -137,7 +139,7 @@ def _overloads(scene: Scene) -> Iterator[_Overload]:
 
     The tension is that of springs in series, `(distance - length)/sum(l/EA)`.
     """
-    points = {point.name: point for point in scene.points}
+    points = by_name(scene.points)
     fixed = {name for name, point in points.items() if not point.is_free or scene.start.kind == "points"}
     along = _neighbours(scene)
     for start in sorted(fixed):

@@ -7,9 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from dropper_jax.base.markdown import first_names
+from dropper_jax.base.records import by_name
 from dropper_jax.load.checks_water import bed_height
 from dropper_jax.load.scene import Scene
-from dropper_jax.run.line_weights import lines_in_words, wet_weights
+from dropper_jax.run.line_weights import MOST_NAMES, wet_weights
 from dropper_jax.scene import LineSpec, PointSpec, line_slices
 from dropper_jax.sea.spec import SeaSpec
 
@@ -41,7 +43,7 @@ class Connected(NamedTuple):
 
 def _connected(scene: Scene) -> list[Connected]:
     """The systems of lines that only fixed points have in common."""
-    points = {point.name: point for point in scene.points}
+    points = by_name(scene.points)
     label = {name: point.carrier if point.carrier and point.is_free else name for name, point in points.items()}
     parent = {name: name for name in label.values()}
 
@@ -113,14 +115,15 @@ def check_fixed_points(scene: Scene) -> Iterator[str]:
     above = [name for name in held if name in doubtful and held[name][2] > 0.0]
     below = [name for name in held if name in doubtful and name not in above]
     if above:
+        height = _range([held[name][2] for name in above])
         yield (
-            f"{lines_in_words(above)}: fixed {_range([held[name][2] for name in above])} m above the surface of water "
-            f"{depth:.4g} m deep; z is upwards from the surface, check the sign"
+            f"{first_names(above, MOST_NAMES)}: fixed {height} m above the surface of water {depth:.4g} m deep; z is "
+            "upwards from the surface, check the sign"
         )
     if below:
+        height = _range([heights[name] for name in below])
         yield (
-            f"{lines_in_words(below)}: fixed {_range([heights[name] for name in below])} m above the seabed; check the "
-            "positions and the depth"
+            f"{first_names(below, MOST_NAMES)}: fixed {height} m above the seabed; check the positions and the depth"
         )
 
 

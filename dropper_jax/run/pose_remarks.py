@@ -7,9 +7,10 @@ from collections.abc import Iterator
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.markdown import first_names
 from dropper_jax.base.numerics import unit_vectors
 from dropper_jax.load.scene import Scene
-from dropper_jax.run.line_weights import lines_in_words
+from dropper_jax.run.line_weights import MOST_NAMES
 from dropper_jax.run.plausibility import fastest_current, with_cause
 from dropper_jax.scene import WholeLine, sliced_lines, whole_lines
 from dropper_jax.scene.data import link_differences, point_nodes
@@ -67,7 +68,8 @@ def _check_stretch(scene: Scene, positions: np.ndarray) -> Iterator[str]:
     strains = _strains(scene, positions)
     names = sorted((name for name in strains if strains[name] > STRETCHED), key=lambda name: -strains[name])
     if names:
-        yield f"{lines_in_words(names)}: is stretched by {strains[names[0]]:.0%} at rest; check its length and EA"
+        worst = f"is stretched by {strains[names[0]]:.0%} at rest"
+        yield f"{first_names(names, MOST_NAMES)}: {worst}; check its length and EA"
 
 
 def _check_bends(scene: Scene, positions: np.ndarray, tension: np.ndarray) -> Iterator[str]:
@@ -78,8 +80,9 @@ def _check_bends(scene: Scene, positions: np.ndarray, tension: np.ndarray) -> It
         if not line.spec.rigid and bend >= _allowed_bend(line.spec.links):
             bends[line.name] = bend
     if bends:
+        worst = max(bends.values())
         yield (
-            f"{lines_in_words(list(bends))}: too few links: neighbouring links turn by up to {max(bends.values()):.0f} "
+            f"{first_names(list(bends), MOST_NAMES)}: too few links: neighbouring links turn by up to {worst:.0f} "
             "degrees at rest, and end forces can be off by more than 5%. Take four times the links; see --errors"
         )
 
@@ -116,7 +119,7 @@ def _check_loads(scene: Scene, tension: np.ndarray) -> Iterator[str]:
     if names:
         names.sort(key=lambda name: -above[name][0] / above[name][1])
         load, limit = above[names[0]]
-        yield f"{lines_in_words(names)}: {load:.4g} N at rest, above its breaking load of {limit:.4g} N"
+        yield f"{first_names(names, MOST_NAMES)}: {load:.4g} N at rest, above its breaking load of {limit:.4g} N"
 
 
 def _check_buoys(scene: Scene, positions: np.ndarray) -> Iterator[str]:

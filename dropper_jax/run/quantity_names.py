@@ -19,6 +19,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.records import names_of
 from dropper_jax.model import Model
 from dropper_jax.run.motion_signals import DIRECTIONS, OF_ALL, SIGNALS
 from dropper_jax.run.quantities import Quantity
@@ -61,7 +62,7 @@ class _Name:
         self.model = model
         self.option = option
         self.graph = model.geometry
-        self.points = [point.name for point in model.points]
+        self.points = names_of(model.points)
 
     def read(self) -> Quantity:
         """The quantity, with its members."""

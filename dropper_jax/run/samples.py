@@ -15,10 +15,11 @@ from dropper_jax.analysis.angles import angle_rates, link_angles
 from dropper_jax.axial import AXIAL_RINGING
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.read import Table
+from dropper_jax.base.records import names_of
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.bends import bending_moment, bends, curvature, torque
+from dropper_jax.run.end_forces import end_angles
 from dropper_jax.run.end_links import Motion
-from dropper_jax.run.line_weights import end_angles
 from dropper_jax.run.row_store import BLOCK_STATES, release_pages
 from dropper_jax.run.step_extremes import saved_signal
 from dropper_jax.run.variables import ARRAYS, BODIES, EXTREMES, SOME
@@ -102,7 +103,7 @@ class Samples:
         """
         nodes = point_nodes(self.scene)
         if name not in nodes:
-            raise SceneError(f"point: {name!r} is not a point; {nearest(name, [p.name for p in self.scene.points])}")
+            raise SceneError(f"point: {name!r} is not a point; {nearest(name, names_of(self.scene.points))}")
         return self.positions[:, nodes[name]]
 
     def body(self, name: str) -> dict[str, np.ndarray]:
@@ -111,7 +112,7 @@ class Samples:
         Raises:
             SceneError: unknown body.
         """
-        names = [body.name for body in self.scene.bodies]
+        names = names_of(self.scene.bodies)
         if name not in names:
             raise SceneError(f"body: {name!r} is not a body; {nearest(name, names)}")
         return {key: getattr(self, key)[:, names.index(name)] for key in BODIES}

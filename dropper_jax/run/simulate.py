@@ -22,12 +22,12 @@ from dropper_jax.model import Model, State, state
 from dropper_jax.residual import Stepper
 from dropper_jax.run.assembly import PreparedRun, TimeOrigin, build_solution, run_work_names
 from dropper_jax.run.build import SceneLike, build_model, initial_state, stepper_of
-from dropper_jax.run.chunks import check_memory, compile_run, first_carry, run_chunks
+from dropper_jax.run.chunks import compile_run, first_carry, run_chunks
 from dropper_jax.run.companion import with_stated_errors
 from dropper_jax.run.end_of_run import RUN, Last, first_row, name_leaves, restore_carry, same_scene
+from dropper_jax.run.memory_check import check_memory
 from dropper_jax.run.plausibility import with_cause
 from dropper_jax.run.pose_remarks import check_stretch
-from dropper_jax.run.resolution import check_skip
 from dropper_jax.run.row_store import InMemory, OnDisk
 from dropper_jax.run.samples import Samples, is_finished
 from dropper_jax.run.step_extremes import step_signals
@@ -247,7 +247,7 @@ def simulate(
     changed = {f"run.{key}": value for key, value in given.items() if value is not None}
     if changed:
         scene = scene.with_values(changed)
-    check_skip(skip, errors, scene.run.duration)
+    _check_skip(skip, errors, scene.run.duration)
     if start is not None:
         _check_continued(scene, start, errors)
     say = progress or silent
@@ -279,6 +279,14 @@ def _check_continued(scene: Scene, start: Solution, errors: bool) -> None:
     check_changing_lengths_until(scene, float(start.t[-1]) + scene.run.duration)
     if errors:
         raise SceneError("errors: restarts the scene, so it cannot be combined with a run to continue")
+
+
+def _check_skip(skip: float, errors: bool, duration: float) -> None:
+    """Reject a time left out of the errors that is not within the run."""
+    if skip and not errors:
+        raise SceneError(f"--skip: {skip:g} s can only be left out together with --errors")
+    if not 0.0 <= skip < duration:
+        raise SceneError(f"--skip: {skip:g} is out of range; allowed: 0 to less than the {duration:g} s of the run")
 
 
 def _prepare(

@@ -22,8 +22,8 @@ from dropper_jax.run.end_links import (
     end_forces_of_model,
     ends_of,
     line_ends,
+    load_vectors,
     loaded_fixed_points,
-    point_loads,
 )
 from dropper_jax.run.variables import SIGNALS
 from dropper_jax.scene import whole_lines
@@ -111,10 +111,7 @@ def _end_force_sizes(motion: Motion) -> np.ndarray:
 
 def _load_components(motion: Motion) -> np.ndarray:
     """The components `LOADS` of the loads of fixed points (k, fixed points, 3) [N]."""
-    loads = point_loads(motion)
-    vectors = np.zeros((len(motion.tension), 0, 3))
-    if names := loaded_fixed_points(motion.scene):
-        vectors = np.stack([loads[name] for name in names], axis=1)
+    vectors = load_vectors(motion)
     horizontal = np.hypot(vectors[..., 0], vectors[..., 1])
     return np.stack([horizontal, vectors[..., 2], np.linalg.norm(vectors, axis=-1)], axis=-1)
 

@@ -41,7 +41,7 @@ def run(args: Namespace) -> int:
         return _tide(scene, args)
 
     from dropper_jax.analysis.angles import link_angles
-    from dropper_jax.run.bends import crushed_links, curvature
+    from dropper_jax.run.bending import crushed_links, curvature
     from dropper_jax.run.build import equilibrium
     from dropper_jax.run.plausibility import scene_warnings
     from dropper_jax.run.pose_remarks import check_stretch, pose_remarks

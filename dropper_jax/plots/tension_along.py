@@ -15,7 +15,7 @@ from dropper_jax.plots.run import Run
 from dropper_jax.plots.scales import force_unit
 from dropper_jax.plots.style import CYCLE, DARK, FAINT
 from dropper_jax.plots.surroundings import SURFACE, WATER
-from dropper_jax.run.bends import curvature
+from dropper_jax.run.bending import curvature
 from dropper_jax.scene import whole_lines
 
 #: Maximum number of lines in one picture.

@@ -12,7 +12,7 @@ from dropper_jax.load.checks_water import bed_height, surface_over
 from dropper_jax.load.scene import Scene
 from dropper_jax.report.motion import node_arc, node_rows
 from dropper_jax.report.tables import Rows
-from dropper_jax.run.bends import bending_moment, bending_summary, bends, curvature
+from dropper_jax.run.bending import bending_moment, bending_summary, curvature, has_bending
 from dropper_jax.run.flow_coefficients import flow_dependent_effects, flow_table
 from dropper_jax.run.growth import overgrown
 from dropper_jax.scene import BuoySpec, sliced_lines
@@ -56,7 +56,7 @@ def line_bending(record: Record) -> Rows:
     """Per line the maximum moment [N m], its arc length [m] and time [s], the minimum radius [m], and the maximum and
     mean moment of each node [N m] against arc length from the first point [m]."""
     scene = record.scene
-    if not bends(scene):
+    if not has_bending(scene):
         return {"skipped": "the scene has no [effects.bending]"}
     kappa = curvature(scene, record.positions, record.t)
     moment = bending_moment(scene, record.positions, record.t, tuple(record.solution.broken))

@@ -19,10 +19,10 @@ from dropper_jax.integrators.consistent_velocities import solve_instant
 from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.model import Model, State, state
 from dropper_jax.residual import Stepper
-from dropper_jax.run.arrays import bare_model, static_pose
 from dropper_jax.run.fixed_points import with_points_fixed
 from dropper_jax.run.flow_coefficients import with_flow_coefficients
 from dropper_jax.run.growth import overgrown
+from dropper_jax.run.scene_model import bare_model, static_pose
 from dropper_jax.run.wakes import with_wakes
 from dropper_jax.scene import RunSpec, StartSpec, directions
 from dropper_jax.statics.linearised import Linearised, linearised_about

@@ -9,7 +9,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import Table
 from dropper_jax.load.scene import Scene
-from dropper_jax.run.arrays import bare_model, resting_nodes
+from dropper_jax.run.scene_model import bare_model, resting_nodes
 from dropper_jax.scene import LineSpec, grown, sliced_lines
 
 

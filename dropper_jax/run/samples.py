@@ -17,11 +17,12 @@ from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.read import Table
 from dropper_jax.base.records import names_of
 from dropper_jax.load.scene import Scene
-from dropper_jax.run.bends import bending_moment, bends, curvature, torque
+from dropper_jax.run.bending import bending_moment, curvature, has_bending
 from dropper_jax.run.end_forces import end_angles
 from dropper_jax.run.end_links import Motion
 from dropper_jax.run.row_store import BLOCK_STATES, release_pages
 from dropper_jax.run.step_extremes import saved_signal
+from dropper_jax.run.twist import torque
 from dropper_jax.run.variables import ARRAYS, BODIES, EXTREMES, SOME
 from dropper_jax.scene import LineSlice, line_slices, whole_lines
 from dropper_jax.scene.data import point_nodes
@@ -200,15 +201,15 @@ class Samples:
 
     @cached_property
     def curvature(self) -> np.ndarray | None:
-        """Curvature (k, nodes) [1/m] if lines have bending stiffness (see `run.bends`); else None."""
-        if bends(self.scene):
+        """Curvature (k, nodes) [1/m] if lines have bending stiffness (see `run.bending`); else None."""
+        if has_bending(self.scene):
             return curvature(self.scene, self.positions, self.t)
         return None
 
     @cached_property
     def bending_moment(self) -> np.ndarray | None:
         """Bending moment (k, nodes) [N m] if lines have bending stiffness; else None."""
-        if bends(self.scene):
+        if has_bending(self.scene):
             return bending_moment(self.scene, self.positions, self.t, self.broken)
         return None
 

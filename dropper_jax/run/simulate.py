@@ -20,8 +20,8 @@ from dropper_jax.load.checks_system import check_changing_lengths_until
 from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.model import Model, State, state
 from dropper_jax.residual import Stepper
-from dropper_jax.run.assembly import PreparedRun, TimeOrigin, build_solution, run_work_names
 from dropper_jax.run.build import SceneLike, build_model, initial_state, stepper_of
+from dropper_jax.run.build_solution import PreparedRun, TimeOrigin, build_solution, run_work_names
 from dropper_jax.run.chunks import compile_run, first_carry, run_chunks
 from dropper_jax.run.companion import with_stated_errors
 from dropper_jax.run.end_of_run import RUN, Last, first_row, name_leaves, restore_carry, same_scene

@@ -32,7 +32,7 @@ from dropper_jax.base.read import Plain, Table
 from dropper_jax.base.store import read_archive, write_archive
 from dropper_jax.run import labelled
 from dropper_jax.run.end_of_run import LAST, units
-from dropper_jax.run.reopened import check_archive, reopen_run
+from dropper_jax.run.reopen import check_archive, reopen_run
 from dropper_jax.run.row_store import release_pages
 from dropper_jax.run.samples import Kind, Samples
 from dropper_jax.run.variables import ARRAYS, DERIVED, SOME, VARIABLES

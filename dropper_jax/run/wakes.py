@@ -19,7 +19,7 @@ from dropper_jax.effects.buoyancy import drag_diameter
 from dropper_jax.effects.morison_drag import relative_roughness
 from dropper_jax.effects.rough_cylinder import steady_drag
 from dropper_jax.load.scene import Scene
-from dropper_jax.run.arrays import bare_model, resting_nodes
+from dropper_jax.run.scene_model import bare_model, resting_nodes
 from dropper_jax.run.wake_model import TURBULENCE, Elements, Wakes, solve_wakes
 from dropper_jax.scene import LineSlice, line_slices
 from dropper_jax.scene.data import first_nodes, link_differences

@@ -10,7 +10,7 @@ from scene_parts import free_at, line_of, scene_of
 import dropper_jax as dj
 from dropper_jax import SceneError, build_model, report_run
 from dropper_jax.report import sections
-from dropper_jax.run import arrays
+from dropper_jax.run import scene_model
 from dropper_jax.run.growth import overgrown, season_table
 from fitting.parameters.scene_parameters import scene_parameter
 
@@ -60,7 +60,7 @@ def test_mussels_do_not_grow_at_the_depths_of_a_pose_that_was_not_found(monkeypa
     bare = scene()
     del bare["growth"]
     lost = dataclasses.replace(dj.equilibrium(bare), status="not_converged", message="no equilibrium found")
-    monkeypatch.setattr(arrays, "equilibrium", lambda *_: lost)
+    monkeypatch.setattr(scene_model, "equilibrium", lambda *_: lost)
     with pytest.raises(SceneError, match="^start: no equilibrium found$"):
         build_model(dj.load_scene(scene()))
 

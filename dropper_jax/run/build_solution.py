@@ -16,7 +16,7 @@ from dropper_jax.load.checks_water import sea_warnings
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Frozen, Model, work_names
 from dropper_jax.residual import TOO_FAR, Embedded, Stepper
-from dropper_jax.run.bends import crushed_links, twist_warnings
+from dropper_jax.run.bending import crushed_links
 from dropper_jax.run.chunks import RunOutcome
 from dropper_jax.run.damping_limit import damping_warnings
 from dropper_jax.run.end_links import Motion
@@ -28,6 +28,7 @@ from dropper_jax.run.quality_checks import with_quality_checks
 from dropper_jax.run.row_store import InMemory
 from dropper_jax.run.samples import Kind
 from dropper_jax.run.step_extremes import extremes_by_signal, saved_signal
+from dropper_jax.run.twist import twist_warnings
 from dropper_jax.run.variables import EXTREMES
 from dropper_jax.scene import RunSpec, sliced_lines
 from dropper_jax.stepping.extremes import Extremes

@@ -71,8 +71,9 @@ class Record:
 
     @property
     def static_start(self) -> bool:
-        """Whether the run started in its computed equilibrium."""
-        return self.scene.start.is_static and self.scene.start.release_nodes is None
+        """Whether the first row of the run is its computed equilibrium; that of a continued run is not."""
+        start = self.scene.start
+        return start.is_static and start.release_nodes is None and not self.solution.continues
 
     def point(self, name: str) -> np.ndarray:
         """Positions (k, 3) [m] of a point."""
@@ -88,7 +89,7 @@ def record(solution: Samples, skip: float = 0.0) -> Record:
         SceneError: fewer than three samples are left.
     """
     notes = [f"warning of the run: {warning}" for warning in solution.warnings]
-    good = _good_samples(solution)
+    good = good_samples(solution)
     last = len(good)
     if not good.all():
         last = int(np.argmin(good))
@@ -131,7 +132,7 @@ def record(solution: Samples, skip: float = 0.0) -> Record:
     )
 
 
-def _good_samples(solution: Samples) -> np.ndarray:
+def good_samples(solution: Samples) -> np.ndarray:
     """Which samples (k,) are finite, and of steps that succeeded."""
     good = solution.step_status == 0
     for array in (solution.positions, solution.velocities, solution.tension):

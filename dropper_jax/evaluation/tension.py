@@ -13,6 +13,7 @@ from dropper_jax.evaluation.settings import Settings
 from dropper_jax.run.end_forces import end_angles, end_forces
 from dropper_jax.run.end_links import loaded_fixed_points, point_loads
 from dropper_jax.run.statistics import excess_kurtosis, statistic
+from dropper_jax.run.step_extremes import LOADS, load_components
 from dropper_jax.scene import AnchorSpec, WholeLine, sliced_lines, utilisations
 from dropper_jax.stepping.extremes import Extremes
 
@@ -145,27 +146,20 @@ def anchors(record: Record) -> list[Table]:
     loads = point_loads(record.motion)
     peaks = load_extremes(record)
     for name, extremes in peaks.items():
-        load = loads[name]
-        parts = {
-            "horizontal_n": np.hypot(load[:, 0], load[:, 1]),
-            "vertical_n": load[:, 2],
-            "total_n": np.linalg.norm(load, axis=1),
-        }
+        load = load_components(loads[name])
         row: Table = {"point": name}
-        for i, (key, values) in enumerate(parts.items()):
+        for i, part in enumerate(LOADS):
             low = float(extremes.least[:, i].min())
-            row[key] = spread(values) | {"min": low, "max": float(extremes.largest[:, i].max())}
+            row[f"{part}_n"] = spread(load[:, i]) | {"min": low, "max": float(extremes.largest[:, i].max())}
         top = int(np.argmax(extremes.largest[:, 2]))
         row["total_n"]["max_s"] = float(extremes.largest_at[top, 2])
-        size = parts["total_n"]
+        horizontal, vertical, size = load.T
         loaded = size >= max(NO_DIRECTION * size.mean(), 1e-12)
         row["share_without_angle"] = float(1.0 - loaded.mean())
-        row["uplift_rad"] = None
-        row["uplift_at_largest_load_rad"] = None
+        row |= dict.fromkeys(("uplift_rad", "uplift_at_largest_load_rad", "holding"))
         if loaded.any():
-            row["uplift_rad"] = spread(np.arctan2(load[loaded, 2], parts["horizontal_n"][loaded]))
+            row["uplift_rad"] = spread(np.arctan2(vertical[loaded], horizontal[loaded]))
             row["uplift_at_largest_load_rad"] = _uplift(extremes, top)
-        row["holding"] = None
         if name in anchor_at:
             row["holding"] = _holding(anchor_at[name], record.scene.anchors, peaks)
         found.append(row)

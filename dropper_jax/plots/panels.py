@@ -151,7 +151,7 @@ def grid(
         draw(axes, int(link))
         axes.set_title(run.labels[link], loc="left")
     figures.outer_labels(panels, columns, *labels)
-    handles, names = panels[0].get_legend_handles_labels()
-    if len(handles) > 1:
-        figure.legend(handles, names, loc="outside lower left", ncols=len(names))
+    names = panels[0].get_legend_handles_labels()[1]
+    if len(names) > 1:
+        figures.legend_below(figure, panels[0], len(names))
     return figures.finish(figure, run, what, path)

@@ -42,7 +42,7 @@ def under_surface(run: Run, path: str | Path, time: float | None = None) -> Path
     figure.axes[0].set_ylabel("z [m]")
     if low_and_long:
         figure.axes[-1].set_ylabel("z [m]")
-        figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside lower left", ncols=4)
+        figures.legend_below(figure, figure.axes[0], 4)
     else:
         figure.axes[0].legend(loc="upper left", bbox_to_anchor=(0.0, 1.12), ncols=4)
     return figures.finish(figure, run, f"under the surface at t = {run.t[index]:.2f} s", path)

@@ -76,7 +76,7 @@ def tension_envelope(run: Run, path: str | Path) -> Path:
     if len(shown) == 1:
         figures.legend_above(all_axes[0], 4, "left")
     else:
-        figure.legend(*all_axes[0].get_legend_handles_labels(), loc="outside lower left", ncols=4)
+        figures.legend_below(figure, all_axes[0], 4)
     return figures.finish(figure, run, what, path)
 
 

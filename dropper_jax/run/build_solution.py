@@ -20,7 +20,7 @@ from dropper_jax.run.bending import crushed_links
 from dropper_jax.run.chunks import RunOutcome
 from dropper_jax.run.damping_limit import damping_warnings
 from dropper_jax.run.end_links import Motion
-from dropper_jax.run.end_of_run import Last, last_row, name_leaves
+from dropper_jax.run.end_of_run import Last, last_row, name_leaves, trajectory_rows
 from dropper_jax.run.observation import SavedStates, break_in_words, breaks, observe_states
 from dropper_jax.run.plausibility import scene_warnings
 from dropper_jax.run.pose_remarks import pose_remarks
@@ -93,12 +93,9 @@ def _observe_run(kind: type[Kind], prepared: PreparedRun, run: Trajectory) -> Ki
     dt = interval / scene.run.save_every
     start = prepared.first.row
     good = int(np.sum(run.first_bad < 0))  # a step that failed stays the first bad one
-    kept = jax.tree.map(lambda a: a[:good], run)
     t = origin.origin_s + (origin.saves + np.arange(good + 1)) * interval
-    join = prepared.rows.join
-    parted = jax.tree.map(join, start.parted, kept.parted)
-    own = jax.tree.map(join, start.own, kept.own)
-    states = SavedStates(join(start.r, kept.r), join(start.v, kept.v), t.astype(model.dtype), parted, own)
+    saved = jax.tree.map(lambda first, later: prepared.rows.join(first, later[:good]), start, trajectory_rows(run))
+    states = SavedStates(saved.r, saved.v, t.astype(model.dtype), saved.parted, saved.own)
     observed = observe_states(model, states, prepared.rows)
     closure = observed.pop("closure")
     status = "ok"
@@ -114,9 +111,9 @@ def _observe_run(kind: type[Kind], prepared: PreparedRun, run: Trajectory) -> Ki
         scene=scene,
         settings=_settings_of(prepared),
         t=t,
-        tension=without_push(scene, join(start.tension, kept.tension), stepper.limit(model)),
+        tension=without_push(scene, saved.tension, stepper.limit(model)),
         t_tension=np.concatenate([t[:1], t[1:] - (1.0 - stepper.integrator.tension_time) * dt]),
-        work=join(start.work, kept.work),
+        work=saved.work,
         work_names=run_work_names(stepper, model, scene.run),
         step_status=np.zeros(good + 1, np.int8),
         status=status,
@@ -126,8 +123,8 @@ def _observe_run(kind: type[Kind], prepared: PreparedRun, run: Trajectory) -> Ki
         max_residual=float(np.max(run.residual[: good + 1])),
         max_closure_error=float(np.max(closure)),
         versions=versions(),
-        broken=breaks(scene, jax.tree.map(lambda a: a[-1], parted)),
-        own=_states_by_effect(own),
+        broken=breaks(scene, jax.tree.map(lambda a: a[-1], saved.parted)),
+        own=_states_by_effect(saved.own),
         continues=continues,
         **observed,
     )

@@ -18,7 +18,8 @@ def overgrown(scene: Scene) -> Scene:
     unchanged."""
     if scene.season is None and all(line.growth is None for line in scene.lines):
         return scene
-    if "_overgrown" in scene.__dict__:  # an equilibrium: solved once for each scene
+    # solved once for each scene, which is frozen and holds the result as a `cached_property` of it would
+    if "_overgrown" in scene.__dict__:
         return scene.__dict__["_overgrown"]
     table = scene.to_dict()
     for section in (table, *table["line"]):

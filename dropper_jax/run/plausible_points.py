@@ -100,7 +100,9 @@ def check_fixed_points(scene: Scene) -> Iterator[str]:
     depth = scene.sea.depth
     positions = np.array(list(held.values())).reshape(-1, 3)
     bed = bed_height(scene, positions)
-    heights = dict(zip(held, positions[:, 2] - (-depth if bed is None else bed), strict=True))
+    if bed is None:
+        bed = -depth
+    heights = dict(zip(held, positions[:, 2] - bed, strict=True))
     allowed = max(ANCHOR_HEIGHT, ANCHOR_SHARE * depth)
     high = {name for name, height in heights.items() if height > allowed}
     entries = {anchor.point for anchor in scene.anchors}
@@ -112,25 +114,21 @@ def check_fixed_points(scene: Scene) -> Iterator[str]:
         doubtful |= {name for name in names if held[name][2] > HIGH_IN_THE_AIR * depth}
         if names <= high:  # floats on mooring lines from mid-water
             doubtful |= {name for name in names if held[name][2] < -0.5 * depth}
-    above = [name for name in held if name in doubtful and held[name][2] > 0.0]
-    below = [name for name in held if name in doubtful and name not in above]
+    above = {name: held[name][2] for name in held if name in doubtful and held[name][2] > 0.0}
+    below = {name: heights[name] for name in held if name in doubtful and name not in above}
     if above:
-        height = _range([held[name][2] for name in above])
         yield (
-            f"{first_names(above, MOST_NAMES)}: fixed {height} m above the surface of water {depth:.4g} m deep; z is "
-            "upwards from the surface, check the sign"
+            f"{_fixed(above)} m above the surface of water {depth:.4g} m deep; z is upwards from the surface, "
+            "check the sign"
         )
     if below:
-        height = _range([heights[name] for name in below])
-        yield (
-            f"{first_names(below, MOST_NAMES)}: fixed {height} m above the seabed; check the positions and the depth"
-        )
+        yield f"{_fixed(below)} m above the seabed; check the positions and the depth"
 
 
-def _range(values: list[float]) -> str:
-    """Minimum and maximum in words; one number if they are equal."""
-    ends = dict.fromkeys((f"{min(values):.3g}", f"{max(values):.3g}"))
-    return " to ".join(ends)
+def _fixed(heights: dict[str, float]) -> str:
+    """Names of points, and the minimum and maximum of their heights; one number if they are equal."""
+    ends = dict.fromkeys(f"{end(heights.values()):.3g}" for end in (min, max))
+    return f"{first_names(list(heights), MOST_NAMES)}: fixed {' to '.join(ends)}"
 
 
 def check_lift(scene: Scene) -> Iterator[str]:

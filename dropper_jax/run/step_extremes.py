@@ -96,7 +96,7 @@ def saved_signal(signal: str, motion: Motion) -> np.ndarray:
     with np.errstate(invalid="ignore", over="ignore"):  # a failed run may end with infinite positions
         if signal == "end_force":
             return _end_force_sizes(motion)
-        return _load_components(motion)
+        return load_components(load_vectors(motion))
 
 
 def _end_force_sizes(motion: Motion) -> np.ndarray:
@@ -109,9 +109,8 @@ def _end_force_sizes(motion: Motion) -> np.ndarray:
     return np.stack(sizes, axis=1).reshape(len(motion.tension), -1, 2)
 
 
-def _load_components(motion: Motion) -> np.ndarray:
-    """The components `LOADS` of the loads of fixed points (k, fixed points, 3) [N]."""
-    vectors = load_vectors(motion)
+def load_components(vectors: np.ndarray) -> np.ndarray:
+    """The components `LOADS` (..., 3) [N] of forces (..., 3)."""
     horizontal = np.hypot(vectors[..., 0], vectors[..., 1])
     return np.stack([horizontal, vectors[..., 2], np.linalg.norm(vectors, axis=-1)], axis=-1)
 

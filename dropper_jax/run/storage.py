@@ -176,7 +176,7 @@ def _attributes(solution: Samples) -> dict[str, Any]:
     return {
         "Conventions": "CF-1.11",
         "title": f"{solution.scene.name}: {solution.scene.description}".rstrip(": "),
-        "source": f"{made_by}, {used.get('integrator')}, dt = {used.get('dt')} s, {used.get('dtype')}",
+        "source": f"{made_by}, {used.get('integrator')}, {solution.scene.run.steps_in_words}, {used.get('dtype')}",
         "history": f"written by {made_by}",
         "status": solution.status,
         PROVENANCE: json.dumps(solution.provenance()),

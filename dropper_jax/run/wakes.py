@@ -139,7 +139,7 @@ def wake_facts(found: SceneWakes) -> Table:
         lines.append({"line": line.name, "share": spread(found.share[line.links], ("min", "mean", "max"))})
     return {
         "current_m_per_s": wakes.speed,
-        "turbulence": wakes.turbulence,
+        "turbulence": wakes.solver.turbulence,
         "lines": lines,
         "drag_over_unsheltered": float(np.sum(wakes.drag) / alone) if alone > 0.0 else 1.0,
         "balance": wakes.balance,

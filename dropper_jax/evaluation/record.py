@@ -112,24 +112,15 @@ def record(solution: Samples, skip: float = 0.0) -> Record:
         if solution.tension_max is None:
             note = "by an earlier version: peaks between samples are not included"
         notes.append(f"{solution.saved_rows}: {note}")
-    tension = np.array(solution.tension[rows], float)
-    square = tension**2
+    samples = {name: np.array(getattr(solution, name)[kept], float) for name in ("t", "positions", "velocities")}
+    samples |= {name: np.array(getattr(solution, name)[rows], float) for name in ("t_tension", "tension")}
+    square = samples["tension"] ** 2
     if solution.tension_square is not None:
         square = np.array(solution.tension_square[rows], float)
     extremes = {}
     for signal in SIGNALS:
         extremes[signal] = Extremes(*(np.array(a[rows], float) for a in solution.step_extremes(signal)))
-    return Record(
-        solution,
-        t=np.array(solution.t[kept], float),
-        positions=np.array(solution.positions[kept], float),
-        velocities=np.array(solution.velocities[kept], float),
-        t_tension=np.array(solution.t_tension[rows], float),
-        tension=tension,
-        square=square,
-        extremes=extremes,
-        notes=tuple(notes),
-    )
+    return Record(solution, **samples, square=square, extremes=extremes, notes=tuple(notes))
 
 
 def good_samples(solution: Samples) -> np.ndarray:

@@ -13,8 +13,11 @@ from dropper_jax.plots.run import TENSION_ROUNDING, Run
 from dropper_jax.plots.scales import force_unit
 from dropper_jax.plots.style import DARK
 from dropper_jax.plots.time_panels import Curve, Panel, history
-from dropper_jax.run.end_links import Motion, load_vectors, loaded_fixed_points
+from dropper_jax.run.end_links import loaded_fixed_points
+from dropper_jax.run.step_extremes import LOADS
 
+#: The total load of a fixed point among the components of its load.
+TOTAL = LOADS.index("total")
 #: Maximum number of curves in one panel.
 MAX_CURVES = 4
 
@@ -79,13 +82,9 @@ def maximum_panel(run: Run, scaled: ScaledTensions) -> Panel:
 def fixed_points_panel(run: Run, scaled: ScaledTensions) -> Panel:
     """Forces on the most loaded fixed points."""
     names = loaded_fixed_points(run.scene)
-    vectors = load_vectors(Motion(run.scene, run.t, run.positions, scaled.t, run.tension[scaled.samples]))
-    force = np.linalg.norm(vectors, axis=-1) / scaled.size
-    low = force
-    high = force
-    if run.point_load_min is not None and run.point_load_max is not None:
-        low = run.point_load_min[scaled.samples, :, 2] / scaled.size
-        high = run.point_load_max[scaled.samples, :, 2] / scaled.size
+    loads = run.signal("point_load")
+    least, largest, *_ = run.step_extremes("point_load", loads)
+    force, low, high = (rows[scaled.samples, :, TOTAL] / scaled.size for rows in (loads, least, largest))
     tops = np.nanmax(high, axis=0)
     loaded = tops > UNLOADED_SHARE * np.max(tops, initial=0.0)
     shown = [i for i in np.argsort(-tops, kind="stable") if loaded[i]][:MAX_CURVES]
@@ -102,16 +101,16 @@ def ends_panel(run: Run, scaled: ScaledTensions) -> Panel:
     tops = np.nanmax(scaled.high, axis=0)
     lines = sorted(run.written_lines, key=lambda line: -tops[line.links].max())[:MAX_CURVES]
     what = "more loaded end of each line"
-    ends = {}
+    ends = []
     for line in lines:
-        ends[line.name] = max((line.links.start, line.links.stop - 1), key=lambda link: tops[link])
+        ends.append((line.name, max(line.links.start, line.links.stop - 1, key=lambda link: tops[link])))
     if len(lines) == 1:
         what = "ends of the line"
         line = lines[0]
-        start, *_, end = line.stops.values()
-        ends = {f"at {start}": line.links.start, f"at {end}": line.links.stop - 1}
+        start, *_, end = line.stops.values()  # the same point of a loop
+        ends = [(f"at {start}", line.links.start), (f"at {end}", line.links.stop - 1)]
     curves = []
-    for name, link in ends.items():
+    for name, link in ends:
         curves.append(Curve(name, scaled.t, scaled.tension[:, link], scaled.low[:, link], scaled.high[:, link]))
     title = _count_title(what, len(lines), len(run.written_lines))
     return Panel(f"tension [{scaled.unit}]", curves, title, zero=True)

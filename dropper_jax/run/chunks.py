@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -53,11 +52,11 @@ _advance = cached_jit(static=("stepper", "saves", "save_every"), kernel=True)(ad
 
 
 class Program(NamedTuple):
-    """A compiled run: its first carry, the function that continues it, and its steps in words, by level."""
+    """A compiled run: its settings, its first carry, and the function that continues it."""
 
+    run: RunSpec
     carry: Progress
     advance: Advance
-    words: Callable[[int], str]
 
 
 class RunOutcome(NamedTuple):
@@ -113,7 +112,7 @@ def compile_run(stepper: Stepper, model: Model, carry: Progress, run: RunSpec, w
         after, rows = program(model, carry, dt, accuracy, np.int32(count), watch)
         return after, jax.tree.map(lambda a: np.array(np.asarray(a)[:count]), rows)
 
-    return Program(carry, advance, partial(_steps_in_words, run))
+    return Program(run, carry, advance)
 
 
 def _accuracy(run: RunSpec, level: int) -> float | None:
@@ -121,7 +120,7 @@ def _accuracy(run: RunSpec, level: int) -> float | None:
     return None if run.accuracy is None else min(run.accuracy / FACTOR**level, 1.0)
 
 
-def _steps_in_words(run: RunSpec, level: int) -> str:
+def steps_in_words(run: RunSpec, level: int) -> str:
     """The run or a companion by its steps."""
     accuracy = _accuracy(run, level)
     if accuracy is None:

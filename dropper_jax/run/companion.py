@@ -32,7 +32,7 @@ import numpy as np
 
 from dropper_jax.integrators import INTEGRATORS
 from dropper_jax.run.chaos import longest, start_of_chaos, travel_of
-from dropper_jax.run.chunks import COARSER, FACTOR, FINER, Program, RunOutcome
+from dropper_jax.run.chunks import COARSER, FACTOR, FINER, Program, RunOutcome, steps_in_words
 from dropper_jax.run.row_store import Rows
 from dropper_jax.run.samples import TOO_LONG, Kind, Samples, is_finished
 from dropper_jax.run.stated_errors import SMALL_TENSION, LineErrors, StatedErrors, error_warnings
@@ -62,7 +62,7 @@ class Companion(NamedTuple):
     @property
     def words(self) -> str:
         """Its steps in words."""
-        return self.program.words(self.level)
+        return steps_in_words(self.program.run, self.level)
 
     def chunks(self, saves: int) -> Iterator[Trajectory]:
         """Its saved states, chunk by chunk, for this number of saves of the first run; ends early if a step fails."""

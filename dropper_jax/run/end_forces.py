@@ -29,7 +29,8 @@ def end_forces(
         lines: their indices in these arrays; default: lines as in the scene, pieces between attached points together.
         t: times (k,) [s], for the level and the waves; default: the level at t = 0 without waves.
     """
-    vectors = end_force_vectors(scene, positions, tension, whole_lines(scene) if lines is None else lines, t)
+    lines = whole_lines(scene) if lines is None else lines
+    vectors = end_force_vectors(scene, positions, tension, lines, t)
     return {name: np.linalg.norm(both, axis=2) for name, both in vectors.items()}
 
 

@@ -42,9 +42,14 @@ def line_weights(scene: Scene) -> list[Table]:
         return []
     volume = 0.25 * np.pi * diameter**2 * grown.line.length
     weights = wet_weights(grown)
+    with_mussels = set()
+    for line in scene.lines:
+        in_season = scene.season is not None and scene.season.on(line.name, line.piece_of)
+        if line.growth is not None or in_season:
+            with_mussels.add(line.piece_of or line.name)
     types = {line.get("name"): str(line.get("type", "")) for line in scene.as_written()["line"]}
     rows: dict[tuple[str, ...], Table] = {}
-    for line, bare in zip(whole_lines(grown), whole_lines(scene), strict=True):
+    for line in whole_lines(grown):
         length = line.spec.total
         mass = float(np.sum(line.spec.mass) / length)
         displaced = float(sea.density * np.sum(volume[line.links]) / length)
@@ -61,8 +66,7 @@ def line_weights(scene: Scene) -> list[Table]:
         row["lines"].append(line.name)
         words = f"{line.name} {types.get(line.name, '')}".lower()
         thick = float(np.max(diameter[line.links])) >= THICK
-        has_mussels = bare.spec.growth is not None or scene.season is not None
-        row["meant_heavy"] |= thick or has_mussels or any(word in words for word in HEAVY)
+        row["meant_heavy"] |= thick or line.name in with_mussels or any(word in words for word in HEAVY)
     return list(rows.values())
 
 

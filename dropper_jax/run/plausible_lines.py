@@ -55,20 +55,17 @@ def check_masses(scene: Scene) -> Iterator[str]:
         spec = line.spec
         per_metre = spec.mass / spec.length
         if spec.diameter is None:
-            thickness = np.sqrt(4.0 * per_metre / (np.pi * STEEL))
-            wrong = thickness > THICKEST * spec.length
+            value = np.sqrt(4.0 * per_metre / (np.pi * STEEL))
+            wrong = value > THICKEST * spec.length
+            what = "as much as a bar of steel {:.2g} m thick; check the unit of its mass, kg"
         else:
-            density = 4.0 * per_metre / (np.pi * spec.diameter**2)
-            wrong = density > DENSEST
+            value = 4.0 * per_metre / (np.pi * spec.diameter**2)
+            wrong = value > DENSEST
+            what = "{:.3g} kg/m^3, denser than any metal; check mass, kg, and diameter, m"
         worst = int(np.argmax(np.where(wrong, spec.mass, 0.0)))
-        if not wrong[worst]:
-            continue
-        if spec.diameter is None:
-            what = f"as much as a bar of steel {thickness[worst]:.2g} m thick; check the unit of its mass, kg"
-        else:
-            what = f"{density[worst]:.3g} kg/m^3, denser than any metal; check mass, kg, and diameter, m"
-        link = f"{spec.mass[worst]:.4g} kg in a link of {spec.length[worst]:.4g} m, {per_metre[worst]:.4g} kg/m"
-        yield f"{line.name}: {link}: {what}"
+        if wrong[worst]:
+            link = f"{spec.mass[worst]:.4g} kg in a link of {spec.length[worst]:.4g} m, {per_metre[worst]:.4g} kg/m"
+            yield f"{line.name}: {link}: {what.format(value[worst])}"
 
 
 class _Path(NamedTuple):

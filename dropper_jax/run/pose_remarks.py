@@ -9,6 +9,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.markdown import first_names
 from dropper_jax.base.numerics import unit_vectors
+from dropper_jax.load.checks_water import Surface, bed_height
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.line_weights import MOST_NAMES
 from dropper_jax.run.plausibility import fastest_current, with_cause
@@ -124,12 +125,18 @@ def _check_loads(scene: Scene, tension: np.ndarray) -> Iterator[str]:
 
 def _check_buoys(scene: Scene, positions: np.ndarray) -> Iterator[str]:
     """Warnings of buoys that are under water or on the seabed."""
-    if scene.sea is None:
+    if scene.sea is None or not scene.buoys:
         return
     nodes = point_nodes(scene)
-    for buoy in scene.buoys:
-        base = float(positions[nodes[buoy.point], 2]) - buoy.attachment
-        if base + buoy.height < 0.0:
-            yield f"{buoy.name}: at rest its top is {-base - buoy.height:.3g} m under water"
-        if base < -scene.sea.depth + NEAR_BED:
+    at = positions[[nodes[buoy.point] for buoy in scene.buoys]]
+    level = Surface(scene, waves=False).over(at[None], np.zeros(1))[0]
+    bed = bed_height(scene, at)
+    if bed is None:
+        bed = np.full(len(at), -scene.sea.depth)
+    for i, buoy in enumerate(scene.buoys):
+        base = float(at[i, 2]) - buoy.attachment
+        above = base + buoy.height - float(level[i])
+        if above < 0.0:
+            yield f"{buoy.name}: at rest its top is {-above:.3g} m under water"
+        if base < bed[i] + NEAR_BED:
             yield f"{buoy.name}: at rest its base is on the seabed"

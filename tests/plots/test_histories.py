@@ -157,6 +157,23 @@ def test_a_snapshot_shows_the_peak_and_unloaded_anchors_have_no_curve(longline):
     assert "1 below 1% of the maximum" in panel.title
 
 
+def test_lines_of_a_drifting_body_have_no_panel_of_fixed_points(made, tmp_path):
+    """Two ropes of two links below a body that nothing holds."""
+    rope = {"from": "base", "links": 2, "length": 3.0, "mass": 1.0, "axial": {"law": "rope", "EA": 1e5}}
+    body = {"name": "spar", "position": [0.0, 0.0, -2.0], "mass": 1000.0, "centre_of_mass": [0.0, 0.0, 1.0]}
+    scene = {
+        "run": {"dt": 0.1, "duration": 1.0},
+        "point": [{"name": name, "kind": "free", "position": [x, 0.0, -8.0]} for name, x in (("a", 0.0), ("b", 1.0))],
+        "line": [{"name": f"rope-{name}", "to": name, **rope} for name in ("a", "b")],
+        "body": [{**body, "inertia": [1500.0, 1500.0, 80.0], "attachments": {"base": [0.0, 0.0, 0.0]}}],
+        "effects": {"weight": {}},
+        "start": {"kind": "points"},
+    }
+    nodes = np.tile(np.array([[0.0, 0, -2], [0, 0, -5], [0, 0, -8]] * 2), (12, 1, 1))
+    tension = 5.0 + np.arange(12.0)[:, None] * np.ones(4)
+    assert plots.tension_history(made(scene, nodes, tension), tmp_path / "tension.png").exists()
+
+
 def test_spectra_of_x_and_y_that_coincide_are_both_visible(tmp_path, monkeypatch):
     drawn = []
     monkeypatch.setattr(figures, "finish", lambda figure, *_: drawn.append(figure))

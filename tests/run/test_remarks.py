@@ -30,16 +30,24 @@ def moored(**motion):
 
 
 @pytest.mark.parametrize(
-    ("z", "expected"), [(-2.5, []), (-7.5, ["under water"]), (-29.0, ["under water", "on the seabed"])]
+    ("z", "level", "expected"),
+    [
+        (-2.5, 0.0, []),
+        (-7.5, 0.0, ["under water"]),
+        (-29.0, 0.0, ["under water", "on the seabed"]),
+        (-12.5, -10.0, []),
+        (-2.5, 6.0, ["under water"]),
+    ],
 )
-def test_buoys_under_water_or_on_the_bed_are_remarked(z, expected):
+def test_buoys_under_water_or_on_the_bed_are_remarked(z, level, expected):
+    scene = load_scene({**moored(), "sea": {"depth": 30.0, "level": {"offset": level}}})
     positions = np.zeros((5, 3))
     positions[-1, 2] = z
-    found = [text for text in pose_remarks(load_scene(moored()), positions, np.zeros(4)) if text.startswith("spar")]
+    found = [text for text in pose_remarks(scene, positions, np.zeros(4)) if text.startswith("spar")]
     assert len(found) == len(expected)
     assert all(words in remark for words, remark in zip(expected, found, strict=True))
     if "under water" in expected:
-        assert f"{-(z - 1.0 + 8.0):.3g} m under water" in found[0]
+        assert f"{level - (z - 1.0 + 8.0):.3g} m under water" in found[0]
 
 
 def rope(breaking_load):

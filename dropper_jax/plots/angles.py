@@ -41,7 +41,7 @@ def phase_space(run: Run, path: str | Path) -> Path:
         axes.plot(angle[-1], rate[-1], "o", ms=5, color=SECOND, label="end")
         scales.widen(angle, axes.set_xlim)
         scales.widen(rate, axes.set_ylim)
-        axes.xaxis.set_major_locator(MaxNLocator(5))
+        axes.xaxis.set_major_locator(MaxNLocator(3))  # labels of more digits would touch
 
     labels = ("polar angle [rad]", "rate [rad/s]")
     return panels.grid(run, path, "phase space of the links", draw, labels, share=False)

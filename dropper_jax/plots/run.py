@@ -37,13 +37,8 @@ class Run(Samples):
     with."""
 
     @property
-    def min_tension(self) -> np.ndarray:
-        """(k, n) [N]; over the steps since the previous sample if not every step is saved, else the tension itself."""
-        return self.tension_range[0]
-
-    @property
     def max_tension(self) -> np.ndarray:
-        """The same of the maximum."""
+        """(k, n) [N]; over the steps since the previous sample if not every step is saved, else the tension itself."""
         return self.tension_range[1]
 
     @cached_property

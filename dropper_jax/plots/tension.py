@@ -47,8 +47,8 @@ def scale_tensions(run: Run) -> ScaledTensions:
     if len(run.t) > 2:
         samples = slice(1, None)
     unit, size = force_unit(run.max_tension[samples])
-    tensions = (run.tension[samples] / size, run.min_tension[samples] / size, run.max_tension[samples] / size)
-    return ScaledTensions(run.t_tension[samples], *tensions, unit, size, samples)
+    scaled = [tension[samples] / size for tension in (run.tension, *run.tension_range)]
+    return ScaledTensions(run.t_tension[samples], *scaled, unit, size, samples)
 
 
 @style.with_style

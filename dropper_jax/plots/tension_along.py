@@ -67,7 +67,7 @@ def tension_envelope(run: Run, path: str | Path) -> Path:
     unit, scale = force_unit(sizes)
     for axes, line in zip(all_axes, shown, strict=True):
         own = run.lengths[line.links]
-        parts = (a[:, line.links] / scale for a in (run.tension, run.min_tension, run.max_tension))
+        parts = (a[:, line.links] / scale for a in (run.tension, *run.tension_range))
         _envelope(axes, np.cumsum(own) - 0.5 * own, *parts)
         if len(shown) > 1:
             axes.set_title(line.name, loc="left")

@@ -14,7 +14,7 @@ from dropper_jax.report.motion import node_arc, node_rows
 from dropper_jax.report.tables import Rows
 from dropper_jax.run.bending import bending_moment, bending_summary, curvature, has_bending
 from dropper_jax.run.flow_coefficients import flow_dependent_effects, flow_table
-from dropper_jax.run.growth import overgrown
+from dropper_jax.run.growth import has_mussels, overgrown
 from dropper_jax.scene import BuoySpec, sliced_lines
 from dropper_jax.scene.data import point_nodes
 
@@ -119,12 +119,11 @@ def crops(record: Record) -> Rows:
     scene = record.scene
     sea = scene.sea
     season = scene.season
-    if season is None and all(line.growth is None for line in scene.lines):
+    if not any(has_mussels(scene, line) for line in scene.lines):
         return {"skipped": "the scene has no mussels ([growth] or [line.growth])"}
     found = []
     for bare, (line, where) in zip(scene.lines, sliced_lines(overgrown(scene)), strict=True):
-        in_season = season is not None and season.on(bare.name, bare.piece_of)
-        if bare.growth is None and not in_season:
+        if not has_mussels(scene, bare):
             continue
         if sea is None or line.diameter is None or bare.diameter is None:
             continue  # a line with mussels has both

@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.base.read import Table
+from dropper_jax.evaluation.record import arc
 from dropper_jax.plots import figures, tension_colours
 from dropper_jax.plots.body_shapes import Bodies
 from dropper_jax.plots.run import Run, elevations
@@ -89,9 +90,8 @@ def part_names(run: Run) -> list[str]:
     names = list(run.labels)
     length = run.lengths
     for line in run.written_lines:
-        own = length[line.links]
-        middle = np.cumsum(own) - 0.5 * own
-        names[line.links] = [f"{line.name}, {s:.1f} m, segment {i}" for i, s in enumerate(middle, start=1)]
+        middles = arc(length[line.links])
+        names[line.links] = [f"{line.name}, {s:.1f} m, segment {i}" for i, s in enumerate(middles, start=1)]
     return names
 
 

@@ -133,7 +133,7 @@ def _watch(record: Record, points: list[Table], found: Table) -> Figure:
     limits = (-1.1 * widest, 1.1 * widest)
     for plan in plans:
         plan.set(xlim=limits, ylim=limits, aspect="equal")
-    left.supxlabel("x from the mean [m]; + mean, x static, dashed: maximum radius", fontsize=9)
+    left.supxlabel("x from the mean [m]\n+ mean, x static\ndashed: maximum radius", fontsize=9)
     left.supylabel("y from the mean [m]", fontsize=9)
     height.set_ylabel("z [m]")
     scales.time_axis(height, record.t)

@@ -231,15 +231,15 @@ def _with_step_extremes(solution: Kind, extremes: Extremes | None, prepared: Pre
 
 def _with_adaptive_steps(solution: Kind, prepared: PreparedRun, outcome: RunOutcome) -> Kind:
     """The solution with mean squares between saved times and counts of steps, if the run follows an accuracy."""
+    run = outcome.trajectory
+    within = run.within
     start = prepared.first.carry.control
     control = outcome.carry.control
-    within = outcome.trajectory.within
     accuracy = solution.scene.run.accuracy
     if accuracy is None or within is None or control is None or start is None:
         return solution
     scheme = prepared.stepper.integrator
     model = prepared.model
-    run = outcome.trajectory
     good = len(solution.t) - 1
     steps = within.steps[:good]
     interval = solution.settings["dt"]

@@ -59,11 +59,6 @@ class Companion(NamedTuple):
         """Its level of steps."""
         return FINER if self.finer else COARSER
 
-    @property
-    def words(self) -> str:
-        """Its steps in words."""
-        return steps_in_words(self.program.run, self.level)
-
     def chunks(self, saves: int) -> Iterator[Trajectory]:
         """Its saved states, chunk by chunk, for this number of saves of the first run; ends early if a step fails."""
         left = 2 * saves if self.finer else saves // 2
@@ -127,7 +122,7 @@ def state_errors(solution: Samples, companion: Companion, outcome: RunOutcome) -
         factor = max(stated, 1.0)
     interval = solution.settings["dt"] * solution.settings["save_every"] * shared.every
     return StatedErrors(
-        companion=companion.words,
+        companion=steps_in_words(companion.program.run, companion.level),
         lines=_line_errors(solution, Tensions.of(rows), shared.difference, factor),
         positions=positions,
         chaotic_from_s=chaotic_from_s,

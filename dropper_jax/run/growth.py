@@ -38,13 +38,19 @@ def overgrown(scene: Scene) -> Scene:
     return found
 
 
+def has_mussels(scene: Scene, line: LineSpec) -> bool:
+    """Whether mussels grow on a line of the scene, or on that from which this piece was cut."""
+    in_season = scene.season is not None and scene.season.on(line.name, line.piece_of)
+    return line.growth is not None or in_season
+
+
 def _layer(scene: Scene, line: LineSpec, z: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
     """Thickness [m] and density [kg/m^3] on a line's links (n,), whose nodes (n + 1,) rest at z [m]; None if bare."""
     depth = -0.5 * (z[1:] + z[:-1])
     if line.growth is not None:
         return line.growth.over(depth)
     season = scene.season
-    if season is None or not season.on(line.name, line.piece_of):
+    if season is None or not has_mussels(scene, line):
         return None
     arc = np.cumsum(line.length) - 0.5 * line.length
     return season.layer(line.name, line.piece_of, depth, arc, line.needed_diameter)

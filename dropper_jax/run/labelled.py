@@ -10,6 +10,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.records import names_of
 from dropper_jax.load.checks_water import surface_over
+from dropper_jax.load.scene import Scene
 from dropper_jax.run.end_links import load_vectors, loaded_fixed_points
 from dropper_jax.run.samples import Samples
 from dropper_jax.run.step_extremes import LOADS
@@ -53,14 +54,8 @@ def coordinates(solution: Samples) -> Variables:
     scene = solution.scene
     along = "unstretched arc length from the start of the line"
     written = [line.piece_of or line.name for line in scene.lines]
-    arcs = []
-    ends = dict.fromkeys(written, 0.0)
-    for name, line in zip(written, scene.lines, strict=True):
-        # a node that joins two pieces belongs to both
-        arcs.append(np.cumsum([ends[name], *line.length]))
-        ends[name] = arcs[-1][-1]
-    counts = np.array([len(arc) for arc in arcs])
-    arc = np.concatenate(arcs)
+    arc = _arc_lengths(scene, written)
+    counts = np.array([line.links + 1 for line in scene.lines])
     number = np.concatenate([np.arange(count) for count in counts])
     ends_link = number > 0  # every node but the first of a line is the last node of a link
     of_node = np.repeat(written, counts)
@@ -110,6 +105,17 @@ def coordinates(solution: Samples) -> Variables:
             values = np.array(values, dtype=str)
         found[name] = (axis, values, {"long_name": meaning})
     return found
+
+
+def _arc_lengths(scene: Scene, written: list[str]) -> np.ndarray:
+    """Unstretched arc length (nodes,) [m] of all nodes from the start of their line, pieces together."""
+    arcs = []
+    ends = dict.fromkeys(written, 0.0)
+    for name, line in zip(written, scene.lines, strict=True):
+        # a node that joins two pieces belongs to both
+        arcs.append(np.cumsum([ends[name], *line.length]))
+        ends[name] = arcs[-1][-1]
+    return np.concatenate(arcs)
 
 
 def select_line(dataset: xarray.Dataset, name: str) -> xarray.Dataset:

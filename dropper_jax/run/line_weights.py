@@ -11,7 +11,7 @@ from dropper_jax.base.read import Table
 from dropper_jax.effects.buoyancy import displaced_diameter
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.end_links import EndLinks
-from dropper_jax.run.growth import overgrown
+from dropper_jax.run.growth import has_mussels, overgrown
 from dropper_jax.scene import whole_lines
 
 #: Words in names of lines and types that should not float.
@@ -42,11 +42,7 @@ def line_weights(scene: Scene) -> list[Table]:
         return []
     volume = 0.25 * np.pi * diameter**2 * grown.line.length
     weights = wet_weights(grown)
-    with_mussels = set()
-    for line in scene.lines:
-        in_season = scene.season is not None and scene.season.on(line.name, line.piece_of)
-        if line.growth is not None or in_season:
-            with_mussels.add(line.piece_of or line.name)
+    with_mussels = {line.piece_of or line.name for line in scene.lines if has_mussels(scene, line)}
     types = {line.get("name"): str(line.get("type", "")) for line in scene.as_written()["line"]}
     rows: dict[tuple[str, ...], Table] = {}
     for line in whole_lines(grown):

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dropper_jax.base.markdown import first_names
-from dropper_jax.base.records import by_name
+from dropper_jax.base.records import by_name, names_of
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.line_weights import MOST_NAMES
 from dropper_jax.scene import LineSpec, whole_lines
@@ -112,14 +112,12 @@ def check_spans(scene: Scene, only_broken: bool) -> Iterator[str]:
     if not found:
         return
     worst = max(found, key=lambda one: one.tension / one.limit)
-    short = {}
-    for line in whole_lines(scene):
-        distance = _distance(scene, line.spec)
-        if line.name in names and line.spec.total < distance:
-            short[line.name] = (distance / line.spec.total, line.spec.total, distance)
+    written = [line for line in whole_lines(scene) if line.name in names]
+    short = [line for line in written if line.spec.total < _distance(scene, line.spec)]
     if short:
-        _, length, distance = max(short.values())
-        what = f"{first_names(list(short), MOST_NAMES)}: {length:.4g} m between points {distance:.4g} m apart"
+        spec = max((line.spec for line in short), key=lambda spec: _distance(scene, spec) / spec.total)
+        apart = f"{spec.total:.4g} m between points {_distance(scene, spec):.4g} m apart"
+        what = f"{first_names(names_of(short), MOST_NAMES)}: {apart}"
     else:
         what = (
             f"{first_names(list(names), MOST_NAMES)}: {worst.path.length:.4g} m of lines between {worst.start!r} and "

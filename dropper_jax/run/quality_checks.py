@@ -30,16 +30,14 @@ def with_quality_checks(solution: Kind) -> Kind:
     line = solution.scene.line
     negligible = RESTING_ERROR * GRAVITY * float(np.sum(line.mass)) * float(np.sum(line.length))
     scale = max(solution.energy_scale, negligible)
-    of_balance, balance_warnings = _check_balance(solution, scale)
-    of_ringing, ringing_warnings = _check_ringing(solution, scale)
+    faults = [*tension_warnings(solution), *winch_warnings(solution)]
     status = solution.status
-    if status == "ok":
-        status = of_balance
-    if status == "ok":
-        status = of_ringing
-    faults = (*tension_warnings(solution), *winch_warnings(solution))
-    warnings = (*solution.warnings, *balance_warnings, *faults, *ringing_warnings)
-    return replace(solution, status=status, warnings=warnings)
+    warnings = list(solution.warnings)
+    for verdict, found in (_check_balance(solution, scale), ("ok", faults), _check_ringing(solution, scale)):
+        if status == "ok":
+            status = verdict
+        warnings += found
+    return replace(solution, status=status, warnings=tuple(warnings))
 
 
 def _check_balance(solution: Samples, scale: float) -> tuple[str, list[str]]:

@@ -331,7 +331,7 @@ class Samples:
         every = self.settings.get("save_every", 1)
         if every == 1:
             return ""
-        return f"every {every}th step is saved"
+        return f"one step in {every} is saved"
 
     def _tension_extents(self, parts: dict[str, slice]) -> dict[str, Extent]:
         """Statistics of the tensions of some links, by the name of the part."""

@@ -8,32 +8,23 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import jax
-import jax.numpy as jnp
-import numpy as np
-
 from dropper_jax.base.errors import Progress, SceneError, SimulationError, silent
 from dropper_jax.base.html_table import html_table
 from dropper_jax.base.read import Table
 from dropper_jax.integrators import OPTIONS
 from dropper_jax.load.checks_system import check_changing_lengths_until
 from dropper_jax.load.scene import Scene, load_scene
-from dropper_jax.model import Model, State, state
-from dropper_jax.residual import Stepper
-from dropper_jax.run.build import SceneLike, build_model, initial_state, stepper_of
-from dropper_jax.run.build_solution import PreparedRun, TimeOrigin, build_solution, run_work_names
-from dropper_jax.run.chunks import compile_run, first_carry, run_chunks
+from dropper_jax.run.build import SceneLike, build_model, stepper_of
+from dropper_jax.run.build_solution import PreparedRun, build_solution
+from dropper_jax.run.chunks import compile_run, run_chunks
 from dropper_jax.run.companion import with_stated_errors
-from dropper_jax.run.end_of_run import RUN, Last, first_row, name_leaves, restore_carry, same_scene
+from dropper_jax.run.end_of_run import RUN, name_leaves, same_scene
 from dropper_jax.run.memory_check import check_memory
-from dropper_jax.run.plausibility import with_cause
-from dropper_jax.run.pose_remarks import check_stretch
 from dropper_jax.run.row_store import InMemory, OnDisk
 from dropper_jax.run.samples import Samples, is_finished
+from dropper_jax.run.start_of_run import initial_carry, stepper_fields
 from dropper_jax.run.step_extremes import step_signals
 from dropper_jax.run.summary import summary
-from dropper_jax.scene import RunSpec
-from dropper_jax.statics.search import node_positions
 from dropper_jax.stepping.stepper import check_settings, stepper_settings
 
 if TYPE_CHECKING:
@@ -307,52 +298,12 @@ def _prepare(
     return PreparedRun(scene, stepper, model, first, origin, rows, settings)
 
 
-def stepper_fields(settings: Table) -> Table:
-    """Settings of the stepping under the names of the fields of `Stepper`."""
-    return {"tolerance" if key == "residual_tolerance" else key: value for key, value in settings.items()}
-
-
 def _log(solution: Solution) -> None:
     """Log the warnings of a run, and its status."""
     name = solution.scene.name
     for text in solution.warnings:
         LOG.warning("%s: %s", name, text)
     LOG.info("%s: %s at %g s, %.3g s run", name, solution.status, solution.t[-1], solution.run_s)
-
-
-def initial_carry(stepper: Stepper, model: Model, scene: Scene, before: Solution | None) -> tuple[Last, TimeOrigin]:
-    """The initial state of a run, from its scene's start or the end of an earlier run, and the origin of its times."""
-    run = scene.run
-    if before is None:
-        try:
-            s = initial_state(model, scene.start)
-        except SceneError as error:
-            raise with_cause(error, scene) from None
-        if scene.start.is_static:
-            check_stretch(scene, np.asarray(node_positions(model, s)))
-        return _end_at(stepper, model, s, run), TimeOrigin()
-    used = before.settings
-    origin = TimeOrigin(float(before.t[-1]))
-    if (run.interval, run.save_every) == (used["dt"] * used["save_every"], used["save_every"]):
-        origin = TimeOrigin(**(before.continues or {}))
-        origin = origin._replace(saves=origin.saves + len(before.t) - 1)
-    return restore_end(stepper, model, run, before.last), origin
-
-
-def _end_at(stepper: Stepper, model: Model, s: State, run: RunSpec) -> Last:
-    """The row and the carry of a run that starts from a state."""
-    row = first_row(s, len(run_work_names(stepper, model, run)))
-    return Last(row, first_carry(stepper, model, s, run))
-
-
-def restore_end(stepper: Stepper, model: Model, run: RunSpec, saved: dict[str, np.ndarray]) -> Last:
-    """The end of a run of this kind from its saved leaves."""
-
-    def end_at_origin(model: Model) -> Last:
-        """An end with the leaves and shapes of this kind of run; its values do not matter."""
-        return _end_at(stepper, model, state(model, jnp.zeros((model.free_nodes, 3), model.dtype)), run)
-
-    return restore_carry(jax.eval_shape(end_at_origin, model), saved)
 
 
 def _with_errors(solution: Solution, scene: Scene, skip: float, settings: Table, say: Progress) -> Solution:

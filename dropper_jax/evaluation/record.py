@@ -11,7 +11,7 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.end_links import Motion
 from dropper_jax.run.samples import Samples
-from dropper_jax.run.variables import SIGNALS
+from dropper_jax.run.variables import STEP_SIGNALS
 from dropper_jax.scene import WholeLine, whole_lines
 from dropper_jax.scene.data import point_nodes
 from dropper_jax.stepping.extremes import Extremes
@@ -58,11 +58,6 @@ class Record:
     def acceleration(self) -> np.ndarray:
         """Acceleration (k, nodes) [m/s^2] of the nodes, by central differences of the saved velocities."""
         return np.linalg.norm(np.gradient(self.velocities, self.t, axis=0), axis=-1)
-
-    @property
-    def duration(self) -> float:
-        """Time that the record spans [s]."""
-        return float(self.t[-1] - self.t[0])
 
     @property
     def interval(self) -> float:
@@ -118,7 +113,7 @@ def record(solution: Samples, skip: float = 0.0) -> Record:
     if solution.tension_square is not None:
         square = np.array(solution.tension_square[rows], float)
     extremes = {}
-    for signal in SIGNALS:
+    for signal in STEP_SIGNALS:
         extremes[signal] = Extremes(*(np.array(a[rows], float) for a in solution.step_extremes(signal)))
     return Record(solution, **samples, square=square, extremes=extremes, notes=tuple(notes))
 

@@ -103,9 +103,10 @@ def _smooth_maxima(record: Record, tension: np.ndarray) -> dict[str, float]:
     """Maxima of a line's tensions (k, n) [N] that do not depend on a single step: `sustained_n` of the means over
     0.2 s, `most_probable_n` in three hours of a Gaussian process, and the excess kurtosis, 0 for such a process."""
     interval = float(np.mean(np.diff(record.t_tension)))
+    samples = jnp.asarray(tension)
     return {
-        "sustained_n": float(statistic("sustained", jnp.asarray(tension), interval)),
-        "most_probable_n": float(statistic("mpm", jnp.asarray(tension), interval)),
+        "sustained_n": float(statistic("sustained", samples, interval)),
+        "most_probable_n": float(statistic("mpm", samples, interval)),
         "excess_kurtosis": excess_kurtosis(tension),
     }
 

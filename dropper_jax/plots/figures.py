@@ -100,8 +100,10 @@ def outer_labels(panels: np.ndarray, columns: int, x: str, y: str) -> None:
 
 def legend_above(axes: Axes, columns: int = 1, end: Literal["left", "right"] = "right", **options: Any) -> None:
     """A legend above an end of a panel."""
-    corner = (float(end == "right"), 1.0)
-    axes.legend(loc=f"lower {end}", bbox_to_anchor=corner, ncols=columns, **options)
+    if end == "left":
+        axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=columns, **options)
+    else:
+        axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=columns, **options)
 
 
 def legend_below(figure: Figure, axes: Axes, columns: int, **options: Any) -> None:

@@ -63,7 +63,7 @@ def share_scales(panels: Iterable[Axes]) -> None:
         high = np.max(ends)
         for axes in group:
             if high - low > APART * widest:
-                middle = np.mean(axes.get_ylim())
+                middle = float(np.mean(axes.get_ylim()))
                 axes.set_ylim(middle - 0.5 * widest, middle + 0.5 * widest)
             else:
                 axes.set_ylim(low, high)

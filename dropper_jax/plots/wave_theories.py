@@ -7,7 +7,6 @@ from pathlib import Path
 
 import jax.numpy as jnp
 import numpy as np
-from matplotlib.axes import Axes
 
 from dropper_jax.plots import figures, style
 from dropper_jax.plots.style import ALERT, CYCLE, FAINT
@@ -40,7 +39,10 @@ def regimes(waves: Sequence[tuple[str, float, float, float]], gravity: float, pa
     axes.plot(depths, limit, color=ALERT, lw=1.8, label="breaking (Williams 1981)")
     # depth over wavelength above which water is deep, and below which it is shallow
     for share, name in ((0.5, "deep"), (0.05, "shallow")):
-        _line(axes, np.interp(share, depths / length, depths), f"d/L = {share:g}, {name}")
+        at = np.interp(share, depths / length, depths)
+        axes.axvline(at, color=FAINT, lw=0.9, ls="--")
+        look = {"textcoords": "offset points", "fontsize": 8, "rotation": 90}
+        axes.annotate(f"d/L = {share:g}, {name}", (at, 0.03), (4, 0), ("data", "axes fraction"), **look)
     for i, (label, height, period, depth) in enumerate(waves):
         scale = gravity * period**2
         axes.plot(depth / scale, height / scale, "o", color=CYCLE[1 - i % 2], ms=8, label=label, zorder=5)
@@ -55,9 +57,3 @@ def regimes(waves: Sequence[tuple[str, float, float, float]], gravity: float, pa
     figure.legend(loc="outside lower center", ncols=3)
     figures.title(figure, "theories of regular waves")
     return figures.save(figure, path)
-
-
-def _line(axes: Axes, at: float, text: str) -> None:
-    """A vertical line with its meaning."""
-    axes.axvline(at, color=FAINT, lw=0.9, ls="--")
-    axes.annotate(text, (at, 0.03), (4, 0), ("data", "axes fraction"), "offset points", fontsize=8, rotation=90)

@@ -182,7 +182,4 @@ def linearised(scene: SceneLike) -> Linearised:
     """
     scene = load_scene(scene)
     model = build_model(scene)
-    pose = static_pose(scene, model)
-    if pose.state is None or pose.status != "ok":
-        raise SceneError(f"start: {pose.message}")
-    return linearised_about(model, pose.state)
+    return linearised_about(model, _equilibrium_state(model, release_loads(model, scene.start)))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import time
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -310,10 +311,9 @@ def _with_errors(solution: Solution, scene: Scene, skip: float, settings: Table,
     """The solution with its loads and their errors, and a warning for each line with unresolved peaks."""
     from dropper_jax.study.load_errors import load_errors  # noqa: PLC0415
 
-    def simulate_variant(variant: Scene) -> Solution:
-        return simulate(variant, **settings)
-
-    found = load_errors(scene, simulate_variant, skip, solution, lambda done, what: say(done, f"errors: {what}"))
+    found = load_errors(
+        scene, partial(simulate, **settings), skip, solution, lambda done, what: say(done, f"errors: {what}")
+    )
     notes = tuple(f"{name}: peak tension not converged (see the errors)" for name in found["not_resolved"])
     known = {**solution.settings, "load_errors": found}
     return replace(solution, settings=known, warnings=(*solution.warnings, *notes))

@@ -25,7 +25,7 @@ from dropper_jax.run.end_links import (
     load_vectors,
     loaded_fixed_points,
 )
-from dropper_jax.run.variables import SIGNALS
+from dropper_jax.run.variables import STEP_SIGNALS
 from dropper_jax.scene import whole_lines
 from dropper_jax.stepping.extremes import Extremes
 
@@ -90,7 +90,7 @@ def step_signals(scene: Scene, tension_time: float) -> StepSignals | None:
 
 
 def saved_signal(signal: str, motion: Motion) -> np.ndarray:
-    """One of the `SIGNALS` at the saved times: (k, n), (k, lines, 2) or (k, fixed points, 3) [N]."""
+    """One of the `STEP_SIGNALS` at the saved times: (k, n), (k, lines, 2) or (k, fixed points, 3) [N]."""
     if signal == "tension":
         return motion.tension
     with np.errstate(invalid="ignore", over="ignore"):  # a failed run may end with infinite positions
@@ -124,7 +124,7 @@ def extremes_by_signal(scene: Scene, extremes: Extremes) -> dict[str, Extremes]:
     }
     by_signal = {}
     first = 0
-    for signal in SIGNALS:
+    for signal in STEP_SIGNALS:
         shape = shapes[signal]
         columns = slice(first, first + int(np.prod(shape)))
         rows = [np.asarray(array)[:, columns].reshape(len(array), *shape) for array in extremes]

@@ -40,14 +40,12 @@ class SceneWakes:
         share: fraction of the current at each link (n,).
         lines: the lines, with their links.
         direction: of the current from x towards y [rad].
-        positions: middles of the links (n, 3) [m].
     """
 
     wakes: Wakes
     share: np.ndarray
     lines: tuple[LineSlice, ...]
     direction: float
-    positions: np.ndarray
 
 
 def has_wakes(scene: Scene) -> bool:
@@ -87,7 +85,7 @@ def scene_wakes(scene: Scene) -> SceneWakes:
         turbulence = float(drag["turbulence"])
     elements = _elements(scene, depth, middle, along, stream / speed)
     wakes = solve_wakes(elements, speed, depth, turbulence)
-    return SceneWakes(wakes, wakes.inflow / speed, line_slices(scene), float(np.arctan2(stream[1], stream[0])), middle)
+    return SceneWakes(wakes, wakes.inflow / speed, line_slices(scene), float(np.arctan2(stream[1], stream[0])))
 
 
 def _checked_depth(scene: Scene) -> float:

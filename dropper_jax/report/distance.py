@@ -50,7 +50,8 @@ def line_distances(record: Record) -> list[Table] | dict[str, str]:
     return [_describe_distance(record, line, nearest.get(i)) for i, line in enumerate(lines)]
 
 
-#: Number of evenly spaced instants: they are close enough that no approach of lines is missed.
+#: Maximum number of evenly spaced instants that are compared, for the time that they take. Approaches between them are
+#: missed: `sampled_every_s` reports how far apart they are.
 COMPARED_INSTANTS = 2000
 
 

@@ -91,6 +91,14 @@ def _moved_points(scene: Scene) -> set[str]:
     return moved
 
 
+def seabed_under(scene: Scene, positions: np.ndarray) -> np.ndarray:
+    """Height [m] of the seabed at positions (n, 3) [m]: as given, or at the depth of the water."""
+    bed = bed_height(scene, positions)
+    if bed is None:
+        return np.full(len(positions), -scene.needed_sea.depth)
+    return bed
+
+
 def check_fixed_points(scene: Scene) -> Iterator[str]:
     """Anchors that are not on the seabed: points with such a name or an `[[anchor]]`, or that alone hold floats."""
     if scene.sea is None:
@@ -99,10 +107,7 @@ def check_fixed_points(scene: Scene) -> Iterator[str]:
     held = {point.name: point.position for point in scene.points if not point.is_free and point.name not in moved}
     depth = scene.sea.depth
     positions = np.array(list(held.values())).reshape(-1, 3)
-    bed = bed_height(scene, positions)
-    if bed is None:
-        bed = -depth
-    heights = dict(zip(held, positions[:, 2] - bed, strict=True))
+    heights = dict(zip(held, positions[:, 2] - seabed_under(scene, positions), strict=True))
     allowed = max(ANCHOR_HEIGHT, ANCHOR_SHARE * depth)
     high = {name for name, height in heights.items() if height > allowed}
     entries = {anchor.point for anchor in scene.anchors}

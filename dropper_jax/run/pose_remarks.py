@@ -9,10 +9,11 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.markdown import first_names
 from dropper_jax.base.numerics import unit_vectors
-from dropper_jax.load.checks_water import Surface, bed_height
+from dropper_jax.load.checks_water import Surface
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.line_weights import MOST_NAMES
 from dropper_jax.run.plausibility import fastest_current, with_cause
+from dropper_jax.run.plausible_points import seabed_under
 from dropper_jax.scene import WholeLine, sliced_lines, whole_lines
 from dropper_jax.scene.data import link_differences, point_nodes
 
@@ -130,9 +131,7 @@ def _check_buoys(scene: Scene, positions: np.ndarray) -> Iterator[str]:
     nodes = point_nodes(scene)
     at = positions[[nodes[buoy.point] for buoy in scene.buoys]]
     level = Surface(scene, waves=False).over(at[None], np.zeros(1))[0]
-    bed = bed_height(scene, at)
-    if bed is None:
-        bed = np.full(len(at), -scene.sea.depth)
+    bed = seabed_under(scene, at)
     for i, buoy in enumerate(scene.buoys):
         base = float(at[i, 2]) - buoy.attachment
         above = base + buoy.height - float(level[i])

@@ -64,7 +64,9 @@ def _check_ringing(solution: Samples, scale: float) -> tuple[str, list[str]]:
         f"axial vibrations that the steps do not resolve take {share:.0%} of the dissipated work: peaks and "
         "deviations of tensions are too low. Use a smaller --accuracy or --dt, or line.axial.damping"
     )
-    return TOO_LONG if ringing > RINGING_UNUSABLE else "ok", [warning]
+    if ringing > RINGING_UNUSABLE:
+        return TOO_LONG, [warning]
+    return "ok", [warning]
 
 
 def _dissipates(solution: Samples) -> bool:

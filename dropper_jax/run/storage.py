@@ -29,6 +29,7 @@ from dropper_jax.base.files import (
     unwritable,
 )
 from dropper_jax.base.read import Plain, Table
+from dropper_jax.base.records import without_none
 from dropper_jax.base.store import read_archive, write_archive
 from dropper_jax.run import labelled
 from dropper_jax.run.end_of_run import LAST, units
@@ -122,8 +123,7 @@ def read_run(path: str | Path, kind: type[Kind]) -> Kind:
 
 def _write_npz(solution: Samples, path: Path) -> Path:
     """Write arrays and provenance to an `.npz` file."""
-    arrays = {name: getattr(solution, name) for name in (*ARRAYS, *SOME)}
-    arrays = {name: values for name, values in arrays.items() if values is not None}
+    arrays = without_none({name: getattr(solution, name) for name in (*ARRAYS, *SOME)})
     arrays |= {TAG + name: values for name, values in solution.own.items()} | solution.last
     return write_archive(path, arrays, solution.provenance())
 

@@ -136,9 +136,7 @@ class Solution(Samples):
     def continued(self, duration: float | None = None, **kwargs: Any) -> Solution:
         """Continue from the last state: the further run, with times that continue.
 
-        Two runs of 5 s are bit-identical to one of 10 s on the same machine, if both have fewer or both have more
-        steps than 20 000 (systems of lines) or 100 000 (single lines by the command line). Otherwise they agree to
-        rounding. The first row is the last one of this run.
+        Two runs of 5 s are bit-identical to one of 10 s on the same machine. The first row is the last one of this run.
 
         Args:
             duration: further time [s]; default: the remaining time of an interrupted run, else the duration of this

@@ -24,9 +24,8 @@ __all__ = ["pair_page", "view_page", "write_view"]
 
 def write_view(solution: Solution, path: str | Path, other: Solution | None = None) -> Path:
     """Write the page of a solution, or of two side by side, atomically."""
-    if other is None:
-        return atomic_write(path, view_page(solution))
-    return atomic_write(path, pair_page(solution, other))
+    page = view_page(solution) if other is None else pair_page(solution, other)
+    return atomic_write(path, page)
 
 
 def pair_page(first: Solution, second: Solution) -> str:

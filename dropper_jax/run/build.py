@@ -52,9 +52,8 @@ def from_angles(
         # not `cumsum`, which cannot be part of one kernel
         return model.points[model.geometry.members[0].start].position + jax.lax.associative_scan(jnp.add, links)
 
-    angles = (jnp.asarray(polar, model.dtype), jnp.asarray(azimuth, model.dtype))
-    rates = (jnp.asarray(polar_rate, model.dtype), jnp.asarray(azimuth_rate, model.dtype))
-    r, v = jax.jvp(nodes, angles, rates)
+    given = tuple(jnp.asarray(values, model.dtype) for values in (polar, azimuth, polar_rate, azimuth_rate))
+    r, v = jax.jvp(nodes, given[:2], given[2:])
     return state(model, r[: model.free_nodes], v[: model.free_nodes])
 
 

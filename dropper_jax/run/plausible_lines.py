@@ -145,11 +145,17 @@ def _overloads(scene: Scene) -> Iterator[_Overload]:
             if start >= path.end or path.length >= distance or not flexibility:
                 continue
             tension = (distance - path.length) / flexibility
-            limits = [(float(np.min(line.breaking_load)), True) for line in lines if line.breaking_load is not None]
-            limits += [(LARGEST_STRAIN * float(np.min(line.EA)), False) for line in lines if line.EA is not None]
-            limit, breaks = min(limits)
+            limit, breaks = min(limit for line in lines for limit in _limits(line))
             if tension > limit:
                 yield _Overload(start, path, distance, tension, limit, breaks)
+
+
+def _limits(line: LineSpec) -> Iterator[tuple[float, bool]]:
+    """Tensions [N] above which a line breaks (True), or is stretched too far (False)."""
+    if line.breaking_load is not None:
+        yield float(np.min(line.breaking_load)), True
+    if line.EA is not None:
+        yield LARGEST_STRAIN * float(np.min(line.EA)), False
 
 
 def _neighbours(scene: Scene) -> dict[str, list[_Path]]:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dropper_jax.base.markdown import first_names
-from dropper_jax.base.records import by_name
+from dropper_jax.base.records import by_name, names_of
 from dropper_jax.load.checks_water import bed_height
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.line_weights import MOST_NAMES, wet_weights
@@ -44,11 +44,13 @@ class Connected(NamedTuple):
 def _connected(scene: Scene) -> list[Connected]:
     """The systems of lines that only fixed points have in common."""
     points = by_name(scene.points)
+    # the points of a body are one
     label = {name: point.carrier if point.carrier and point.is_free else name for name, point in points.items()}
     parent = {name: name for name in label.values()}
 
     def root(name: str) -> str:
         while parent[name] != name:
+            parent[name] = parent[parent[name]]  # so that the next search takes half as long
             name = parent[name]
         return name
 
@@ -113,7 +115,7 @@ def check_fixed_points(scene: Scene) -> Iterator[str]:
     entries = {anchor.point for anchor in scene.anchors}
     doubtful = {name for name in high if "anchor" in name.lower() or name in entries}
     for system in _connected(scene):
-        names = {point.name for point in system.fixed_points}
+        names = set(names_of(system.fixed_points))
         if not any(lift > 0.0 for _, lift in _lifts(scene, scene.sea, system)) or not names <= held.keys():
             continue
         doubtful |= {name for name in names if held[name][2] > HIGH_IN_THE_AIR * depth}

@@ -126,7 +126,7 @@ def _check_loads(scene: Scene, tension: np.ndarray) -> Iterator[str]:
 
 def _check_buoys(scene: Scene, positions: np.ndarray) -> Iterator[str]:
     """Warnings of buoys that are under water or on the seabed."""
-    if scene.sea is None or not scene.buoys:
+    if not scene.buoys:
         return
     nodes = point_nodes(scene)
     at = positions[[nodes[buoy.point] for buoy in scene.buoys]]

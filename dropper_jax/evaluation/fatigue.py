@@ -102,7 +102,7 @@ def _damages(record: Record, values: list[float] | None, why_not: str) -> Table:
     if values is None:
         return {"damage": None, "why_no_damage": why_not}
     worst = max(values)
-    yearly = worst * YEAR / float(np.ptp(record.t))
+    yearly = worst * YEAR / record.duration
     life = None
     if yearly > 0:
         life = 1.0 / yearly

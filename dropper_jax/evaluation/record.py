@@ -60,6 +60,11 @@ class Record:
         return np.linalg.norm(np.gradient(self.velocities, self.t, axis=0), axis=-1)
 
     @property
+    def duration(self) -> float:
+        """Time that the record spans [s]."""
+        return float(self.t[-1] - self.t[0])
+
+    @property
     def interval(self) -> float:
         """Time between saved samples [s]."""
         return float(np.median(np.diff(self.t)))

@@ -15,6 +15,7 @@ from dropper_jax.plots.run import Run
 from dropper_jax.plots.scales import force_unit
 from dropper_jax.plots.style import CYCLE, DARK, FAINT
 from dropper_jax.plots.surroundings import SURFACE, WATER
+from dropper_jax.plots.tension import scale_tensions
 from dropper_jax.run.bending import curvature
 from dropper_jax.scene import whole_lines
 
@@ -53,7 +54,8 @@ def tension_envelope(run: Run, path: str | Path) -> Path:
 
     Lines of similar loads (within a factor of 4) have the same scale.
     """
-    sizes = [np.max(run.max_tension[:, line.links]) for line in run.written_lines]
+    scaled = scale_tensions(run)
+    sizes = [np.max(scaled.high[:, line.links]) for line in run.written_lines]
     shown = [run.written_lines[i] for i in sorted(np.argsort(sizes)[::-1][: panels.MAX_TRACES])]
     total = len(run.written_lines)
     what = "tension envelope"
@@ -64,15 +66,14 @@ def tension_envelope(run: Run, path: str | Path) -> Path:
     height = 4.2 if rows == 1 else 1.0 + 1.9 * rows
     figure = figures.new_figure(4.0 + 3.5 * columns, height)
     all_axes = figures.panels(figure, len(shown), columns)
-    unit, scale = force_unit(sizes)
     for axes, line in zip(all_axes, shown, strict=True):
         own = run.lengths[line.links]
-        parts = (a[:, line.links] / scale for a in (run.tension, *run.tension_range))
+        parts = (tensions[:, line.links] for tensions in (scaled.tension, scaled.low, scaled.high))
         _envelope(axes, np.cumsum(own) - 0.5 * own, *parts)
         if len(shown) > 1:
             axes.set_title(line.name, loc="left")
     scales.share_scales(all_axes)
-    figures.outer_labels(all_axes, columns, "arc length [m]", f"tension [{unit}]")
+    figures.outer_labels(all_axes, columns, "arc length [m]", f"tension [{scaled.unit}]")
     if len(shown) == 1:
         figures.legend_above(all_axes[0], 4, "left")
     else:
@@ -82,10 +83,6 @@ def tension_envelope(run: Run, path: str | Path) -> Path:
 
 def _envelope(axes: Axes, s: np.ndarray, tension: np.ndarray, least: np.ndarray, largest: np.ndarray) -> None:
     """Tension (k, n) against the arc length (n,) of the middle of each link [m]."""
-    if len(tension) > 1:
-        tension = tension[1:]
-        least = least[1:]
-        largest = largest[1:]
     shares = (5, 25, 75, 95)
     percentiles = dict(zip(shares, np.percentile(tension, shares, axis=0), strict=True))
     draw_bands(axes, s, (least.min(axis=0), largest.max(axis=0)), percentiles)

@@ -41,8 +41,8 @@ def regimes(waves: Sequence[tuple[str, float, float, float]], gravity: float, pa
     for share, name in ((0.5, "deep"), (0.05, "shallow")):
         at = np.interp(share, depths / length, depths)
         axes.axvline(at, color=FAINT, lw=0.9, ls="--")
-        look = {"textcoords": "offset points", "fontsize": 8, "rotation": 90}
-        axes.annotate(f"d/L = {share:g}, {name}", (at, 0.03), (4, 0), ("data", "axes fraction"), **look)
+        text = f"d/L = {share:g}, {name}"
+        axes.annotate(text, (at, 0.03), (4, 0), ("data", "axes fraction"), "offset points", fontsize=8, rotation=90)
     for i, (label, height, period, depth) in enumerate(waves):
         scale = gravity * period**2
         axes.plot(depth / scale, height / scale, "o", color=CYCLE[1 - i % 2], ms=8, label=label, zorder=5)

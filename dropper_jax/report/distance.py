@@ -86,11 +86,12 @@ PAIRS_AT_ONCE = 100_000
 
 def _nearest(record: Record, a: int, b: int) -> Approach | None:
     """The nearest approach of two lines over all samples; None if no links are compared."""
-    i, j = _pairs(record.written_lines[a], record.written_lines[b])
+    lines = record.written_lines
+    i, j = _pairs(lines[a], lines[b])
     if not i.size:
         return None
-    first = record.positions[:, record.written_lines[a].nodes]
-    second = record.positions[:, record.written_lines[b].nodes]
+    first = record.positions[:, lines[a].nodes]
+    second = record.positions[:, lines[b].nodes]
     step = max(1, PAIRS_AT_ONCE // i.size)
     best = None
     looked = np.arange(0, len(record.t), sample_stride(record))

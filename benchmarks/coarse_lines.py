@@ -11,7 +11,7 @@ import numpy as np
 from study import Found, Rows, collect, command, table_of
 
 from dropper_jax import Scene, equilibrium, load_scene
-from dropper_jax.run.line_weights import end_forces
+from dropper_jax.run.end_forces import end_forces
 from dropper_jax.run.pose_remarks import pose_remarks
 
 LINKS = (3, 4, 6, 12)

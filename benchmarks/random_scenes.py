@@ -20,7 +20,7 @@ import numpy as np
 
 import dropper_jax as dj
 from dropper_jax.base.errors import SceneError
-from dropper_jax.run.companion import MISSED
+from dropper_jax.run.stated_errors import MISSED
 from dropper_jax.scene import whole_lines
 
 Scene = dict[str, Any]

@@ -15,7 +15,7 @@ From a scene to the next state:
       |         solvers/     linearise(problem, u)     the matrix P, by jax.jacfwd
       |       residual.step.solution                   du = -(dR/du)^-1 dR/dp dp: its exact derivative
       |       problem.finish(u)
-    next state, and the maximum scaled residual; run.assembly builds the solution of the run
+    next state, and the maximum scaled residual; run.build_solution builds the solution of the run
 
 Importing the package turns on float64 in JAX (set `JAX_ENABLE_X64` beforehand to prevent that); a scene may still
 choose float32. JAX itself and the names below are imported on first use, so that the command line can reject a typing

@@ -43,10 +43,10 @@ def examine(scene: Scene) -> Table:
     """Facts of a scene that need neither its equilibrium nor a compiled step."""
     from dropper_jax.load.checks_water import sea_warnings
     from dropper_jax.load.periods import periods, suggest_step
-    from dropper_jax.run.arrays import bare_model
     from dropper_jax.run.growth import overgrown
     from dropper_jax.run.line_weights import line_weights, wet_weights
     from dropper_jax.run.plausibility import scene_warnings
+    from dropper_jax.run.scene_model import bare_model
     from dropper_jax.scene import whole_lines
 
     grown = overgrown(scene)

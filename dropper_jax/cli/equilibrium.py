@@ -41,7 +41,7 @@ def run(args: Namespace) -> int:
         return _tide(scene, args)
 
     from dropper_jax.analysis.angles import link_angles
-    from dropper_jax.run.bends import crushed_links, curvature
+    from dropper_jax.run.bending import crushed_links, curvature
     from dropper_jax.run.build import equilibrium
     from dropper_jax.run.plausibility import scene_warnings
     from dropper_jax.run.pose_remarks import check_stretch, pose_remarks
@@ -59,7 +59,7 @@ def run(args: Namespace) -> int:
         remarks = (*remarks, *crushed_links(scene, found.positions[None]))
     print_warnings(remarks)
     if args.plot and not failed:
-        from dropper_jax.plots.tension import along_lines
+        from dropper_jax.plots.tension_along import along_lines
         from dropper_jax.study.pictures import pose
 
         pose(scene, found, picture(args.plot, "pose"))
@@ -114,7 +114,8 @@ def _tide_row(row: Table) -> dict[str, float]:
 
 def _object(scene: Scene, found: Equilibrium, angles: np.ndarray, bent: np.ndarray) -> Table:
     """The equilibrium as the JSON object, with the angles (links, 2) [rad] and the curvature (nodes,) [1/m]."""
-    from dropper_jax.run.line_weights import end_angles, end_forces, fixed_point_loads, line_weights
+    from dropper_jax.run.end_forces import end_angles, end_forces, fixed_point_loads
+    from dropper_jax.run.line_weights import line_weights
     from dropper_jax.scene.data import line_offsets, whole_lines
 
     result = done_object(

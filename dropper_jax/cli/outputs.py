@@ -139,7 +139,8 @@ def weights_table(scene: Scene) -> list[str]:
 def draw(solution: Solution, target: Path) -> list[Path]:
     """A snapshot to a PNG file, or all pictures to a folder."""
     from dropper_jax import plots
-    from dropper_jax.plots.run import anything_moves, readable
+    from dropper_jax.plots.movement import anything_moves
+    from dropper_jax.plots.run import readable
     from dropper_jax.scene import whole_lines
 
     if is_one_picture(target):

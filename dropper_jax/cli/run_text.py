@@ -51,7 +51,7 @@ def _step_facts(solution: Solution) -> list[tuple[str, str]]:
     """Resolution of the steps, if it is known."""
     from math import degrees
 
-    from dropper_jax.run.companion import errors_in_words
+    from dropper_jax.run.stated_errors import errors_in_words
     from dropper_jax.run.step_facts import step_facts
 
     facts = step_facts(solution)

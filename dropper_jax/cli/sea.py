@@ -56,7 +56,7 @@ def run(args: Namespace) -> int:
         solved = scene_wakes(with_flow_coefficients(overgrown(scene)))
         found["wakes"] = wake_facts(solved)
     if flow:
-        from dropper_jax.plots.water import flow_map
+        from dropper_jax.plots.wake_map import flow_map
 
         flow_map(scene.name, solved, flow)
     if regimes:
@@ -81,7 +81,7 @@ def _wake_lines(found: Table) -> list[str]:
 
 def _draw(name: str, found: Table, gravity: float, picture: Path) -> None:
     """The map of wave theories with the waves of the scene."""
-    from dropper_jax.plots.water import regimes
+    from dropper_jax.plots.wave_theories import regimes
 
     waves = found["waves"]
     if waves is None:

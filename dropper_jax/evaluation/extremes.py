@@ -39,8 +39,7 @@ def fit_gumbel(maxima: np.ndarray) -> Gumbel:
     b0 is the mean, `b1 = sum_i (i - 1)/(n - 1) x_i/n` over the sorted maxima; `mode = b0 - 0.5772 scale`
     (Landwehr, Matalas and Wallis 1979, Water Resources Research 15: 1055; unbiased, and steady with few runs).
     """
-    mode, scale = _fit(np.sort(np.asarray(maxima, float)))
-    return Gumbel(float(mode), float(scale))
+    return Gumbel(*map(float, _fit(np.sort(maxima))))
 
 
 def _fit(ordered: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

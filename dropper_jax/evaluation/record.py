@@ -11,7 +11,7 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.end_links import Motion
 from dropper_jax.run.samples import Samples
-from dropper_jax.run.variables import SIGNALS
+from dropper_jax.run.variables import STEP_SIGNALS
 from dropper_jax.scene import WholeLine, whole_lines
 from dropper_jax.scene.data import point_nodes
 from dropper_jax.stepping.extremes import Extremes
@@ -71,8 +71,9 @@ class Record:
 
     @property
     def static_start(self) -> bool:
-        """Whether the run started in its computed equilibrium."""
-        return self.scene.start.is_static and self.scene.start.release_nodes is None
+        """Whether the first row of the run is its computed equilibrium; that of a continued run is not."""
+        start = self.scene.start
+        return start.is_static and start.release_nodes is None and not self.solution.continues
 
     def point(self, name: str) -> np.ndarray:
         """Positions (k, 3) [m] of a point."""
@@ -88,7 +89,7 @@ def record(solution: Samples, skip: float = 0.0) -> Record:
         SceneError: fewer than three samples are left.
     """
     notes = [f"warning of the run: {warning}" for warning in solution.warnings]
-    good = _good_samples(solution)
+    good = good_samples(solution)
     last = len(good)
     if not good.all():
         last = int(np.argmin(good))
@@ -111,27 +112,18 @@ def record(solution: Samples, skip: float = 0.0) -> Record:
         if solution.tension_max is None:
             note = "by an earlier version: peaks between samples are not included"
         notes.append(f"{solution.saved_rows}: {note}")
-    tension = np.array(solution.tension[rows], float)
-    square = tension**2
+    samples = {name: np.array(getattr(solution, name)[kept], float) for name in ("t", "positions", "velocities")}
+    samples |= {name: np.array(getattr(solution, name)[rows], float) for name in ("t_tension", "tension")}
+    square = samples["tension"] ** 2
     if solution.tension_square is not None:
         square = np.array(solution.tension_square[rows], float)
     extremes = {}
-    for signal in SIGNALS:
+    for signal in STEP_SIGNALS:
         extremes[signal] = Extremes(*(np.array(a[rows], float) for a in solution.step_extremes(signal)))
-    return Record(
-        solution,
-        t=np.array(solution.t[kept], float),
-        positions=np.array(solution.positions[kept], float),
-        velocities=np.array(solution.velocities[kept], float),
-        t_tension=np.array(solution.t_tension[rows], float),
-        tension=tension,
-        square=square,
-        extremes=extremes,
-        notes=tuple(notes),
-    )
+    return Record(solution, **samples, square=square, extremes=extremes, notes=tuple(notes))
 
 
-def _good_samples(solution: Samples) -> np.ndarray:
+def good_samples(solution: Samples) -> np.ndarray:
     """Which samples (k,) are finite, and of steps that succeeded."""
     good = solution.step_status == 0
     for array in (solution.positions, solution.velocities, solution.tension):

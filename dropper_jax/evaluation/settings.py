@@ -71,3 +71,7 @@ class Settings:
 def option_of(setting: dataclasses.Field) -> str:
     """The option of the command line that gives a setting."""
     return f"--{setting.name.replace('_', '-')}"
+
+
+#: Settings of a report for which none are given.
+DEFAULTS = Settings()

@@ -11,19 +11,18 @@ from dropper_jax.evaluation.record import Record, arc
 from dropper_jax.evaluation.settings import Settings
 from dropper_jax.scene import LineSpec, WholeLine
 
+#: Maximum number of events that are listed for a line, the largest first.
+MOST_EVENTS = 10
+
 
 class Snap(NamedTuple):
     """One event: start and end of slack [s], time of the threshold [s], the following peak [N] and its time [s]."""
 
-    slack_from: float
-    slack_to: float
-    passed: float
-    peak: float
-    peak_at: float
-
-
-#: Keys of the fields of an event in a table.
-EVENT_KEYS = ("slack_from_s", "slack_to_s", "threshold_passed_s", "peak_n", "peak_s")
+    slack_from_s: float
+    slack_to_s: float
+    threshold_passed_s: float
+    peak_n: float
+    peak_s: float
 
 
 def snap_events(
@@ -66,15 +65,7 @@ def snap_events(
         passed = largest_at[first]
         if tension[first] > snap:
             passed = _crossing(t, tension, first - 1, snap)
-        found.append(
-            Snap(
-                slack_from=float(start),
-                slack_to=float(stop),
-                passed=float(passed),
-                peak=float(largest[peak]),
-                peak_at=float(largest_at[peak]),
-            )
-        )
+        found.append(Snap(*map(float, (start, stop, passed, largest[peak], largest_at[peak]))))
     return found
 
 
@@ -110,7 +101,6 @@ def line_snaps(record: Record, settings: Settings) -> list[Table]:
 
 def _snaps(record: Record, line: WholeLine, settings: Settings) -> Table:
     """The events of one line."""
-    listed = 10  # events listed per line, the largest first
     s = arc(line.spec.length)
     extremes = record.extremes["tension"].of(line.links)
     counts = []
@@ -123,8 +113,7 @@ def _snaps(record: Record, line: WholeLine, settings: Settings) -> Table:
         counts.append(len(own))
         share.append(float(np.mean(tension < slack)))
         for event in own:
-            times = dict(zip(EVENT_KEYS, event, strict=True))
-            events.append({"at_m": float(s[j]), **times, "slack_n": slack, "snap_n": snap})
+            events.append({"at_m": float(s[j]), **event._asdict(), "slack_n": slack, "snap_n": snap})
     events.sort(key=lambda event: -event["peak_n"])
     return {
         "line": line.name,
@@ -134,6 +123,6 @@ def _snaps(record: Record, line: WholeLine, settings: Settings) -> Table:
         "most_events": max(counts),
         "slack_share": share,
         "largest_share_slack": max(share),
-        "shown": events[:listed],
-        "not_shown": max(len(events) - listed, 0),
+        "shown": events[:MOST_EVENTS],
+        "not_shown": max(len(events) - MOST_EVENTS, 0),
     }

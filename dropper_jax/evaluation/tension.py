@@ -10,9 +10,10 @@ from dropper_jax.base.numerics import spread
 from dropper_jax.base.read import Table
 from dropper_jax.evaluation.record import Record, arc
 from dropper_jax.evaluation.settings import Settings
+from dropper_jax.run.end_forces import end_angles, end_forces
 from dropper_jax.run.end_links import loaded_fixed_points, point_loads
-from dropper_jax.run.line_weights import end_angles, end_forces
 from dropper_jax.run.statistics import excess_kurtosis, statistic
+from dropper_jax.run.step_extremes import LOADS, load_components
 from dropper_jax.scene import AnchorSpec, WholeLine, sliced_lines, utilisations
 from dropper_jax.stepping.extremes import Extremes
 
@@ -102,9 +103,10 @@ def _smooth_maxima(record: Record, tension: np.ndarray) -> dict[str, float]:
     """Maxima of a line's tensions (k, n) [N] that do not depend on a single step: `sustained_n` of the means over
     0.2 s, `most_probable_n` in three hours of a Gaussian process, and the excess kurtosis, 0 for such a process."""
     interval = float(np.mean(np.diff(record.t_tension)))
+    samples = jnp.asarray(tension)
     return {
-        "sustained_n": float(statistic("sustained", jnp.asarray(tension), interval)),
-        "most_probable_n": float(statistic("mpm", jnp.asarray(tension), interval)),
+        "sustained_n": float(statistic("sustained", samples, interval)),
+        "most_probable_n": float(statistic("mpm", samples, interval)),
         "excess_kurtosis": excess_kurtosis(tension),
     }
 
@@ -145,27 +147,20 @@ def anchors(record: Record) -> list[Table]:
     loads = point_loads(record.motion)
     peaks = load_extremes(record)
     for name, extremes in peaks.items():
-        load = loads[name]
-        parts = {
-            "horizontal_n": np.hypot(load[:, 0], load[:, 1]),
-            "vertical_n": load[:, 2],
-            "total_n": np.linalg.norm(load, axis=1),
-        }
+        load = load_components(loads[name])
         row: Table = {"point": name}
-        for i, (key, values) in enumerate(parts.items()):
+        for i, part in enumerate(LOADS):
             low = float(extremes.least[:, i].min())
-            row[key] = spread(values) | {"min": low, "max": float(extremes.largest[:, i].max())}
+            row[f"{part}_n"] = spread(load[:, i]) | {"min": low, "max": float(extremes.largest[:, i].max())}
         top = int(np.argmax(extremes.largest[:, 2]))
         row["total_n"]["max_s"] = float(extremes.largest_at[top, 2])
-        size = parts["total_n"]
+        horizontal, vertical, size = load.T
         loaded = size >= max(NO_DIRECTION * size.mean(), 1e-12)
         row["share_without_angle"] = float(1.0 - loaded.mean())
-        row["uplift_rad"] = None
-        row["uplift_at_largest_load_rad"] = None
+        row |= dict.fromkeys(("uplift_rad", "uplift_at_largest_load_rad", "holding"))
         if loaded.any():
-            row["uplift_rad"] = spread(np.arctan2(load[loaded, 2], parts["horizontal_n"][loaded]))
+            row["uplift_rad"] = spread(np.arctan2(vertical[loaded], horizontal[loaded]))
             row["uplift_at_largest_load_rad"] = _uplift(extremes, top)
-        row["holding"] = None
         if name in anchor_at:
             row["holding"] = _holding(anchor_at[name], record.scene.anchors, peaks)
         found.append(row)

@@ -11,7 +11,8 @@ from dropper_jax.explain.catenary import Shape
 from dropper_jax.explain.line_facts import LineFacts, line_facts, refuse_rigid
 from dropper_jax.explain.wear import Wear, wear_of_lines
 from dropper_jax.run.build import build_model
-from dropper_jax.run.line_weights import end_angles, end_forces, wet_weights
+from dropper_jax.run.end_forces import end_angles, end_forces
+from dropper_jax.run.line_weights import wet_weights
 from dropper_jax.scene import whole_lines
 from dropper_jax.statics.rigid_group import stiffness_of_group
 

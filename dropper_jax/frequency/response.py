@@ -18,8 +18,8 @@ from dropper_jax.frequency.states import DRAG_TOLERANCE, solve_states
 from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.model import Model
 from dropper_jax.model.slots import Displacement
-from dropper_jax.run.arrays import static_pose
 from dropper_jax.run.build import SceneLike, build_model
+from dropper_jax.run.scene_model import static_pose
 from dropper_jax.run.simulate import simulate
 from dropper_jax.scene import whole_lines
 from dropper_jax.sea.make import make_current, waves_of

@@ -22,7 +22,7 @@ from PIL import Image
 
 from dropper_jax.base.errors import Progress, SceneError, silent
 from dropper_jax.base.files import atomic_write, remove_leftovers, unfinished_folder
-from dropper_jax.plots import figures, marks, style, system, tension_colours, view
+from dropper_jax.plots import figures, marks, style, surroundings, tension_colours, view
 from dropper_jax.plots.run import Run
 from dropper_jax.plots.style import ALERT, CYCLE, DARK, FAINT
 
@@ -31,7 +31,7 @@ LONGEST_SIDE = 4.2
 
 SUFFIXES = (".gif", ".mp4")
 #: Colours of a frame besides those of the tension.
-SOLID = (CYCLE[5], CYCLE[0], ALERT, system.BUOY, system.BED)
+SOLID = (CYCLE[5], CYCLE[0], ALERT, surroundings.BUOY, surroundings.BED)
 
 
 @style.with_style
@@ -166,7 +166,7 @@ class _Stage:
         self.tension = run.tension[_nearest(run.t_tension, run.t[shown])]
         self.step = int(np.ceil(np.diff(frames).max(initial=1)))
         flat = view.planar(positions)
-        limits = system.limits(run, positions)
+        limits = surroundings.limits(run, positions)
         self.figure = figures.new_figure(*view.figure_size(limits, LONGEST_SIDE), layout=None)
         self.axes = _axes(self.figure, limits, flat)
         # the first buoy is more informative than the middle of the list of nodes
@@ -176,12 +176,12 @@ class _Stage:
             pace = f"{speed:.2g} x real time"
         self._texts(pace)
         self._movers(flat)
-        system.draw_bed(self.axes, run, limits)
+        surroundings.draw_bed(self.axes, run, limits)
         self.canvas = FigureCanvasAgg(self.figure)
         figures.keep_dollars(self.figure)
         self.canvas.draw()
         self.screen = self._project(positions)
-        self._surroundings(positions, system.surface_lines(run, limits, flat, self.t[frames]), frames)
+        self._surroundings(positions, surroundings.surface_lines(run, limits, flat, self.t[frames]), frames)
         self.background = self.canvas.copy_from_bbox(self.figure.bbox)
 
     def _texts(self, speed: str) -> None:
@@ -203,10 +203,10 @@ class _Stage:
             "norm": tension_colours.tension_norm(run.tension),
         }
         width = 1.2 if flat else 0.4
-        self.surface = LineCollection([], colors=system.SURFACE, linewidths=width)
+        self.surface = LineCollection([], colors=surroundings.SURFACE, linewidths=width)
         self.trace = Line2D([], [], color=FAINT, lw=1.0)
         self.links = LineCollection([], linewidths=3.5 * marks.bold(run), capstyle="round", **tension)
-        self.buoys = PolyCollection([], facecolors=system.BUOY, edgecolors=DARK, linewidths=0.7)
+        self.buoys = PolyCollection([], facecolors=surroundings.BUOY, edgecolors=DARK, linewidths=0.7)
         self.nodes = Line2D([], [], ls="", marker="o", ms=marks.dot(run), mfc="white", mec=DARK, mew=0.9)
         self.fixed_points = Line2D([], [], ls="", marker="s", ms=7, mfc=DARK, mec="white")
         tension_colours.tension_bar(self.figure, self.links, run.tension, cax=view.bar_axes(self.figure))
@@ -217,13 +217,13 @@ class _Stage:
     def _surroundings(self, positions: np.ndarray, surface: np.ndarray | None, frames: np.ndarray) -> None:
         """Lines of the surface, and buoys and bodies of a system, at the frames, in screen coordinates."""
         run = self.run
-        right = system.right_of(self.axes)
+        right = surroundings.right_of(self.axes)
         self.surfaces = {}
         self.solids = {}
         if surface is not None:
             self.surfaces = dict(zip(frames, self._project(surface), strict=True))
         for frame in frames:
-            self.solids[frame] = list(self._project(system.outlines(run, positions[frame], right)))
+            self.solids[frame] = list(self._project(surroundings.outlines(run, positions[frame], right)))
             if run.bodies is not None:
                 self.solids[frame] += run.bodies.outlines(frame, self._project)
 

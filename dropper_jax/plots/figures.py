@@ -106,6 +106,11 @@ def legend_above(axes: Axes, columns: int = 1, end: Literal["left", "right"] = "
         axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=columns, **options)
 
 
+def legend_below(figure: Figure, axes: Axes, columns: int, **options: Any) -> None:
+    """The legend of one panel, which holds for all, below them."""
+    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower left", ncols=columns, **options)
+
+
 def finish(figure: Figure, run: Run, what: str, path: str | Path) -> Path:
     """Write the figure with its title, and integrator and step at the bottom."""
     text, colour = how(run)

@@ -14,7 +14,8 @@ from matplotlib.ticker import MaxNLocator
 
 from dropper_jax.base.records import names_of
 from dropper_jax.plots import figures, marks, scales, style
-from dropper_jax.plots.run import ANGLE_ROUNDING, Run, changing, chosen_links
+from dropper_jax.plots.movement import ANGLE_ROUNDING, changing, chosen_links
+from dropper_jax.plots.run import Run
 from dropper_jax.plots.style import CYCLE, FAINT, FIRST
 
 #: Maximum number of links with a trace; more are drawn as a map over time and link (traces) or thinned out (grid).
@@ -150,7 +151,7 @@ def grid(
         draw(axes, int(link))
         axes.set_title(run.labels[link], loc="left")
     figures.outer_labels(panels, columns, *labels)
-    handles, names = panels[0].get_legend_handles_labels()
-    if len(handles) > 1:
-        figure.legend(handles, names, loc="outside lower left", ncols=len(names))
+    names = panels[0].get_legend_handles_labels()[1]
+    if len(names) > 1:
+        figures.legend_below(figure, panels[0], len(names))
     return figures.finish(figure, run, what, path)

@@ -1,132 +1,26 @@
-"""The data of a solution for pictures: valid samples, links and nodes that move, bodies as shapes in space."""
+"""The data of a solution for pictures: its valid samples, and what they are drawn with."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterable
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial import ConvexHull, QhullError
 
 from dropper_jax.base.records import names_of
 from dropper_jax.load.checks_water import surface_over
 from dropper_jax.load.scene import Scene
 from dropper_jax.plots import view
+from dropper_jax.plots.body_shapes import Bodies, Shape
 from dropper_jax.run.samples import Samples
 from dropper_jax.run.variables import ARRAYS, SOME
 from dropper_jax.scene import WholeLine, whole_lines
-from dropper_jax.scene.body import rotation
-from dropper_jax.scene.data import first_nodes, point_nodes
+from dropper_jax.scene.data import first_nodes, link_differences, point_nodes
+from dropper_jax.sea.spec import SeaSpec
 
-#: Number of corners of a circle.
-SIDES = 28
-
-
-class Shape(NamedTuple):
-    """A cylinder of a body between two positions in its axes [m], or a sphere with two equal positions."""
-
-    body: int
-    start: np.ndarray
-    end: np.ndarray
-    diameter: float
-
-    def rings(self) -> np.ndarray:
-        """Circles (rings, SIDES, 3) [m] in the body's axes whose hull is the shape."""
-        start = self.start
-        along = self.end - start
-        length = np.linalg.norm(along)
-        radius = 0.5 * self.diameter
-        axis = np.array([0.0, 0.0, 1.0])
-        if length > 0.0:
-            axis = along / length
-        one = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
-        one /= np.linalg.norm(one)
-        angle = np.linspace(0.0, 2 * np.pi, SIDES, endpoint=False)[:, None]
-        circle = radius * (np.cos(angle) * one + np.sin(angle) * np.cross(axis, one))
-        if length > 0.0:
-            return start + np.stack([circle, circle + along])
-        tilt = np.linspace(-0.5 * np.pi, 0.5 * np.pi, SIDES // 2 + 1)[:, None, None]
-        return start + np.cos(tilt) * circle + radius * np.sin(tilt) * axis
-
-
-class Bodies(NamedTuple):
-    """Rigid bodies of a run: shapes, reference points (k, bodies, 3) [m], roll, pitch and yaw (k, bodies, 3) [rad]."""
-
-    names: tuple[str, ...]
-    shapes: tuple[Shape, ...]
-    position: np.ndarray
-    attitude: np.ndarray
-
-    def rings(self, index: int) -> list[np.ndarray]:
-        """Rings of each shape in the scene [m] at a sample."""
-        axes = list(map(rotation, self.attitude[index]))
-        return [self.position[index, shape.body] + shape.rings() @ axes[shape.body].T for shape in self.shapes]
-
-    def outlines(self, index: int, project: Callable[[np.ndarray], np.ndarray]) -> list[np.ndarray]:
-        """Outline (corners, 2) of each shape in a projection of positions (n, 3) to (n, 2)."""
-        return [_outline(project(rings.reshape(-1, 3))) for rings in self.rings(index)]
-
-    def extent_points(self) -> np.ndarray:
-        """Ends and widths of all shapes over the run (n, 3) [m], for limits of pictures."""
-        some = np.unique(np.linspace(0, len(self.position) - 1, 200).astype(int))
-        return np.concatenate([ring.reshape(-1, 3)[::7] for i in some for ring in self.rings(i)])
-
-
-def _outline(points: np.ndarray) -> np.ndarray:
-    """Corners of the convex hull of points (n, 2)."""
-    try:
-        return points[ConvexHull(points).vertices]
-    except QhullError:  # edge on
-        return points
-
-
-#: Limits of rounding: angles [rad]; tensions relative to the maximum; displacements relative to the size of the scene.
-ANGLE_ROUNDING = 1e-7
+#: Change of tensions relative to the maximum up to which it is rounding.
 TENSION_ROUNDING = 1e-6
-TRAVEL_ROUNDING = 1e-7
-
-
-def swing(run: Run) -> np.ndarray:
-    """Rotation of each link (n,) [rad]: the range of the components of its direction, which does not depend on its
-    angles."""
-    return np.ptp(directions(run), axis=0).max(axis=-1)
-
-
-def directions(run: Run) -> np.ndarray:
-    """Unit vector (k, n, 3) of each link."""
-    links = run.positions[:, run.first + 1] - run.positions[:, run.first]
-    length = np.linalg.norm(links, axis=-1, keepdims=True)
-    return links / np.where(length > 0, length, 1.0)
-
-
-def travel(run: Run) -> np.ndarray:
-    """Displacement of each node (nodes,) [m]: the longest side of the box around its path."""
-    return np.ptp(run.positions, axis=0).max(axis=-1)
-
-
-def anything_moves(run: Run) -> bool:
-    """Whether any node moves by more than rounding."""
-    return bool(travel(run).max() > TRAVEL_ROUNDING * max(view.size(run.positions[:1]), 1e-300))
-
-
-def chosen_links(run: Run, most: int) -> np.ndarray:
-    """Links that have a panel, at most `most`, in order: evenly spaced in a single line; of many lines the links that
-    move most."""
-    size = swing(run)
-    moving = np.flatnonzero(size > ANGLE_ROUNDING)
-    if len(run.written_lines) == 1 or len(moving) <= most:
-        return moving[np.unique(np.linspace(0, len(moving) - 1, min(len(moving), most)).round().astype(int))]
-    best = np.array([line.links.start + int(np.argmax(size[line.links])) for line in run.written_lines])
-    order = np.argsort(-size[best], kind="stable")[:most]
-    return np.sort(best[order][size[best[order]] > ANGLE_ROUNDING])
-
-
-def changing(columns: Iterable[np.ndarray], least: float) -> np.ndarray:
-    """Which of n series (k, n) change by more than their limit in any of the columns (n,)."""
-    with np.errstate(invalid="ignore"):
-        return np.any([np.nan_to_num(np.ptp(values, axis=0)) > least for values in columns], axis=0)
 
 
 class Float(NamedTuple):
@@ -143,18 +37,9 @@ class Run(Samples):
     with."""
 
     @property
-    def min_tension(self) -> np.ndarray:
-        """(k, n) [N]; over the steps since the previous sample if not every step is saved, else the tension itself."""
-        if self.tension_min is None:
-            return self.tension
-        return self.tension_min
-
-    @property
     def max_tension(self) -> np.ndarray:
-        """The same of the maximum."""
-        if self.tension_max is None:
-            return self.tension
-        return self.tension_max
+        """(k, n) [N]; over the steps since the previous sample if not every step is saved, else the tension itself."""
+        return self.tension_range[1]
 
     @cached_property
     def point_names(self) -> dict[str, int]:
@@ -216,8 +101,7 @@ class Run(Samples):
     @property
     def lengths(self) -> np.ndarray:
         """Lengths of the links (n,) [m] at the first sample."""
-        start, end = np.swapaxes(self.segments(self.positions[0]), 0, 1)
-        return np.linalg.norm(end - start, axis=-1)
+        return np.linalg.norm(link_differences(self.scene, self.positions[:1])[0], axis=-1)
 
     @property
     def written_lines(self) -> tuple[WholeLine, ...]:
@@ -255,3 +139,10 @@ def readable(solution: Samples) -> Run:
 def elevations(scene: Scene, positions: np.ndarray, times: np.ndarray) -> np.ndarray:
     """Elevation (q, n) [m] over positions (n, 3) [m] at times (q,) [s]."""
     return surface_over(scene, np.broadcast_to(positions, (len(times), *positions.shape)), times)
+
+
+def sea_of(run: Run) -> SeaSpec:
+    """The water of the scene of a run."""
+    if run.scene.sea is None:
+        raise ValueError(f"solution: scene {run.scene.name!r} has no [sea]. Use a scene with water")
+    return run.scene.sea

@@ -54,18 +54,22 @@ def share_scales(panels: Iterable[Axes]) -> None:
     Their limits are the same too, unless they are so far apart that curves would be flat, as the coordinates of a
     float far from the origin.
     """
-    limits = [(np.ptp(axes.get_ylim()), axes) for axes in panels]
-    left = sorted(limits, key=lambda item: -item[0])
+    left = sorted(panels, key=_height, reverse=True)
     while left:
-        widest = left[0][0]
-        group = [axes for height, axes in left if height * SIMILAR >= widest]
+        widest = _height(left[0])
+        group = [axes for axes in left if _height(axes) * SIMILAR >= widest]
         ends = [axes.get_ylim() for axes in group]
         low = np.min(ends)
         high = np.max(ends)
         for axes in group:
             if high - low > APART * widest:
-                middle = np.mean(axes.get_ylim())
+                middle = float(np.mean(axes.get_ylim()))
                 axes.set_ylim(middle - 0.5 * widest, middle + 0.5 * widest)
             else:
                 axes.set_ylim(low, high)
         left = left[len(group) :]
+
+
+def _height(axes: Axes) -> float:
+    """Range of the vertical scale of a panel."""
+    return float(np.ptp(axes.get_ylim()))

@@ -1,4 +1,4 @@
-"""Tensions over time and along lines."""
+"""Tensions over time: the maximum of all links, forces on fixed points, ends of lines."""
 
 from __future__ import annotations
 
@@ -7,43 +7,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dropper_jax.load.scene import Scene
-from dropper_jax.plots import figures, panels, style
-from dropper_jax.plots.run import TENSION_ROUNDING, Run, changing
+from dropper_jax.plots import panels, style
+from dropper_jax.plots.movement import changing
+from dropper_jax.plots.run import TENSION_ROUNDING, Run
 from dropper_jax.plots.scales import force_unit
-from dropper_jax.plots.style import CYCLE, DARK
+from dropper_jax.plots.style import DARK
 from dropper_jax.plots.time_panels import Curve, Panel, history
-from dropper_jax.run.bends import curvature
-from dropper_jax.run.end_links import Motion, loaded_fixed_points, point_loads
-from dropper_jax.scene import whole_lines
+from dropper_jax.run.end_links import loaded_fixed_points
+from dropper_jax.run.step_extremes import LOADS
 
+#: The total load of a fixed point among the components of its load.
+TOTAL = LOADS.index("total")
 #: Maximum number of curves in one panel.
 MAX_CURVES = 4
-
-
-@style.plot_style()
-def along_lines(scene: Scene, positions: np.ndarray, tension: np.ndarray, path: str | Path) -> Path:
-    """Tension [N or kN] and curvature [1/m] over the arc length of the lines with the most tension, at equilibrium.
-
-    Args:
-        positions: all nodes (nodes, 3) [m]; tension: (n,) [N].
-    """
-    bent = curvature(scene, positions[None])[0]
-    bent[bent == 0.0] = np.nan  # ends, and points that cut a line
-    lines = sorted(whole_lines(scene), key=lambda line: -tension[line.links].max())
-    unit, size = force_unit(tension)
-    figure = figures.new_figure(7.5, 4.8)
-    upper, lower = figure.subplots(2, 1, sharex=True)
-    for i, (colour, line) in enumerate(zip(CYCLE, lines[: 2 * MAX_CURVES], strict=False)):
-        dashes = "--" if i % 2 else "-"  # equal lines hide each other
-        mark = {"marker": "o", "ms": 2.5, "color": colour, "ls": dashes}
-        arc = np.concatenate([[0.0], np.cumsum(line.spec.length)])
-        upper.plot(arc[1:] - 0.5 * line.spec.length, tension[line.links] / size, label=line.name, **mark)
-        lower.plot(arc, bent[line.nodes], **mark)
-    upper.set_ylabel(f"tension [{unit}]")
-    lower.set(xlabel="unstretched arc length [m]", ylabel="curvature [1/m]")
-    figures.legend_above(upper, 4, "left", borderaxespad=0.2)
-    return figures.save(figure, path)
 
 
 class ScaledTensions(NamedTuple):
@@ -71,8 +47,8 @@ def scale_tensions(run: Run) -> ScaledTensions:
     if len(run.t) > 2:
         samples = slice(1, None)
     unit, size = force_unit(run.max_tension[samples])
-    tensions = (run.tension[samples] / size, run.min_tension[samples] / size, run.max_tension[samples] / size)
-    return ScaledTensions(run.t_tension[samples], *tensions, unit, size, samples)
+    scaled = [tension[samples] / size for tension in (run.tension, *run.tension_range)]
+    return ScaledTensions(run.t_tension[samples], *scaled, unit, size, samples)
 
 
 @style.with_style
@@ -87,7 +63,7 @@ def tension_history(run: Run, path: str | Path) -> Path:
     if len(run.t) > 1 and not changing([scaled.low, scaled.high], threshold).any():
         return panels.constants(run, path, "tension", [(f"tension [{scaled.unit}]", scaled.tension)])
     shown = [maximum_panel(run, scaled)]
-    if len(run.written_lines) > 1:
+    if len(run.written_lines) > 1 and loaded_fixed_points(run.scene):  # lines of a drifting body have none
         shown.append(fixed_points_panel(run, scaled))
     return history(run, path, "tension", [*shown, ends_panel(run, scaled)])
 
@@ -106,16 +82,11 @@ def maximum_panel(run: Run, scaled: ScaledTensions) -> Panel:
 def fixed_points_panel(run: Run, scaled: ScaledTensions) -> Panel:
     """Forces on the most loaded fixed points."""
     names = loaded_fixed_points(run.scene)
-    vectors = point_loads(Motion(run.scene, run.t, run.positions, scaled.t, run.tension[scaled.samples]))
-    forces = [vectors[name] for name in names]
-    force = np.linalg.norm(forces, axis=-1).T / scaled.size
-    low = force
-    high = force
-    if run.point_load_min is not None and run.point_load_max is not None:
-        low = run.point_load_min[scaled.samples, :, 2] / scaled.size
-        high = run.point_load_max[scaled.samples, :, 2] / scaled.size
+    loads = run.signal("point_load")
+    least, largest, *_ = run.step_extremes("point_load", loads)
+    force, low, high = (rows[scaled.samples, :, TOTAL] / scaled.size for rows in (loads, least, largest))
     tops = np.nanmax(high, axis=0)
-    loaded = tops > UNLOADED_SHARE * tops.max()
+    loaded = tops > UNLOADED_SHARE * np.max(tops, initial=0.0)
     shown = [i for i in np.argsort(-tops, kind="stable") if loaded[i]][:MAX_CURVES]
     curves = [Curve(names[i], scaled.t, force[:, i], low[:, i], high[:, i]) for i in shown]
     title = _count_title("force on each fixed point", len(shown), len(names))
@@ -130,16 +101,16 @@ def ends_panel(run: Run, scaled: ScaledTensions) -> Panel:
     tops = np.nanmax(scaled.high, axis=0)
     lines = sorted(run.written_lines, key=lambda line: -tops[line.links].max())[:MAX_CURVES]
     what = "more loaded end of each line"
-    ends = {}
+    ends = []
     for line in lines:
-        ends[line.name] = max((line.links.start, line.links.stop - 1), key=lambda link: tops[link])
+        ends.append((line.name, max(line.links.start, line.links.stop - 1, key=lambda link: tops[link])))
     if len(lines) == 1:
         what = "ends of the line"
         line = lines[0]
-        start, *_, end = line.stops.values()
-        ends = {f"at {start}": line.links.start, f"at {end}": line.links.stop - 1}
+        start, *_, end = line.stops.values()  # the same point of a loop
+        ends = [(f"at {start}", line.links.start), (f"at {end}", line.links.stop - 1)]
     curves = []
-    for name, link in ends.items():
+    for name, link in ends:
         curves.append(Curve(name, scaled.t, scaled.tension[:, link], scaled.low[:, link], scaled.high[:, link]))
     title = _count_title(what, len(lines), len(run.written_lines))
     return Panel(f"tension [{scaled.unit}]", curves, title, zero=True)

@@ -13,7 +13,7 @@ from dropper_jax.base.store import flat_items
 from dropper_jax.evaluation.extremes import storm_extreme
 from dropper_jax.evaluation.fatigue import line_fatigue
 from dropper_jax.evaluation.record import Record, record
-from dropper_jax.evaluation.settings import Settings
+from dropper_jax.evaluation.settings import DEFAULTS, Settings
 from dropper_jax.evaluation.snaps import line_snaps
 from dropper_jax.evaluation.tension import anchors, line_tensions
 from dropper_jax.report.distance import line_distances
@@ -25,13 +25,12 @@ from dropper_jax.run.simulate import Solution
 from dropper_jax.scene import whole_lines
 
 
-def report_run(solution: Solution, settings: Settings | None = None) -> Table:
+def report_run(solution: Solution, settings: Settings = DEFAULTS) -> Table:
     """All values of the report of one run; a section that does not apply is `{"skipped": why}`.
 
     Raises:
         SceneError: the run has fewer than three good samples.
     """
-    settings = settings or Settings()
     evaluated = record(solution, settings.skip)
     tension = line_tensions(evaluated, settings)
     snap = line_snaps(evaluated, settings)
@@ -82,14 +81,13 @@ def _run_facts(solution: Solution, evaluated: Record) -> Table:
     }
 
 
-def report_runs(solutions: dict[str, Solution], settings: Settings | None = None) -> Table:
+def report_runs(solutions: dict[str, Solution], settings: Settings = DEFAULTS) -> Table:
     """The report of runs by name (their files): each run, their spread and, for three or more runs, the extremes of a
     storm.
 
     Raises:
         SceneError: runs whose lines differ; a run with fewer than three good samples.
     """
-    settings = settings or Settings()
     _same_lines(solutions)
     runs = {name: report_run(solution, settings) for name, solution in solutions.items()}
     return {

@@ -50,7 +50,8 @@ def line_distances(record: Record) -> list[Table] | dict[str, str]:
     return [_describe_distance(record, line, nearest.get(i)) for i, line in enumerate(lines)]
 
 
-#: Number of evenly spaced instants: they are close enough that no approach of lines is missed.
+#: Maximum number of evenly spaced instants that are compared, for the time that they take. Approaches between them are
+#: missed: `sampled_every_s` reports how far apart they are.
 COMPARED_INSTANTS = 2000
 
 
@@ -85,11 +86,12 @@ PAIRS_AT_ONCE = 100_000
 
 def _nearest(record: Record, a: int, b: int) -> Approach | None:
     """The nearest approach of two lines over all samples; None if no links are compared."""
-    i, j = _pairs(record.written_lines[a], record.written_lines[b])
+    lines = record.written_lines
+    i, j = _pairs(lines[a], lines[b])
     if not i.size:
         return None
-    first = record.positions[:, record.written_lines[a].nodes]
-    second = record.positions[:, record.written_lines[b].nodes]
+    first = record.positions[:, lines[a].nodes]
+    second = record.positions[:, lines[b].nodes]
     step = max(1, PAIRS_AT_ONCE // i.size)
     best = None
     looked = np.arange(0, len(record.t), sample_stride(record))

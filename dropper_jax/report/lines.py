@@ -12,9 +12,9 @@ from dropper_jax.load.checks_water import bed_height, surface_over
 from dropper_jax.load.scene import Scene
 from dropper_jax.report.motion import node_arc, node_rows
 from dropper_jax.report.tables import Rows
-from dropper_jax.run.bends import bending_moment, bending_summary, bends, curvature
+from dropper_jax.run.bending import bending_moment, bending_summary, curvature, has_bending
 from dropper_jax.run.flow_coefficients import flow_dependent_effects, flow_table
-from dropper_jax.run.growth import overgrown
+from dropper_jax.run.growth import has_mussels, overgrown
 from dropper_jax.scene import BuoySpec, sliced_lines
 from dropper_jax.scene.data import point_nodes
 
@@ -56,7 +56,7 @@ def line_bending(record: Record) -> Rows:
     """Per line the maximum moment [N m], its arc length [m] and time [s], the minimum radius [m], and the maximum and
     mean moment of each node [N m] against arc length from the first point [m]."""
     scene = record.scene
-    if not bends(scene):
+    if not has_bending(scene):
         return {"skipped": "the scene has no [effects.bending]"}
     kappa = curvature(scene, record.positions, record.t)
     moment = bending_moment(scene, record.positions, record.t, tuple(record.solution.broken))
@@ -119,12 +119,11 @@ def crops(record: Record) -> Rows:
     scene = record.scene
     sea = scene.sea
     season = scene.season
-    if season is None and all(line.growth is None for line in scene.lines):
+    if not any(has_mussels(scene, line) for line in scene.lines):
         return {"skipped": "the scene has no mussels ([growth] or [line.growth])"}
     found = []
     for bare, (line, where) in zip(scene.lines, sliced_lines(overgrown(scene)), strict=True):
-        in_season = season is not None and season.on(bare.name, bare.piece_of)
-        if bare.growth is None and not in_season:
+        if not has_mussels(scene, bare):
             continue
         if sea is None or line.diameter is None or bare.diameter is None:
             continue  # a line with mussels has both

@@ -18,11 +18,12 @@ from dropper_jax.plots import figures, scales, style
 from dropper_jax.plots.run import readable
 from dropper_jax.plots.scales import force_unit
 from dropper_jax.plots.style import ALERT, CYCLE, DARK, FAINT, FIRST, SECOND
+from dropper_jax.plots.tension_along import draw_bands
 from dropper_jax.plots.time_panels import Curve, line_style
-from dropper_jax.plots.water import draw_bands
 from dropper_jax.report.sections import load_of_anchor
 from dropper_jax.report.tables import largest
 from dropper_jax.run.end_links import point_loads
+from dropper_jax.run.step_extremes import load_components
 
 #: Maximum number of lines, anchors or points in one picture, each with its own colour; of more, those with the largest
 #: load or motion.
@@ -59,7 +60,7 @@ def _tension_range(record: Record, lines: list[Table], found: Table) -> Figure:
         axes.margins(x=0.01)
         axes.set_title(line["line"], loc="left")
     scales.share_scales(panels)
-    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower left", ncols=5, columnspacing=1.0)
+    figures.legend_below(figure, panels[0], 5, columnspacing=1.0)
     return figure
 
 
@@ -70,12 +71,11 @@ def _anchors(record: Record, anchors: list[Table], found: Table) -> Figure:
     peaks = load_extremes(record)
     loads = point_loads(record.motion)
     for axes, anchor in zip(panels, anchors, strict=True):
-        load = loads[anchor["point"]] / scale
-        values = (np.hypot(load[:, 0], load[:, 1]), load[:, 2])
+        values = load_components(loads[anchor["point"]] / scale)
         low, high, *_ = peaks[anchor["point"]]
         for i, name in enumerate(("horizontal", "vertical, upwards")):
             axes.fill_between(record.t_tension, low[:, i] / scale, high[:, i] / scale, color=CYCLE[i], alpha=0.28, lw=0)
-            axes.plot(record.t_tension, values[i], color=CYCLE[i], lw=0.9, label=name)
+            axes.plot(record.t_tension, values[:, i], color=CYCLE[i], lw=0.9, label=name)
         axes.axhline(0.0, color=FAINT, lw=0.7)
         axes.set_ylabel(f"load [{unit}]")
         title = anchor["point"]
@@ -84,7 +84,7 @@ def _anchors(record: Record, anchors: list[Table], found: Table) -> Figure:
         axes.set_title(title, loc="left")
         scales.time_axis(axes, record.t)
     scales.share_scales(panels)
-    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower left", ncols=2)
+    figures.legend_below(figure, panels[0], 2)
     return figure
 
 
@@ -106,7 +106,7 @@ def _fatigue(record: Record, lines: list[Table], found: Table) -> Figure:
         axes.set(ylabel=label, ylim=(0, None))
     panels[-1].set_xlabel(ARC)
     if len(lines) > 1:
-        figure.legend(loc="outside lower left", ncols=4)
+        figures.legend_below(figure, panels[0], 4)
     return figure
 
 
@@ -133,7 +133,7 @@ def _watch(record: Record, points: list[Table], found: Table) -> Figure:
     limits = (-1.1 * widest, 1.1 * widest)
     for plan in plans:
         plan.set(xlim=limits, ylim=limits, aspect="equal")
-    left.supxlabel("x from the mean [m]; + mean, x static, dashed: maximum radius", fontsize=9)
+    left.supxlabel("x from the mean [m]\n+ mean, x static\ndashed: maximum radius", fontsize=9)
     left.supylabel("y from the mean [m]", fontsize=9)
     height.set_ylabel("z [m]")
     scales.time_axis(height, record.t)
@@ -177,7 +177,7 @@ def _along(record: Record, lines: list[Table], found: Table) -> Figure:
         axes.set(ylabel=label, ylim=limits)
     panels[-1].set_xlabel(ARC)
     if len(lines) > 1:
-        figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower left", ncols=4)
+        figures.legend_below(figure, panels[0], 4)
     if same:
         panels[0].set_title("everywhere: " + ", ".join(same), loc="left", fontsize=9)
     return figure
@@ -239,6 +239,6 @@ def draw_extremes(extremes: Table, folder: Path) -> Path:
         axes.plot(at, one["percentile_90"] / scale, "D", color=SECOND)
         axes.set(xlabel="reduced variate, -log(-log P) [-]", ylabel=f"largest [{unit}]")
         axes.set_title(name, loc="left")
-    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower left", ncols=3)
+    figures.legend_below(figure, panels[0], 3)
     figures.title(figure, "maxima of the runs and of a storm")
     return figures.save(figure, folder / "extremes.png")

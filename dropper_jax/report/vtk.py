@@ -12,6 +12,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import atomic_write
+from dropper_jax.evaluation.record import good_samples
 from dropper_jax.run.simulate import Solution
 from dropper_jax.scene.data import first_nodes
 
@@ -34,7 +35,8 @@ def write_vtk(solution: Solution, folder: str | Path, every: int = 1) -> Path:
     """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    good = [k for k in range(0, len(solution.t), every) if _is_finite(solution, k)]
+    is_good = good_samples(solution)
+    good = [k for k in range(0, len(solution.t), every) if is_good[k]]
     if not good:
         raise SceneError(f"{solution.scene.name}: no finite sample. Use a run with at least one")
     entries = []
@@ -56,12 +58,6 @@ def write_vtk(solution: Solution, folder: str | Path, every: int = 1) -> Path:
         + "\n</Collection>\n</VTKFile>\n"
     )
     return atomic_write(folder / "run.pvd", text)
-
-
-def _is_finite(solution: Solution, k: int) -> bool:
-    """Whether a sample is finite."""
-    arrays = (solution.positions, solution.velocities, solution.tension)
-    return all(np.isfinite(array[k]).all() for array in arrays)
 
 
 def _lines(solution: Solution, k: int) -> str:

@@ -9,7 +9,7 @@ from dropper_jax.base.files import atomic_write, prepare_folder
 from dropper_jax.base.json_values import jsonable
 from dropper_jax.base.read import Table
 from dropper_jax.evaluation.record import record
-from dropper_jax.evaluation.settings import Settings
+from dropper_jax.evaluation.settings import DEFAULTS, Settings
 from dropper_jax.report.pictures import draw_extremes, draw_run
 from dropper_jax.report.text import report_markdown
 from dropper_jax.run.simulate import Solution
@@ -19,7 +19,7 @@ REPORT = "report.md"
 
 
 def write_report(
-    found: Table, solutions: dict[str, Solution], folder: str | Path, settings: Settings | None = None
+    found: Table, solutions: dict[str, Solution], folder: str | Path, settings: Settings = DEFAULTS
 ) -> Path:
     """Write report.md, report.json and the pictures, those of several runs to `run-1`, `run-2`, ...
 
@@ -30,7 +30,6 @@ def write_report(
         path of report.md.
     """
     folder = prepare_folder(folder, REPORT)
-    settings = settings or Settings()
     pictures = []
     for number, (solution, values) in enumerate(zip(solutions.values(), found["runs"], strict=True), start=1):
         target = folder

@@ -10,6 +10,7 @@ import numpy as np
 from jax import Array
 
 from dropper_jax.base.numerics import as_array
+from dropper_jax.base.records import names_of
 from dropper_jax.effects import Effect
 from dropper_jax.effects.body_bed import BodyBed, BodyBedFriction
 from dropper_jax.effects.body_buoyancy import BodyBuoyancy, BodyBuoyancyInWaves, Pieces
@@ -55,7 +56,7 @@ def make_bodies(scene: SceneData, index: dict[str, int]) -> tuple[list[Point], l
         first=len(scene.points),
         points=tuple(index[name] for name in seats),
         owner=tuple(owner),
-        names=tuple(body.name for body in bodies),
+        names=tuple(names_of(bodies)),
         pin=as_array(np.array([body.position for body in bodies if body.pinned]).reshape(-1, 3)),
         pinned=tuple(i for i, body in enumerate(bodies) if body.pinned),
     )

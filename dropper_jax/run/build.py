@@ -19,10 +19,10 @@ from dropper_jax.integrators.consistent_velocities import solve_instant
 from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.model import Model, State, state
 from dropper_jax.residual import Stepper
-from dropper_jax.run.arrays import bare_model, static_pose
 from dropper_jax.run.fixed_points import with_points_fixed
 from dropper_jax.run.flow_coefficients import with_flow_coefficients
 from dropper_jax.run.growth import overgrown
+from dropper_jax.run.scene_model import bare_model, static_pose
 from dropper_jax.run.wakes import with_wakes
 from dropper_jax.scene import RunSpec, StartSpec, directions
 from dropper_jax.statics.linearised import Linearised, linearised_about
@@ -52,9 +52,8 @@ def from_angles(
         # not `cumsum`, which cannot be part of one kernel
         return model.points[model.geometry.members[0].start].position + jax.lax.associative_scan(jnp.add, links)
 
-    angles = (jnp.asarray(polar, model.dtype), jnp.asarray(azimuth, model.dtype))
-    rates = (jnp.asarray(polar_rate, model.dtype), jnp.asarray(azimuth_rate, model.dtype))
-    r, v = jax.jvp(nodes, angles, rates)
+    given = tuple(jnp.asarray(values, model.dtype) for values in (polar, azimuth, polar_rate, azimuth_rate))
+    r, v = jax.jvp(nodes, given[:2], given[2:])
     return state(model, r[: model.free_nodes], v[: model.free_nodes])
 
 
@@ -182,7 +181,4 @@ def linearised(scene: SceneLike) -> Linearised:
     """
     scene = load_scene(scene)
     model = build_model(scene)
-    pose = static_pose(scene, model)
-    if pose.state is None or pose.status != "ok":
-        raise SceneError(f"start: {pose.message}")
-    return linearised_about(model, pose.state)
+    return linearised_about(model, _equilibrium_state(model, release_loads(model, scene.start)))

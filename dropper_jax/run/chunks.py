@@ -6,12 +6,9 @@ reports and a quick stop. The length of the chunks does not affect the results.
 
 from __future__ import annotations
 
-import shutil
 import time
-from collections.abc import Callable, Iterator
-from functools import partial
-from pathlib import Path
-from typing import Any, NamedTuple
+from collections.abc import Callable
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -19,67 +16,15 @@ import numpy as np
 from jax import Array
 
 from dropper_jax.backend.programs import cached_jit
-from dropper_jax.base.errors import SceneError
-from dropper_jax.base.memory import available_memory, in_words
 from dropper_jax.model import Model, State
 from dropper_jax.residual import Stepper
-from dropper_jax.run.end_of_run import Last, Row, last_row, name_leaves
+from dropper_jax.run.end_of_run import Last, last_row, name_leaves
+from dropper_jax.run.memory_check import tree_bytes
 from dropper_jax.run.row_store import InMemory
 from dropper_jax.scene import RunSpec
 from dropper_jax.stepping.extremes import Watch
 from dropper_jax.stepping.integrate import advance
 from dropper_jax.stepping.progress import Progress, Trajectory, begin
-
-#: Fraction of the free memory, or of the free disk, that a run may use.
-MEMORY_SHARE = 0.9
-#: Copies of all saved states in memory at once (measured), and memory of JAX and its programs [bytes].
-COPIES_IN_MEMORY = 5
-PROGRAM_BYTES = 600_000_000
-#: Copies of all saved states on disk: the raw states, the observed states, and the output file.
-COPIES_ON_DISK = 3
-
-
-def check_memory(model: Model, start: Row, run: RunSpec, scratch: Path | None) -> None:
-    """Reject a run whose saved states do not fit.
-
-    Raises:
-        SceneError: with the required and the free size.
-    """
-    size = run.rows * _row_bytes(model, start, run)
-    if scratch is None:
-        left = available_memory()
-        need = COPIES_IN_MEMORY * size + PROGRAM_BYTES
-        where = "memory"
-        advice = (
-            "a larger run.save_every, a shorter run.duration, or `dropper run --out FILE.nc`, which stores them on disk"
-        )
-    else:
-        left = shutil.disk_usage(scratch).free
-        need = COPIES_ON_DISK * size
-        where = "disk"
-        advice = "a larger run.save_every, or a shorter run.duration"
-    if need > MEMORY_SHARE * left:
-        raise SceneError(
-            f"run.duration: {run.duration:g} s give {run.rows} saved states, which need {in_words(need)} of {where}, "
-            f"and {in_words(left)} are free. Use {advice}"
-        )
-
-
-def _row_bytes(model: Model, start: Row, run: RunSpec) -> int:
-    """Estimated size of a saved state: positions and velocities of all nodes, tensions, angles, energies, extremes."""
-    links = model.line.links
-    fixed_and_shared = 2 * max(1, links // 8)  # nodes that are not free, or belong to several lines
-    numbers = 6 * (model.free_nodes + fixed_and_shared) + 3 * links + 16
-    if run.save_every > 1 or run.accuracy is not None:
-        # minima, maxima and their times: of links, ends of lines and the components at fixed points
-        numbers += 4 * (links + 2 * len(model.geometry.members) + 3 * len(model.geometry.held_points))
-    return numbers * np.dtype(model.dtype).itemsize + _tree_bytes((start.parted, start.own))
-
-
-def _tree_bytes(tree: Any) -> int:
-    """Size of all arrays of a tree."""
-    return sum(np.asarray(leaf).nbytes for leaf in jax.tree.leaves(tree))
-
 
 #: Minimum number of chunks of a run that has at least this number of saves.
 MIN_CHUNKS = 32
@@ -107,40 +52,11 @@ _advance = cached_jit(static=("stepper", "saves", "save_every"), kernel=True)(ad
 
 
 class Program(NamedTuple):
-    """A compiled run: its first carry, the function that continues it, and its steps in words, by level."""
+    """A compiled run: its settings, its first carry, and the function that continues it."""
 
+    run: RunSpec
     carry: Progress
     advance: Advance
-    words: Callable[[int], str]
-
-
-class Companion(NamedTuple):
-    """The same run from its start with other steps: finer, with two saves for each of the first run, or coarser, with
-    one save for two."""
-
-    program: Program
-    finer: bool
-
-    @property
-    def level(self) -> int:
-        """Its level of steps."""
-        return FINER if self.finer else COARSER
-
-    @property
-    def words(self) -> str:
-        """Its steps in words."""
-        return self.program.words(self.level)
-
-    def chunks(self, saves: int) -> Iterator[Trajectory]:
-        """Its saved states, chunk by chunk, for this number of saves of the first run; ends early if a step fails."""
-        left = 2 * saves if self.finer else saves // 2
-        carry = self.program.carry
-        while left > 0:
-            carry, chunk = self.program.advance(carry, left, self.level)
-            if carry.has_failed:
-                return
-            left -= len(chunk.r)
-            yield chunk
 
 
 class RunOutcome(NamedTuple):
@@ -196,7 +112,7 @@ def compile_run(stepper: Stepper, model: Model, carry: Progress, run: RunSpec, w
         after, rows = program(model, carry, dt, accuracy, np.int32(count), watch)
         return after, jax.tree.map(lambda a: np.array(np.asarray(a)[:count]), rows)
 
-    return Program(carry, advance, partial(_steps_in_words, run))
+    return Program(run, carry, advance)
 
 
 def _accuracy(run: RunSpec, level: int) -> float | None:
@@ -204,7 +120,7 @@ def _accuracy(run: RunSpec, level: int) -> float | None:
     return None if run.accuracy is None else min(run.accuracy / FACTOR**level, 1.0)
 
 
-def _steps_in_words(run: RunSpec, level: int) -> str:
+def steps_in_words(run: RunSpec, level: int) -> str:
     """The run or a companion by its steps."""
     accuracy = _accuracy(run, level)
     if accuracy is None:
@@ -216,7 +132,7 @@ def _chunk_size(s: State, run: RunSpec) -> int:
     """Maximum number of saves of a chunk."""
     if run.accuracy is not None:
         return max(size for size in CHUNK_SIZES if size == 1 or size * MIN_CHUNKS <= run.rows)
-    size = _tree_bytes((s.r, s.v, s.tension, s.work, s.parted, s.own))
+    size = tree_bytes((s.r, s.v, s.tension, s.work, s.parted, s.own))
     return max(1, min(MOST_SAVES, 2 ** int(np.log2(max(CHUNK_BYTES / max(size, 1), 1.0)))))
 
 

@@ -110,13 +110,14 @@ class Coupled:
             SceneError: no equilibrium found, values that are not finite or not of this shape.
         """
         begin = self._home if positions is None else self._read("positions", positions)
-        rates = np.zeros_like(begin) if velocities is None else self._read("velocities", velocities)
+        if velocities is not None:
+            velocities = self._read("velocities", velocities)
         scene = self.scene
         if not np.array_equal(begin, self._home):
             numbers = {point.name: i for i, point in enumerate(scene.points)}
             moved = zip(self.points, begin.tolist(), strict=True)
             scene = scene.with_values({f"point.{numbers[name]}.position": position for name, position in moved})
-        self._lines = coupled_lines(scene, self.points, rates, self.accelerations)
+        self._lines = coupled_lines(scene, self.points, velocities, self.accelerations)
         self._begin = begin
         return self._accept(_start(self._lines, follows=scene.run.accuracy is not None))
 
@@ -137,10 +138,11 @@ class Coupled:
             raise SceneError(f"dt: {dt} is out of range; allowed: more than 0 s")
         if (accelerations is not None) != self.accelerations:
             raise SceneError("accelerations: need Coupled(accelerations=True); allowed: in every step or in none")
-        motion = [self._read("positions", positions), self._read("velocities", velocities)]
-        motion.append(np.zeros_like(motion[0]) if accelerations is None else self._read("accelerations", accelerations))
+        motion = PointMotion(self._read("positions", positions), self._read("velocities", velocities))
+        if accelerations is not None:
+            motion = motion._replace(accelerations=self._read("accelerations", accelerations))
         dtype = self._lines.model.dtype
-        given = (self._lines, saved, PointMotion(*motion), jnp.asarray(dt, dtype))
+        given = (self._lines, saved, motion, jnp.asarray(dt, dtype))
         run = self.scene.run
         if run.accuracy is None:
             count = max(1, math.ceil(dt / run.step - 1e-9))

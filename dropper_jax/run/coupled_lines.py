@@ -18,6 +18,7 @@ from jax import Array
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.numerics import safe_norm
+from dropper_jax.base.records import names_of
 from dropper_jax.effects.coupled_motion import CoupledMotion
 from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.model import Displacement, HolonomicConstraint, Law, Model, State, as_parted
@@ -178,7 +179,7 @@ class CoupledLines:
     @property
     def indices(self) -> tuple[int, ...]:
         """The coupled points among those of the model."""
-        names = [p.name for p in self.model.points]
+        names = names_of(self.model.points)
         return tuple(map(names.index, self._motion.points))
 
     @property

@@ -20,6 +20,7 @@ import numpy as np
 
 from dropper_jax.base.interpolation import interpolate_rows
 from dropper_jax.base.numerics import safe_norm, unit_vectors
+from dropper_jax.base.records import by_name
 from dropper_jax.effects.buoyancy import displaced_diameter
 from dropper_jax.effects.submerged import submerged_fraction
 from dropper_jax.load.checks_water import Surface, bed_height
@@ -115,6 +116,13 @@ def point_loads(motion: Motion, waves: bool = True) -> dict[str, np.ndarray]:
         if point in loads:
             loads[point] += motion.end_force(links, end)
     return loads
+
+
+def load_vectors(motion: Motion) -> np.ndarray:
+    """The same of the points at which a line ends, as `loaded_fixed_points` lists them (q, points, 3) [N]."""
+    loads = point_loads(motion)
+    names = loaded_fixed_points(motion.scene)
+    return np.reshape([loads[name] for name in names], (len(names), len(motion.t_tension), 3)).swapaxes(0, 1)
 
 
 @dataclass(frozen=True)
@@ -223,7 +231,7 @@ def end_forces_of_model(
     along = nodes[inner] - at
     near = jnp.broadcast_to(jnp.asarray(line.near_share, nodes.dtype), line.length.shape)[links]
     share = jnp.where(starts, near, 1.0 - near)
-    effects: dict[str, Any] = {effect.name: effect for effect in model.effects}
+    effects: dict[str, Any] = by_name(model.effects)
     weight = jnp.zeros_like(share)
     if "weight" in effects:
         weight = share * effects["weight"].per_link(line)[links]

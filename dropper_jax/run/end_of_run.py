@@ -62,10 +62,14 @@ class Last(NamedTuple):
     carry: Progress
 
 
+def trajectory_rows(t: Trajectory) -> Row:
+    """The rows of a trajectory, in arrays (k, ...)."""
+    return Row(t.r, t.v, t.tension, t.work, t.parted, t.own or {})
+
+
 def last_row(trajectory: Trajectory) -> Row:
     """The last row of a trajectory."""
-    t = jax.tree.map(lambda a: a[-1], trajectory)
-    return Row(t.r, t.v, t.tension, t.work, t.parted, t.own or {})
+    return jax.tree.map(lambda a: a[-1], trajectory_rows(trajectory))
 
 
 def first_row(s: State, work: int) -> Row:

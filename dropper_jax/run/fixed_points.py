@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.records import names_of
 from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.model import Displacement, Model, State
 
@@ -24,7 +25,7 @@ def without_body(scene: Scene, body: str, model: Model, pose: State) -> tuple[Sc
     names = [point.name for point in scene.points if point.carrier == body]
     if not names:
         raise SceneError(f"body {body!r}: no line is attached to it")
-    known = [point.name for point in model.points]
+    known = names_of(model.points)
     table = scene.to_dict()
     table["body"] = [other for other in table["body"] if other["name"] != body]
     for name in names:

@@ -6,6 +6,7 @@ import json
 import re
 import tempfile
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -109,7 +110,7 @@ class Unit:
                         description=f"[{unit}]",
                         causality=causality.input,
                         getter=lambda index=index: float(self.motion[index]),
-                        setter=lambda value, index=index: self.motion.__setitem__(index, value),
+                        setter=partial(self._set_motion, index),
                         **varies,
                     )
                     self.register_variable(variable)
@@ -122,6 +123,10 @@ class Unit:
                     **varies,
                 )
                 self.register_variable(variable)
+
+    def _set_motion(self, index: tuple[int, int, int], value: float) -> None:
+        """Set an input: a component of a position or of a velocity."""
+        self.motion[index] = value
 
     def exit_initialization_mode(self) -> None:
         """Initialise at rest with the points at the given positions."""

@@ -9,7 +9,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import Table
 from dropper_jax.load.scene import Scene
-from dropper_jax.run.arrays import bare_model, resting_nodes
+from dropper_jax.run.scene_model import bare_model, resting_nodes
 from dropper_jax.scene import LineSpec, grown, sliced_lines
 
 
@@ -18,7 +18,8 @@ def overgrown(scene: Scene) -> Scene:
     unchanged."""
     if scene.season is None and all(line.growth is None for line in scene.lines):
         return scene
-    if "_overgrown" in scene.__dict__:  # an equilibrium: solved once for each scene
+    # solved once for each scene, which is frozen and holds the result as a `cached_property` of it would
+    if "_overgrown" in scene.__dict__:
         return scene.__dict__["_overgrown"]
     table = scene.to_dict()
     for section in (table, *table["line"]):
@@ -37,13 +38,19 @@ def overgrown(scene: Scene) -> Scene:
     return found
 
 
+def has_mussels(scene: Scene, line: LineSpec) -> bool:
+    """Whether mussels grow on a line of the scene, or on that from which this piece was cut."""
+    in_season = scene.season is not None and scene.season.on(line.name, line.piece_of)
+    return line.growth is not None or in_season
+
+
 def _layer(scene: Scene, line: LineSpec, z: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
     """Thickness [m] and density [kg/m^3] on a line's links (n,), whose nodes (n + 1,) rest at z [m]; None if bare."""
     depth = -0.5 * (z[1:] + z[:-1])
     if line.growth is not None:
         return line.growth.over(depth)
     season = scene.season
-    if season is None or not season.on(line.name, line.piece_of):
+    if season is None or not has_mussels(scene, line):
         return None
     arc = np.cumsum(line.length) - 0.5 * line.length
     return season.layer(line.name, line.piece_of, depth, arc, line.needed_diameter)

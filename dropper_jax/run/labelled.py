@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.records import names_of
 from dropper_jax.load.checks_water import surface_over
-from dropper_jax.run.end_links import loaded_fixed_points, point_loads
+from dropper_jax.load.scene import Scene
+from dropper_jax.run.end_links import load_vectors, loaded_fixed_points
 from dropper_jax.run.samples import Samples
 from dropper_jax.run.step_extremes import LOADS
 from dropper_jax.scene import whole_lines
@@ -33,9 +35,8 @@ Encoding = dict[Hashable, dict[str, Any]]
 def derive_variables(solution: Samples) -> Variables:
     """Variables computed from a run: surface at the origin, forces on fixed points, tension at the ends of lines."""
     found: Variables = {}
-    if names := loaded_fixed_points(solution.scene):
-        loads = point_loads(solution.motion)
-        vectors = np.stack([loads[name] for name in names], axis=1)
+    if loaded_fixed_points(solution.scene):
+        vectors = load_vectors(solution.motion)
         meaning = "sum of the forces of the lines that end at a fixed point; at tension_time"
         found["point_load"] = (("time", "held_point", "axis"), vectors, _attributes("N", meaning))
     links = [(line.links.start, line.links.stop - 1) for line in whole_lines(solution.scene)]
@@ -53,14 +54,8 @@ def coordinates(solution: Samples) -> Variables:
     scene = solution.scene
     along = "unstretched arc length from the start of the line"
     written = [line.piece_of or line.name for line in scene.lines]
-    arcs = []
-    ends = dict.fromkeys(written, 0.0)
-    for name, line in zip(written, scene.lines, strict=True):
-        # a node that joins two pieces belongs to both
-        arcs.append(np.cumsum([ends[name], *line.length]))
-        ends[name] = arcs[-1][-1]
-    counts = np.array([len(arc) for arc in arcs])
-    arc = np.concatenate(arcs)
+    arc = _arc_lengths(scene, written)
+    counts = np.array([line.links + 1 for line in scene.lines])
     number = np.concatenate([np.arange(count) for count in counts])
     ends_link = number > 0  # every node but the first of a line is the last node of a link
     of_node = np.repeat(written, counts)
@@ -88,7 +83,7 @@ def coordinates(solution: Samples) -> Variables:
             ("link", "link", nodes[1:], "link j joins nodes j - 1 and j"),
         ]
     else:
-        lines = np.repeat([line.name for line in scene.lines], counts)
+        lines = np.repeat(names_of(scene.lines), counts)
         of_line = number[ends_link]
         links = [f"{name}/{j}" for name, j in zip(lines[ends_link], of_line, strict=True)]
         names += [
@@ -104,12 +99,23 @@ def coordinates(solution: Samples) -> Variables:
         if solution.point_load_max is not None:
             names.append(("load", "load", LOADS, "part of a load, vertical upwards"))
     if scene.bodies:
-        names.append(("body", "body", [body.name for body in scene.bodies], "rigid body"))
+        names.append(("body", "body", names_of(scene.bodies), "rigid body"))
     for name, axis, values, meaning in names:
         if not isinstance(values, np.ndarray):
             values = np.array(values, dtype=str)
         found[name] = (axis, values, {"long_name": meaning})
     return found
+
+
+def _arc_lengths(scene: Scene, written: list[str]) -> np.ndarray:
+    """Unstretched arc length (nodes,) [m] of all nodes from the start of their line, pieces together."""
+    arcs = []
+    ends = dict.fromkeys(written, 0.0)
+    for name, line in zip(written, scene.lines, strict=True):
+        # a node that joins two pieces belongs to both
+        arcs.append(np.cumsum([ends[name], *line.length]))
+        ends[name] = arcs[-1][-1]
+    return np.concatenate(arcs)
 
 
 def select_line(dataset: xarray.Dataset, name: str) -> xarray.Dataset:

@@ -25,27 +25,26 @@ from dropper_jax.stepping.observe import observe
 
 
 class Signal(NamedTuple):
-    """Unit of a signal, what WHERE in the name of a quantity selects (None: nothing), and its meaning."""
+    """Unit of a signal, and what WHERE in the name of a quantity selects (None: nothing)."""
 
     unit: str
     where: str | None
-    meaning: str
 
 
 SIGNALS = {
-    "tension": Signal("N", "link", "tension of a link; of a line or of all links the highest"),
-    "anchor": Signal("N", "anchor", "force of the lines on a fixed point"),
-    "angle": Signal("rad", "link", "angle of a link from the horizontal, positive downwards, -pi/2 to pi/2"),
-    "line": Signal("N", "end", "tension [N] or angle [rad] of a line at an end, upwards positive"),
-    "curvature": Signal("1/m", "line", "change of direction per length between two links, the highest of a line"),
-    "offset": Signal("m", "node", "horizontal distance of a point from its position in the scene"),
-    "excursion": Signal("m", "node", "distance of a free node from its start position; without a number the maximum"),
-    "depth": Signal("m", "node", "depth of a point below z = 0"),
-    "x": Signal("m", "node", "position of a node"),
-    "y": Signal("m", "node", "position of a node"),
-    "z": Signal("m", "node", "position of a node"),
-    PERIOD: Signal("s", "mode", "natural period about the static pose, the longest first; of the start alone"),
-    "energy": Signal("J", None, "kinetic and potential energy"),
+    "tension": Signal("N", "link"),  # tension of a link; of a line or of all links the highest
+    "anchor": Signal("N", "anchor"),  # force of the lines on a fixed point
+    "angle": Signal("rad", "link"),  # angle of a link from the horizontal, positive downwards, -pi/2 to pi/2
+    "line": Signal("N", "end"),  # tension [N] or angle [rad] of a line at an end, upwards positive
+    "curvature": Signal("1/m", "line"),  # change of direction per length between two links, the highest of a line
+    "offset": Signal("m", "node"),  # horizontal distance of a point from its position in the scene
+    "excursion": Signal("m", "node"),  # distance of a free node from its start position; without a number the maximum
+    "depth": Signal("m", "node"),  # depth of a point below z = 0
+    "x": Signal("m", "node"),  # position of a node
+    "y": Signal("m", "node"),  # position of a node
+    "z": Signal("m", "node"),  # position of a node
+    PERIOD: Signal("s", "mode"),  # natural period about the static pose, the longest first; of the start alone
+    "energy": Signal("J", None),  # kinetic and potential energy
 }
 #: Signals of all links or nodes at once.
 OF_ALL = ("tension", "excursion", "energy")

@@ -9,8 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from dropper_jax.base.markdown import first_names
+from dropper_jax.base.records import by_name, names_of
 from dropper_jax.load.scene import Scene
-from dropper_jax.run.line_weights import lines_in_words
+from dropper_jax.run.line_weights import MOST_NAMES
 from dropper_jax.scene import LineSpec, whole_lines
 
 #: Ratio of the length of a line to the distance of its ends that only a wrong unit explains: mm for m is 1000, cm 100.
@@ -53,20 +55,17 @@ def check_masses(scene: Scene) -> Iterator[str]:
         spec = line.spec
         per_metre = spec.mass / spec.length
         if spec.diameter is None:
-            thickness = np.sqrt(4.0 * per_metre / (np.pi * STEEL))
-            wrong = thickness > THICKEST * spec.length
+            value = np.sqrt(4.0 * per_metre / (np.pi * STEEL))
+            wrong = value > THICKEST * spec.length
+            what = "as much as a bar of steel {:.2g} m thick; check the unit of its mass, kg"
         else:
-            density = 4.0 * per_metre / (np.pi * spec.diameter**2)
-            wrong = density > DENSEST
+            value = 4.0 * per_metre / (np.pi * spec.diameter**2)
+            wrong = value > DENSEST
+            what = "{:.3g} kg/m^3, denser than any metal; check mass, kg, and diameter, m"
         worst = int(np.argmax(np.where(wrong, spec.mass, 0.0)))
-        if not wrong[worst]:
-            continue
-        if spec.diameter is None:
-            what = f"as much as a bar of steel {thickness[worst]:.2g} m thick; check the unit of its mass, kg"
-        else:
-            what = f"{density[worst]:.3g} kg/m^3, denser than any metal; check mass, kg, and diameter, m"
-        link = f"{spec.mass[worst]:.4g} kg in a link of {spec.length[worst]:.4g} m, {per_metre[worst]:.4g} kg/m"
-        yield f"{line.name}: {link}: {what}"
+        if wrong[worst]:
+            link = f"{spec.mass[worst]:.4g} kg in a link of {spec.length[worst]:.4g} m, {per_metre[worst]:.4g} kg/m"
+            yield f"{line.name}: {link}: {what.format(value[worst])}"
 
 
 class _Path(NamedTuple):
@@ -113,17 +112,15 @@ def check_spans(scene: Scene, only_broken: bool) -> Iterator[str]:
     if not found:
         return
     worst = max(found, key=lambda one: one.tension / one.limit)
-    short = {}
-    for line in whole_lines(scene):
-        distance = _distance(scene, line.spec)
-        if line.name in names and line.spec.total < distance:
-            short[line.name] = (distance / line.spec.total, line.spec.total, distance)
+    written = [line for line in whole_lines(scene) if line.name in names]
+    short = [line for line in written if line.spec.total < _distance(scene, line.spec)]
     if short:
-        _, length, distance = max(short.values())
-        what = f"{lines_in_words(list(short))}: {length:.4g} m between points {distance:.4g} m apart"
+        spec = max((line.spec for line in short), key=lambda spec: _distance(scene, spec) / spec.total)
+        apart = f"{spec.total:.4g} m between points {_distance(scene, spec):.4g} m apart"
+        what = f"{first_names(names_of(short), MOST_NAMES)}: {apart}"
     else:
         what = (
-            f"{lines_in_words(list(names))}: {worst.path.length:.4g} m of lines between {worst.start!r} and "
+            f"{first_names(list(names), MOST_NAMES)}: {worst.path.length:.4g} m of lines between {worst.start!r} and "
             f"{worst.path.end!r}, {worst.distance:.4g} m apart"
         )
     above = f"stretched by more than {LARGEST_STRAIN:.0%}"
@@ -137,7 +134,7 @@ def _overloads(scene: Scene) -> Iterator[_Overload]:
 
     The tension is that of springs in series, `(distance - length)/sum(l/EA)`.
     """
-    points = {point.name: point for point in scene.points}
+    points = by_name(scene.points)
     fixed = {name for name, point in points.items() if not point.is_free or scene.start.kind == "points"}
     along = _neighbours(scene)
     for start in sorted(fixed):
@@ -148,11 +145,17 @@ def _overloads(scene: Scene) -> Iterator[_Overload]:
             if start >= path.end or path.length >= distance or not flexibility:
                 continue
             tension = (distance - path.length) / flexibility
-            limits = [(float(np.min(line.breaking_load)), True) for line in lines if line.breaking_load is not None]
-            limits += [(LARGEST_STRAIN * float(np.min(line.EA)), False) for line in lines if line.EA is not None]
-            limit, breaks = min(limits)
+            limit, breaks = min(limit for line in lines for limit in _limits(line))
             if tension > limit:
                 yield _Overload(start, path, distance, tension, limit, breaks)
+
+
+def _limits(line: LineSpec) -> Iterator[tuple[float, bool]]:
+    """Tensions [N] above which a line breaks (True), or is stretched too far (False)."""
+    if line.breaking_load is not None:
+        yield float(np.min(line.breaking_load)), True
+    if line.EA is not None:
+        yield LARGEST_STRAIN * float(np.min(line.EA)), False
 
 
 def _neighbours(scene: Scene) -> dict[str, list[_Path]]:

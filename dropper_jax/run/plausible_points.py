@@ -7,9 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from dropper_jax.base.markdown import first_names
+from dropper_jax.base.records import by_name, names_of
 from dropper_jax.load.checks_water import bed_height
 from dropper_jax.load.scene import Scene
-from dropper_jax.run.line_weights import lines_in_words, wet_weights
+from dropper_jax.run.line_weights import MOST_NAMES, wet_weights
 from dropper_jax.scene import LineSpec, PointSpec, line_slices
 from dropper_jax.sea.spec import SeaSpec
 
@@ -41,12 +43,14 @@ class Connected(NamedTuple):
 
 def _connected(scene: Scene) -> list[Connected]:
     """The systems of lines that only fixed points have in common."""
-    points = {point.name: point for point in scene.points}
+    points = by_name(scene.points)
+    # the points of a body are one
     label = {name: point.carrier if point.carrier and point.is_free else name for name, point in points.items()}
     parent = {name: name for name in label.values()}
 
     def root(name: str) -> str:
         while parent[name] != name:
+            parent[name] = parent[parent[name]]  # so that the next search takes half as long
             name = parent[name]
         return name
 
@@ -89,6 +93,14 @@ def _moved_points(scene: Scene) -> set[str]:
     return moved
 
 
+def seabed_under(scene: Scene, positions: np.ndarray) -> np.ndarray:
+    """Height [m] of the seabed at positions (n, 3) [m]: as given, or at the depth of the water."""
+    bed = bed_height(scene, positions)
+    if bed is None:
+        return np.full(len(positions), -scene.needed_sea.depth)
+    return bed
+
+
 def check_fixed_points(scene: Scene) -> Iterator[str]:
     """Anchors that are not on the seabed: points with such a name or an `[[anchor]]`, or that alone hold floats."""
     if scene.sea is None:
@@ -97,37 +109,33 @@ def check_fixed_points(scene: Scene) -> Iterator[str]:
     held = {point.name: point.position for point in scene.points if not point.is_free and point.name not in moved}
     depth = scene.sea.depth
     positions = np.array(list(held.values())).reshape(-1, 3)
-    bed = bed_height(scene, positions)
-    heights = dict(zip(held, positions[:, 2] - (-depth if bed is None else bed), strict=True))
+    heights = dict(zip(held, positions[:, 2] - seabed_under(scene, positions), strict=True))
     allowed = max(ANCHOR_HEIGHT, ANCHOR_SHARE * depth)
     high = {name for name, height in heights.items() if height > allowed}
     entries = {anchor.point for anchor in scene.anchors}
     doubtful = {name for name in high if "anchor" in name.lower() or name in entries}
     for system in _connected(scene):
-        names = {point.name for point in system.fixed_points}
+        names = set(names_of(system.fixed_points))
         if not any(lift > 0.0 for _, lift in _lifts(scene, scene.sea, system)) or not names <= held.keys():
             continue
         doubtful |= {name for name in names if held[name][2] > HIGH_IN_THE_AIR * depth}
         if names <= high:  # floats on mooring lines from mid-water
             doubtful |= {name for name in names if held[name][2] < -0.5 * depth}
-    above = [name for name in held if name in doubtful and held[name][2] > 0.0]
-    below = [name for name in held if name in doubtful and name not in above]
+    above = {name: held[name][2] for name in held if name in doubtful and held[name][2] > 0.0}
+    below = {name: heights[name] for name in held if name in doubtful and name not in above}
     if above:
         yield (
-            f"{lines_in_words(above)}: fixed {_range([held[name][2] for name in above])} m above the surface of water "
-            f"{depth:.4g} m deep; z is upwards from the surface, check the sign"
+            f"{_fixed(above)} m above the surface of water {depth:.4g} m deep; z is upwards from the surface, "
+            "check the sign"
         )
     if below:
-        yield (
-            f"{lines_in_words(below)}: fixed {_range([heights[name] for name in below])} m above the seabed; check the "
-            "positions and the depth"
-        )
+        yield f"{_fixed(below)} m above the seabed; check the positions and the depth"
 
 
-def _range(values: list[float]) -> str:
-    """Minimum and maximum in words; one number if they are equal."""
-    ends = dict.fromkeys((f"{min(values):.3g}", f"{max(values):.3g}"))
-    return " to ".join(ends)
+def _fixed(heights: dict[str, float]) -> str:
+    """Names of points, and the minimum and maximum of their heights; one number if they are equal."""
+    ends = dict.fromkeys(f"{end(heights.values()):.3g}" for end in (min, max))
+    return f"{first_names(list(heights), MOST_NAMES)}: fixed {' to '.join(ends)}"
 
 
 def check_lift(scene: Scene) -> Iterator[str]:

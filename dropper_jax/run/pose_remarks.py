@@ -7,10 +7,13 @@ from collections.abc import Iterator
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.markdown import first_names
 from dropper_jax.base.numerics import unit_vectors
+from dropper_jax.load.checks_water import Surface
 from dropper_jax.load.scene import Scene
-from dropper_jax.run.line_weights import lines_in_words
+from dropper_jax.run.line_weights import MOST_NAMES
 from dropper_jax.run.plausibility import fastest_current, with_cause
+from dropper_jax.run.plausible_points import seabed_under
 from dropper_jax.scene import WholeLine, sliced_lines, whole_lines
 from dropper_jax.scene.data import link_differences, point_nodes
 
@@ -67,7 +70,8 @@ def _check_stretch(scene: Scene, positions: np.ndarray) -> Iterator[str]:
     strains = _strains(scene, positions)
     names = sorted((name for name in strains if strains[name] > STRETCHED), key=lambda name: -strains[name])
     if names:
-        yield f"{lines_in_words(names)}: is stretched by {strains[names[0]]:.0%} at rest; check its length and EA"
+        worst = f"is stretched by {strains[names[0]]:.0%} at rest"
+        yield f"{first_names(names, MOST_NAMES)}: {worst}; check its length and EA"
 
 
 def _check_bends(scene: Scene, positions: np.ndarray, tension: np.ndarray) -> Iterator[str]:
@@ -78,8 +82,9 @@ def _check_bends(scene: Scene, positions: np.ndarray, tension: np.ndarray) -> It
         if not line.spec.rigid and bend >= _allowed_bend(line.spec.links):
             bends[line.name] = bend
     if bends:
+        worst = max(bends.values())
         yield (
-            f"{lines_in_words(list(bends))}: too few links: neighbouring links turn by up to {max(bends.values()):.0f} "
+            f"{first_names(list(bends), MOST_NAMES)}: too few links: neighbouring links turn by up to {worst:.0f} "
             "degrees at rest, and end forces can be off by more than 5%. Take four times the links; see --errors"
         )
 
@@ -116,17 +121,21 @@ def _check_loads(scene: Scene, tension: np.ndarray) -> Iterator[str]:
     if names:
         names.sort(key=lambda name: -above[name][0] / above[name][1])
         load, limit = above[names[0]]
-        yield f"{lines_in_words(names)}: {load:.4g} N at rest, above its breaking load of {limit:.4g} N"
+        yield f"{first_names(names, MOST_NAMES)}: {load:.4g} N at rest, above its breaking load of {limit:.4g} N"
 
 
 def _check_buoys(scene: Scene, positions: np.ndarray) -> Iterator[str]:
     """Warnings of buoys that are under water or on the seabed."""
-    if scene.sea is None:
+    if not scene.buoys:
         return
     nodes = point_nodes(scene)
-    for buoy in scene.buoys:
-        base = float(positions[nodes[buoy.point], 2]) - buoy.attachment
-        if base + buoy.height < 0.0:
-            yield f"{buoy.name}: at rest its top is {-base - buoy.height:.3g} m under water"
-        if base < -scene.sea.depth + NEAR_BED:
+    at = positions[[nodes[buoy.point] for buoy in scene.buoys]]
+    level = Surface(scene, waves=False).over(at[None], np.zeros(1))[0]
+    bed = seabed_under(scene, at)
+    for i, buoy in enumerate(scene.buoys):
+        base = float(at[i, 2]) - buoy.attachment
+        above = base + buoy.height - float(level[i])
+        if above < 0.0:
+            yield f"{buoy.name}: at rest its top is {-above:.3g} m under water"
+        if base < bed[i] + NEAR_BED:
             yield f"{buoy.name}: at rest its base is on the seabed"

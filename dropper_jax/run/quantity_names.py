@@ -19,6 +19,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.records import names_of
 from dropper_jax.model import Model
 from dropper_jax.run.motion_signals import DIRECTIONS, OF_ALL, SIGNALS
 from dropper_jax.run.quantities import Quantity
@@ -61,7 +62,7 @@ class _Name:
         self.model = model
         self.option = option
         self.graph = model.geometry
-        self.points = [point.name for point in model.points]
+        self.points = names_of(model.points)
 
     def read(self) -> Quantity:
         """The quantity, with its members."""
@@ -87,11 +88,7 @@ class _Name:
         if counted == "end":
             return self._at_end(found, where)
         if counted == "line":
-            last = [span.stop - 1 for span in self.graph.spans]
-            joints = tuple(link for link in self._links(where[0]) if link not in last)
-            if len(where) > 1 or not joints:
-                raise self._error(f"allowed: a line of two links or more, such as {signal}.leg.{wanted}")
-            return replace(found, members=joints)
+            return self._at_joints(found, where)
         if where[0].isdecimal() or counted == "mode":
             return replace(found, members=(self._number(where, counted),))
         if counted == "link":
@@ -124,6 +121,14 @@ class _Name:
                 members.append(span.stop - 1)
                 signs.append(-1.0)
         return replace(found, members=tuple(members), signs=tuple(signs), direction=where[1])
+
+    def _at_joints(self, found: Quantity, where: list[str]) -> Quantity:
+        """A signal of the pairs of neighbouring links of a line, numbered by the first of each pair."""
+        last = [span.stop - 1 for span in self.graph.spans]
+        joints = tuple(link for link in self._links(where[0]) if link not in last)
+        if len(where) > 1 or not joints:
+            raise self._error(f"allowed: a line of two links or more, such as {found.signal}.leg.{found.statistic}")
+        return replace(found, members=joints)
 
     def _at_end(self, found: Quantity, where: list[str]) -> Quantity:
         """The tension or the angle of a line at an end."""
@@ -160,22 +165,16 @@ class _Name:
     def _end(self, line: str, end: str) -> tuple[int, float]:
         """The link at an end or point of a line, and the sign of its angle there (`LEAVES_FORWARDS`)."""
         own = self._links(line)
-        pieces = [
-            member for member, span in zip(self.graph.members, self.graph.spans, strict=True) if span.start in own
-        ]
+        pieces = [piece for piece in zip(self.graph.members, self.graph.spans, strict=True) if piece[1].start in own]
         first = (own[0], LEAVES_FORWARDS)
         last = (own[-1], LEAVES_BACKWARDS)
-        ends = {pieces[0].start: first, pieces[-1].end: last}
+        ends = {pieces[0][0].start: first, pieces[-1][0].end: last}
         named = {"first": first, "last": last}
         held = [point for point in ends if self.graph.held[point]]
         if len(held) == 1 and len(ends) == 2:
             (other,) = ends.keys() - held
             named |= {"anchor": ends[held[0]], "fairlead": ends[other]}
-        found = {}
-        start = own[0]
-        for piece in pieces:
-            found[self.points[piece.start]] = (start, LEAVES_FORWARDS)
-            start += piece.links
+        found = {self.points[member.start]: (span.start, LEAVES_FORWARDS) for member, span in pieces}
         found |= {self.points[point]: link for point, link in ends.items()} | named
         if end not in found:
             raise self._error(f"{end!r} is not an end of line {line!r}; {nearest(end, found)}")

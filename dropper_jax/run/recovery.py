@@ -13,11 +13,12 @@ import jax
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import leftovers, remove
 from dropper_jax.load.scene import Scene
-from dropper_jax.run.assembly import PreparedRun, TimeOrigin, build_solution
 from dropper_jax.run.build import build_model, stepper_of
+from dropper_jax.run.build_solution import PreparedRun, TimeOrigin, build_solution
 from dropper_jax.run.chunks import RunOutcome
 from dropper_jax.run.row_store import OnDisk, read_mark
-from dropper_jax.run.simulate import Solution, initial_carry, restore_end, stepper_fields
+from dropper_jax.run.simulate import Solution
+from dropper_jax.run.start_of_run import initial_carry, restore_end, stepper_fields
 from dropper_jax.stepping.extremes import Extremes
 from dropper_jax.stepping.integrate import empty_trajectory
 from dropper_jax.stepping.progress import TensionMeans

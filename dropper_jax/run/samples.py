@@ -15,12 +15,14 @@ from dropper_jax.analysis.angles import angle_rates, link_angles
 from dropper_jax.axial import AXIAL_RINGING
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.read import Table
+from dropper_jax.base.records import names_of
 from dropper_jax.load.scene import Scene
-from dropper_jax.run.bends import bending_moment, bends, curvature, torque
+from dropper_jax.run.bending import bending_moment, curvature, has_bending
+from dropper_jax.run.end_forces import end_angles
 from dropper_jax.run.end_links import Motion
-from dropper_jax.run.line_weights import end_angles
 from dropper_jax.run.row_store import BLOCK_STATES, release_pages
 from dropper_jax.run.step_extremes import saved_signal
+from dropper_jax.run.twist import torque
 from dropper_jax.run.variables import ARRAYS, BODIES, EXTREMES, SOME
 from dropper_jax.scene import LineSlice, line_slices, whole_lines
 from dropper_jax.scene.data import point_nodes
@@ -102,7 +104,7 @@ class Samples:
         """
         nodes = point_nodes(self.scene)
         if name not in nodes:
-            raise SceneError(f"point: {name!r} is not a point; {nearest(name, [p.name for p in self.scene.points])}")
+            raise SceneError(f"point: {name!r} is not a point; {nearest(name, names_of(self.scene.points))}")
         return self.positions[:, nodes[name]]
 
     def body(self, name: str) -> dict[str, np.ndarray]:
@@ -111,7 +113,7 @@ class Samples:
         Raises:
             SceneError: unknown body.
         """
-        names = [body.name for body in self.scene.bodies]
+        names = names_of(self.scene.bodies)
         if name not in names:
             raise SceneError(f"body: {name!r} is not a body; {nearest(name, names)}")
         return {key: getattr(self, key)[:, names.index(name)] for key in BODIES}
@@ -199,15 +201,15 @@ class Samples:
 
     @cached_property
     def curvature(self) -> np.ndarray | None:
-        """Curvature (k, nodes) [1/m] if lines have bending stiffness (see `run.bends`); else None."""
-        if bends(self.scene):
+        """Curvature (k, nodes) [1/m] if lines have bending stiffness (see `run.bending`); else None."""
+        if has_bending(self.scene):
             return curvature(self.scene, self.positions, self.t)
         return None
 
     @cached_property
     def bending_moment(self) -> np.ndarray | None:
         """Bending moment (k, nodes) [N m] if lines have bending stiffness; else None."""
-        if bends(self.scene):
+        if has_bending(self.scene):
             return bending_moment(self.scene, self.positions, self.t, self.broken)
         return None
 
@@ -329,7 +331,7 @@ class Samples:
         every = self.settings.get("save_every", 1)
         if every == 1:
             return ""
-        return f"every {every}th step is saved"
+        return f"one step in {every} is saved"
 
     def _tension_extents(self, parts: dict[str, slice]) -> dict[str, Extent]:
         """Statistics of the tensions of some links, by the name of the part."""

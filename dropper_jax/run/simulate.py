@@ -5,12 +5,9 @@ from __future__ import annotations
 import logging
 import time
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-
-import jax
-import jax.numpy as jnp
-import numpy as np
 
 from dropper_jax.base.errors import Progress, SceneError, SimulationError, silent
 from dropper_jax.base.html_table import html_table
@@ -18,22 +15,17 @@ from dropper_jax.base.read import Table
 from dropper_jax.integrators import OPTIONS
 from dropper_jax.load.checks_system import check_changing_lengths_until
 from dropper_jax.load.scene import Scene, load_scene
-from dropper_jax.model import Model, State, state
-from dropper_jax.residual import Stepper
-from dropper_jax.run.assembly import PreparedRun, TimeOrigin, build_solution, run_work_names
-from dropper_jax.run.build import SceneLike, build_model, initial_state, stepper_of
-from dropper_jax.run.chunks import check_memory, compile_run, first_carry, run_chunks
+from dropper_jax.run.build import SceneLike, build_model, stepper_of
+from dropper_jax.run.build_solution import PreparedRun, build_solution
+from dropper_jax.run.chunks import compile_run, run_chunks
 from dropper_jax.run.companion import with_stated_errors
-from dropper_jax.run.end_of_run import RUN, Last, first_row, name_leaves, restore_carry, same_scene
-from dropper_jax.run.plausibility import with_cause
-from dropper_jax.run.pose_remarks import check_stretch
-from dropper_jax.run.resolution import check_skip
+from dropper_jax.run.end_of_run import RUN, name_leaves, same_scene
+from dropper_jax.run.memory_check import check_memory
 from dropper_jax.run.row_store import InMemory, OnDisk
 from dropper_jax.run.samples import Samples, is_finished
+from dropper_jax.run.start_of_run import initial_carry, stepper_fields
 from dropper_jax.run.step_extremes import step_signals
 from dropper_jax.run.summary import summary
-from dropper_jax.scene import RunSpec
-from dropper_jax.statics.search import node_positions
 from dropper_jax.stepping.stepper import check_settings, stepper_settings
 
 if TYPE_CHECKING:
@@ -144,9 +136,7 @@ class Solution(Samples):
     def continued(self, duration: float | None = None, **kwargs: Any) -> Solution:
         """Continue from the last state: the further run, with times that continue.
 
-        Two runs of 5 s are bit-identical to one of 10 s on the same machine, if both have fewer or both have more
-        steps than 20 000 (systems of lines) or 100 000 (single lines by the command line). Otherwise they agree to
-        rounding. The first row is the last one of this run.
+        Two runs of 5 s are bit-identical to one of 10 s on the same machine. The first row is the last one of this run.
 
         Args:
             duration: further time [s]; default: the remaining time of an interrupted run, else the duration of this
@@ -247,7 +237,7 @@ def simulate(
     changed = {f"run.{key}": value for key, value in given.items() if value is not None}
     if changed:
         scene = scene.with_values(changed)
-    check_skip(skip, errors, scene.run.duration)
+    _check_skip(skip, errors, scene.run.duration)
     if start is not None:
         _check_continued(scene, start, errors)
     say = progress or silent
@@ -281,6 +271,14 @@ def _check_continued(scene: Scene, start: Solution, errors: bool) -> None:
         raise SceneError("errors: restarts the scene, so it cannot be combined with a run to continue")
 
 
+def _check_skip(skip: float, errors: bool, duration: float) -> None:
+    """Reject a time left out of the errors that is not within the run."""
+    if skip and not errors:
+        raise SceneError(f"--skip: {skip:g} s can only be left out together with --errors")
+    if not 0.0 <= skip < duration:
+        raise SceneError(f"--skip: {skip:g} is out of range; allowed: 0 to less than the {duration:g} s of the run")
+
+
 def _prepare(
     scene: Scene, settings: Table, start: Solution | None, scratch: str | Path | None, say: Progress
 ) -> PreparedRun:
@@ -299,11 +297,6 @@ def _prepare(
     return PreparedRun(scene, stepper, model, first, origin, rows, settings)
 
 
-def stepper_fields(settings: Table) -> Table:
-    """Settings of the stepping under the names of the fields of `Stepper`."""
-    return {"tolerance" if key == "residual_tolerance" else key: value for key, value in settings.items()}
-
-
 def _log(solution: Solution) -> None:
     """Log the warnings of a run, and its status."""
     name = solution.scene.name
@@ -312,49 +305,13 @@ def _log(solution: Solution) -> None:
     LOG.info("%s: %s at %g s, %.3g s run", name, solution.status, solution.t[-1], solution.run_s)
 
 
-def initial_carry(stepper: Stepper, model: Model, scene: Scene, before: Solution | None) -> tuple[Last, TimeOrigin]:
-    """The initial state of a run, from its scene's start or the end of an earlier run, and the origin of its times."""
-    run = scene.run
-    if before is None:
-        try:
-            s = initial_state(model, scene.start)
-        except SceneError as error:
-            raise with_cause(error, scene) from None
-        if scene.start.is_static:
-            check_stretch(scene, np.asarray(node_positions(model, s)))
-        return _end_at(stepper, model, s, run), TimeOrigin()
-    used = before.settings
-    origin = TimeOrigin(float(before.t[-1]))
-    if (run.interval, run.save_every) == (used["dt"] * used["save_every"], used["save_every"]):
-        origin = TimeOrigin(**(before.continues or {}))
-        origin = origin._replace(saves=origin.saves + len(before.t) - 1)
-    return restore_end(stepper, model, run, before.last), origin
-
-
-def _end_at(stepper: Stepper, model: Model, s: State, run: RunSpec) -> Last:
-    """The row and the carry of a run that starts from a state."""
-    row = first_row(s, len(run_work_names(stepper, model, run)))
-    return Last(row, first_carry(stepper, model, s, run))
-
-
-def restore_end(stepper: Stepper, model: Model, run: RunSpec, saved: dict[str, np.ndarray]) -> Last:
-    """The end of a run of this kind from its saved leaves."""
-
-    def end_at_origin(model: Model) -> Last:
-        """An end with the leaves and shapes of this kind of run; its values do not matter."""
-        return _end_at(stepper, model, state(model, jnp.zeros((model.free_nodes, 3), model.dtype)), run)
-
-    return restore_carry(jax.eval_shape(end_at_origin, model), saved)
-
-
 def _with_errors(solution: Solution, scene: Scene, skip: float, settings: Table, say: Progress) -> Solution:
     """The solution with its loads and their errors, and a warning for each line with unresolved peaks."""
     from dropper_jax.study.load_errors import load_errors  # noqa: PLC0415
 
-    def simulate_variant(variant: Scene) -> Solution:
-        return simulate(variant, **settings)
-
-    found = load_errors(scene, simulate_variant, skip, solution, lambda done, what: say(done, f"errors: {what}"))
+    found = load_errors(
+        scene, partial(simulate, **settings), skip, solution, lambda done, what: say(done, f"errors: {what}")
+    )
     notes = tuple(f"{name}: peak tension not converged (see the errors)" for name in found["not_resolved"])
     known = {**solution.settings, "load_errors": found}
     return replace(solution, settings=known, warnings=(*solution.warnings, *notes))

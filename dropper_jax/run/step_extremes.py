@@ -22,10 +22,10 @@ from dropper_jax.run.end_links import (
     end_forces_of_model,
     ends_of,
     line_ends,
+    load_vectors,
     loaded_fixed_points,
-    point_loads,
 )
-from dropper_jax.run.variables import SIGNALS
+from dropper_jax.run.variables import STEP_SIGNALS
 from dropper_jax.scene import whole_lines
 from dropper_jax.stepping.extremes import Extremes
 
@@ -90,13 +90,13 @@ def step_signals(scene: Scene, tension_time: float) -> StepSignals | None:
 
 
 def saved_signal(signal: str, motion: Motion) -> np.ndarray:
-    """One of the `SIGNALS` at the saved times: (k, n), (k, lines, 2) or (k, fixed points, 3) [N]."""
+    """One of the `STEP_SIGNALS` at the saved times: (k, n), (k, lines, 2) or (k, fixed points, 3) [N]."""
     if signal == "tension":
         return motion.tension
     with np.errstate(invalid="ignore", over="ignore"):  # a failed run may end with infinite positions
         if signal == "end_force":
             return _end_force_sizes(motion)
-        return _load_components(motion)
+        return load_components(load_vectors(motion))
 
 
 def _end_force_sizes(motion: Motion) -> np.ndarray:
@@ -109,12 +109,8 @@ def _end_force_sizes(motion: Motion) -> np.ndarray:
     return np.stack(sizes, axis=1).reshape(len(motion.tension), -1, 2)
 
 
-def _load_components(motion: Motion) -> np.ndarray:
-    """The components `LOADS` of the loads of fixed points (k, fixed points, 3) [N]."""
-    loads = point_loads(motion)
-    vectors = np.zeros((len(motion.tension), 0, 3))
-    if names := loaded_fixed_points(motion.scene):
-        vectors = np.stack([loads[name] for name in names], axis=1)
+def load_components(vectors: np.ndarray) -> np.ndarray:
+    """The components `LOADS` (..., 3) [N] of forces (..., 3)."""
     horizontal = np.hypot(vectors[..., 0], vectors[..., 1])
     return np.stack([horizontal, vectors[..., 2], np.linalg.norm(vectors, axis=-1)], axis=-1)
 
@@ -128,7 +124,7 @@ def extremes_by_signal(scene: Scene, extremes: Extremes) -> dict[str, Extremes]:
     }
     by_signal = {}
     first = 0
-    for signal in SIGNALS:
+    for signal in STEP_SIGNALS:
         shape = shapes[signal]
         columns = slice(first, first + int(np.prod(shape)))
         rows = [np.asarray(array)[:, columns].reshape(len(array), *shape) for array in extremes]

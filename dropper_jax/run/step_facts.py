@@ -7,6 +7,7 @@ import numpy as np
 from dropper_jax.base.numerics import unit_vectors
 from dropper_jax.load.periods import periods
 from dropper_jax.run.samples import Samples
+from dropper_jax.scene.data import link_differences
 
 #: Steps per period with which the midpoint rule has the frequency to 0.1 %: `(2 pi/n)^2/12`.
 STEPS_PER_PERIOD = 60
@@ -34,10 +35,8 @@ def step_facts(solution: Samples) -> dict[str, float | int | None]:
             facts["steps_per_axial_period"] = period / used["dt"]
     if used.get("save_every") != 1 or "refused_steps" in used or len(solution.t) < 3:
         return facts
-    turn = 0.0
-    for where in solution.lines:
-        links = unit_vectors(np.diff(solution.positions[:, where.nodes], axis=1))
-        turn = max(turn, float(np.max(np.linalg.norm(np.diff(links, axis=0), axis=2))))
+    links = unit_vectors(link_differences(solution.scene, solution.positions))
+    turn = float(np.max(np.linalg.norm(np.diff(links, axis=0), axis=2)))
     facts["largest_turn_rad"] = float(2.0 * np.arcsin(min(0.5 * turn, 1.0)))
     taut = solution.tension[1:] > 0.0
     changes = np.sum(taut[1:] & ~taut[:-1], axis=0)

@@ -29,10 +29,11 @@ from dropper_jax.base.files import (
     unwritable,
 )
 from dropper_jax.base.read import Plain, Table
+from dropper_jax.base.records import without_none
 from dropper_jax.base.store import read_archive, write_archive
 from dropper_jax.run import labelled
 from dropper_jax.run.end_of_run import LAST, units
-from dropper_jax.run.reopened import check_archive, reopen_run
+from dropper_jax.run.reopen import check_archive, reopen_run
 from dropper_jax.run.row_store import release_pages
 from dropper_jax.run.samples import Kind, Samples
 from dropper_jax.run.variables import ARRAYS, DERIVED, SOME, VARIABLES
@@ -122,8 +123,7 @@ def read_run(path: str | Path, kind: type[Kind]) -> Kind:
 
 def _write_npz(solution: Samples, path: Path) -> Path:
     """Write arrays and provenance to an `.npz` file."""
-    arrays = {name: getattr(solution, name) for name in (*ARRAYS, *SOME)}
-    arrays = {name: values for name, values in arrays.items() if values is not None}
+    arrays = without_none({name: getattr(solution, name) for name in (*ARRAYS, *SOME)})
     arrays |= {TAG + name: values for name, values in solution.own.items()} | solution.last
     return write_archive(path, arrays, solution.provenance())
 
@@ -176,7 +176,7 @@ def _attributes(solution: Samples) -> dict[str, Any]:
     return {
         "Conventions": "CF-1.11",
         "title": f"{solution.scene.name}: {solution.scene.description}".rstrip(": "),
-        "source": f"{made_by}, {used.get('integrator')}, dt = {used.get('dt')} s, {used.get('dtype')}",
+        "source": f"{made_by}, {used.get('integrator')}, {solution.scene.run.steps_in_words}, {used.get('dtype')}",
         "history": f"written by {made_by}",
         "status": solution.status,
         PROVENANCE: json.dumps(solution.provenance()),

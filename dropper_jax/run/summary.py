@@ -17,7 +17,7 @@ from dropper_jax.base.files import atomic_write
 from dropper_jax.base.json_values import SCHEMA, jsonable
 from dropper_jax.base.read import Table
 from dropper_jax.integrators import OPTIONS
-from dropper_jax.run.bends import bending_summary
+from dropper_jax.run.bending import bending_summary
 from dropper_jax.run.line_weights import line_weights
 from dropper_jax.run.samples import Samples
 from dropper_jax.run.step_facts import step_facts
@@ -132,12 +132,9 @@ def _write_links(
 
 def _write(solution: Samples, path: str | Path, comment: str, heads: list[str], columns: list[np.ndarray]) -> Path:
     """Columns (k, ...) with these heads after the time, under two comments; NaN is an empty cell."""
-    used = solution.settings
-    steps = f"steps of {used.get('dt')} s"
-    if solution.scene.run.accuracy is not None:
-        steps = solution.scene.run.steps_in_words
+    scene = solution.scene
     text = io.StringIO()
-    text.write(f"# {comment}\n# {solution.scene.name}: {used.get('integrator')} with {steps}\n")
+    text.write(f"# {comment}\n# {scene.name}: {solution.settings.get('integrator')} with {scene.run.steps_in_words}\n")
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(["t", *heads])
     for row in np.concatenate(columns, axis=1).tolist():

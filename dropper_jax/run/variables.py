@@ -35,7 +35,7 @@ BODIES = {
     "body_rates": Variable("body_angular_velocity", BODY_AXES, "rad s-1", "angular velocity of the bodies"),
 }
 #: Signals whose extremes over all steps a run keeps, in this order: their dimensions and names; the arrays of each.
-SIGNALS = {
+STEP_SIGNALS = {
     "tension": (("time", "link"), "tension"),
     "end_force": (("time", "line", "end"), "force of a line on its end point"),
     "point_load": (("time", "held_point", "load"), "load of a fixed point"),
@@ -49,7 +49,7 @@ EXTREMES = {
 #: Arrays of runs that save fewer states than they take steps; mean squares only with an accuracy.
 WITHIN = {
     f"{signal}_{key}": Variable(f"{signal}_{key}", dimensions, unit, meaning.format(words))
-    for signal, (dimensions, words) in SIGNALS.items()
+    for signal, (dimensions, words) in STEP_SIGNALS.items()
     for key, (unit, meaning) in EXTREMES.items()
 }
 STEP_EXTREMES = tuple(WITHIN)

@@ -56,7 +56,7 @@ def _response(rao: RaoSpec, course: float, path: str, sea: Sea | None) -> np.nda
     if covered < COVERED:
         raise SceneError(
             f"{path}.frequency: {low:.4g} to {high:.4g} rad/s leave out {1 - covered:.0%} of the waves' energy; "
-            "allowed: at most 5%"
+            f"allowed: at most {1.0 - COVERED:.0%}"
         )
     low, high = table.headings[[0, -1]]
     aside = (heading < low - MARGIN) | (heading > high + MARGIN)

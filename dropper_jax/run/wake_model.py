@@ -308,11 +308,6 @@ class Wakes:
         return self.solver.depth
 
     @property
-    def turbulence(self) -> float:
-        """Turbulence intensity of the water without the farm."""
-        return self.solver.turbulence
-
-    @property
     def balance(self) -> float:
         """Momentum deficit in the wake behind all elements over their total drag: 1, or less in a farm that is too
         dense."""

@@ -19,7 +19,7 @@ from dropper_jax.effects.buoyancy import drag_diameter
 from dropper_jax.effects.morison_drag import relative_roughness
 from dropper_jax.effects.rough_cylinder import steady_drag
 from dropper_jax.load.scene import Scene
-from dropper_jax.run.arrays import bare_model, resting_nodes
+from dropper_jax.run.scene_model import bare_model, resting_nodes
 from dropper_jax.run.wake_model import TURBULENCE, Elements, Wakes, solve_wakes
 from dropper_jax.scene import LineSlice, line_slices
 from dropper_jax.scene.data import first_nodes, link_differences
@@ -40,14 +40,12 @@ class SceneWakes:
         share: fraction of the current at each link (n,).
         lines: the lines, with their links.
         direction: of the current from x towards y [rad].
-        positions: middles of the links (n, 3) [m].
     """
 
     wakes: Wakes
     share: np.ndarray
     lines: tuple[LineSlice, ...]
     direction: float
-    positions: np.ndarray
 
 
 def has_wakes(scene: Scene) -> bool:
@@ -87,7 +85,7 @@ def scene_wakes(scene: Scene) -> SceneWakes:
         turbulence = float(drag["turbulence"])
     elements = _elements(scene, depth, middle, along, stream / speed)
     wakes = solve_wakes(elements, speed, depth, turbulence)
-    return SceneWakes(wakes, wakes.inflow / speed, line_slices(scene), float(np.arctan2(stream[1], stream[0])), middle)
+    return SceneWakes(wakes, wakes.inflow / speed, line_slices(scene), float(np.arctan2(stream[1], stream[0])))
 
 
 def _checked_depth(scene: Scene) -> float:
@@ -139,7 +137,7 @@ def wake_facts(found: SceneWakes) -> Table:
         lines.append({"line": line.name, "share": spread(found.share[line.links], ("min", "mean", "max"))})
     return {
         "current_m_per_s": wakes.speed,
-        "turbulence": wakes.turbulence,
+        "turbulence": wakes.solver.turbulence,
         "lines": lines,
         "drag_over_unsheltered": float(np.sum(wakes.drag) / alone) if alone > 0.0 else 1.0,
         "balance": wakes.balance,

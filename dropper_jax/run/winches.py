@@ -7,12 +7,13 @@ from dataclasses import fields
 
 import numpy as np
 
+from dropper_jax.base.records import names_of
 from dropper_jax.effects.length_in_time import WinchState
 from dropper_jax.run.samples import Samples
 from dropper_jax.scene.length_in_time import WinchSpec
 
 #: Leaves of a winch's state, in order, of which a run keeps a series each.
-LEAVES = tuple(field.name for field in fields(WinchState))
+LEAVES = tuple(names_of(fields(WinchState)))
 #: A drum turns at a limit from this fraction of it on.
 AT_LIMIT = 0.99
 #: Number of changes from one limit of the rate to the other from which a drum swings ...
@@ -28,10 +29,9 @@ def winch_warnings(solution: Samples) -> Iterator[str]:
         for entry in line.length_in_time:
             if entry.control is None:
                 continue
-            series = [solution.own[f"length_in_time.{number + i}"] for i in range(len(LEAVES))]
+            length = solution.own[f"length_in_time.{number + LEAVES.index('length')}"]
+            rate = solution.own[f"length_in_time.{number + LEAVES.index('rate')}"]
             number += len(LEAVES)
-            length = series[LEAVES.index("length")]
-            rate = series[LEAVES.index("rate")]
             swing_start = _start_of_swings(rate, entry.control)
             if swing_start is not None:
                 low, high = entry.control.limits

@@ -17,13 +17,13 @@ from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import Progress, SceneError, silent
 from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.model import Model, State
-from dropper_jax.run.arrays import bare_model, static_pose
 from dropper_jax.run.build import SceneLike, build_model, equilibrium
+from dropper_jax.run.end_forces import end_angles, end_forces
 from dropper_jax.run.growth import overgrown
-from dropper_jax.run.line_weights import end_angles, end_forces
 from dropper_jax.run.model_slopes import model_slopes, shift_model
 from dropper_jax.run.quantities import Quantity
 from dropper_jax.run.quantity_names import static_quantity
+from dropper_jax.run.scene_model import bare_model, static_pose
 from dropper_jax.scene import line_slices, whole_lines
 from dropper_jax.statics.loads import release_loads
 from dropper_jax.statics.static_pose import settle

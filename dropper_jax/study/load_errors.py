@@ -14,7 +14,8 @@ from dropper_jax.evaluation.settings import Settings
 from dropper_jax.evaluation.snaps import line_snaps
 from dropper_jax.load.periods import periods
 from dropper_jax.load.scene import Scene
-from dropper_jax.run.companion import error_factor, finer_values, time_of_divergence
+from dropper_jax.run.chaos import time_of_divergence
+from dropper_jax.run.companion import error_factor, finer_values
 from dropper_jax.run.samples import Samples, is_finished
 from dropper_jax.sea.make import main_period
 from dropper_jax.study.twice_the_links import twice_the_links

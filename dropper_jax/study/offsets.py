@@ -19,7 +19,7 @@ from dropper_jax.base.records import by_name
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model, State
 from dropper_jax.run.build import build_model
-from dropper_jax.run.line_weights import end_force_vectors
+from dropper_jax.run.end_forces import end_force_vectors
 from dropper_jax.scene import line_slices
 from dropper_jax.statics.loads import release_loads
 from dropper_jax.statics.search import search

@@ -11,7 +11,7 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import Table
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.build import build_model
-from dropper_jax.run.line_weights import fixed_point_loads
+from dropper_jax.run.end_forces import fixed_point_loads
 from dropper_jax.scene import line_slices, utilisations
 from dropper_jax.sea import Sea
 from dropper_jax.statics.loads import release_loads

@@ -20,11 +20,11 @@ from dropper_jax.model import Model, State, state
 from dropper_jax.residual import Stepper
 from dropper_jax.run.build import SceneLike, build, initial_state, stepper_of
 from dropper_jax.run.fixed_points import with_points_fixed
-from dropper_jax.run.members import StepVerdict, check_steps
 from dropper_jax.run.quantities import Quantity
 from dropper_jax.run.quantity_extremes import QuantitySignals, quantity_signals
 from dropper_jax.run.quantity_names import quantity
 from dropper_jax.run.statistics import OF_SAMPLES, OVER_STEPS, PERIOD
+from dropper_jax.run.step_verdict import StepVerdict, check_steps
 from dropper_jax.scene import RunSpec, StartSpec
 from dropper_jax.statics.host_stiffness import free_motion
 from dropper_jax.statics.loads import release_loads

@@ -14,7 +14,8 @@ from dropper_jax.base.errors import Progress, SceneError, silent
 from dropper_jax.base.parallel_runs import run_parallel
 from dropper_jax.model import Model, State
 from dropper_jax.run.build import initial_state, stepper_of
-from dropper_jax.run.chunks import FACTOR, Companion, Program, compile_run, run_chunks
+from dropper_jax.run.chunks import FACTOR, Program, compile_run, run_chunks
+from dropper_jax.run.companion import Companion
 from dropper_jax.run.quantities import Quantity
 from dropper_jax.run.statistics import OVER_STEPS
 from dropper_jax.scene import RunSpec

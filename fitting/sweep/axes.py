@@ -13,8 +13,8 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import ScenePath
 from dropper_jax.load.paths import describe
 from dropper_jax.model import Model
-from dropper_jax.run.arrays import bare_model
 from dropper_jax.run.build import build_model
+from dropper_jax.run.scene_model import bare_model
 from fitting.parameters.names import DAMPING_PATHS, full_names
 from fitting.parameters.parameter import Parameter, with_parameter_values
 from fitting.parameters.paths import resolve

@@ -26,10 +26,10 @@ from dropper_jax.base.read import ScenePath, Table, declared_fields
 from dropper_jax.integrators import OPTIONS
 from dropper_jax.model import Model, State
 from dropper_jax.residual import Stepper
-from dropper_jax.run.arrays import bare_model
 from dropper_jax.run.build import SceneLike, build, build_model, stepper_of
 from dropper_jax.run.quantities import Quantity
 from dropper_jax.run.quantity_names import quantity
+from dropper_jax.run.scene_model import bare_model
 from dropper_jax.run.statistics import PERIOD
 from dropper_jax.scene import RunSpec
 from dropper_jax.stepping.stepper import check_settings, stepper_settings

@@ -17,7 +17,7 @@ from dropper_jax.base.errors import Progress, SceneError, silent
 from dropper_jax.base.memory import versions
 from dropper_jax.effects import register_installed
 from dropper_jax.run.build import SceneLike
-from dropper_jax.run.members import StepVerdict, check_steps
+from dropper_jax.run.step_verdict import StepVerdict, check_steps
 from dropper_jax.run.storage import extra
 from fitting.sweep.cluster import run_on_cluster
 from fitting.sweep.plan import Plan, from_identity, make_plan
@@ -46,7 +46,7 @@ class SweepResult:
             scheduler the first chunk is run and compiled in the former.
         steps_per_s: steps of all cases that this call ran over `run_s`, saving included.
         plan: the sweep.
-        verdict: on the step, from the runs of extreme cases (see `run.members`); stored as attribute `step_check`.
+        verdict: on the step, from the runs of extreme cases (see `run.step_verdict`); stored as attribute `step_check`.
     """
 
     path: Path

@@ -17,7 +17,7 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import remove, remove_leftovers, unfinished_folder, unwritable
 from dropper_jax.base.lock import Lock
 from dropper_jax.base.store import Store, StoreStopped, differences
-from dropper_jax.run.members import StepVerdict
+from dropper_jax.run.step_verdict import StepVerdict
 from dropper_jax.run.storage import extra
 from fitting.sweep.plan import DIMENSIONS, MARKS, QUANTITIES, STATUS, TRACES, Plan
 

@@ -10,7 +10,7 @@ from dropper_jax import as_toml, equilibrium, load_scene, simulate
 from dropper_jax.cli import main
 from dropper_jax.cli.new import KINDS
 from dropper_jax.load.periods import suggest_step
-from dropper_jax.run.line_weights import end_force_vectors
+from dropper_jax.run.end_forces import end_force_vectors
 from dropper_jax.scene import line_slices, whole_lines
 
 #: Templates whose programs take longest to compile.

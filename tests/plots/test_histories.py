@@ -9,8 +9,9 @@ from PIL import Image
 import dropper_jax as dj
 from dropper_jax import load_scene, plots
 from dropper_jax.cli.outputs import draw
-from dropper_jax.plots import figures, motion, tension, time_panels
-from dropper_jax.plots.run import chosen_links, readable
+from dropper_jax.plots import figures, spectra, tension, time_panels
+from dropper_jax.plots.movement import chosen_links
+from dropper_jax.plots.run import readable
 from dropper_jax.plots.scales import force_unit
 from dropper_jax.run.end_links import Motion, loaded_fixed_points, point_loads
 
@@ -42,11 +43,11 @@ def test_ratio_of_heave_to_surface_is_that_of_their_amplitudes():
         time_panels.Panel("z from its start [m]", [time_panels.Curve("buoy", t, 0.4 * eta)]),
         time_panels.Panel("surface [m]", [time_panels.Curve("", t, eta)]),
     ]
-    (ratio,) = motion._heave_ratio([motion._spectra(panel) for panel in both])
+    (ratio,) = spectra._heave_ratio([spectra._spectra(panel) for panel in both])
     frequency = ratio.curves[0].t
     assert 0.05 < frequency.min() < 0.5 / (2 * np.pi) < 0.9 / (2 * np.pi) < frequency.max() < 0.2
     np.testing.assert_allclose(ratio.curves[0].values, 0.4, rtol=1e-9)
-    assert motion._heave_ratio([motion._spectra(both[0])]) == []
+    assert spectra._heave_ratio([spectra._spectra(both[0])]) == []
 
 
 def test_a_zoom_has_the_scale_of_its_envelope_and_a_constant_keeps_it(tmp_path, monkeypatch):
@@ -156,6 +157,23 @@ def test_a_snapshot_shows_the_peak_and_unloaded_anchors_have_no_curve(longline):
     assert "1 below 1% of the maximum" in panel.title
 
 
+def test_lines_of_a_drifting_body_have_no_panel_of_fixed_points(made, tmp_path):
+    """Two ropes of two links below a body that nothing holds."""
+    rope = {"from": "base", "links": 2, "length": 3.0, "mass": 1.0, "axial": {"law": "rope", "EA": 1e5}}
+    body = {"name": "spar", "position": [0.0, 0.0, -2.0], "mass": 1000.0, "centre_of_mass": [0.0, 0.0, 1.0]}
+    scene = {
+        "run": {"dt": 0.1, "duration": 1.0},
+        "point": [{"name": name, "kind": "free", "position": [x, 0.0, -8.0]} for name, x in (("a", 0.0), ("b", 1.0))],
+        "line": [{"name": f"rope-{name}", "to": name, **rope} for name in ("a", "b")],
+        "body": [{**body, "inertia": [1500.0, 1500.0, 80.0], "attachments": {"base": [0.0, 0.0, 0.0]}}],
+        "effects": {"weight": {}},
+        "start": {"kind": "points"},
+    }
+    nodes = np.tile(np.array([[0.0, 0, -2], [0, 0, -5], [0, 0, -8]] * 2), (12, 1, 1))
+    tension = 5.0 + np.arange(12.0)[:, None] * np.ones(4)
+    assert plots.tension_history(made(scene, nodes, tension), tmp_path / "tension.png").exists()
+
+
 def test_spectra_of_x_and_y_that_coincide_are_both_visible(tmp_path, monkeypatch):
     drawn = []
     monkeypatch.setattr(figures, "finish", lambda figure, *_: drawn.append(figure))
@@ -188,9 +206,9 @@ def test_a_record_of_at_most_200_waves_is_drawn_wave_by_wave(waves, columns, tmp
 @pytest.mark.parametrize("missing", [2e-3, 5e-4, 2e-6])
 def test_a_spectrum_leaves_out_a_last_step_that_is_shorter_by_however_little(missing):
     t = 0.01 * np.arange(401)
-    full, amplitudes = motion.uniform_spectrum(t[:-1], np.sin(20.0 * t[:-1]))
+    full, amplitudes = spectra.uniform_spectrum(t[:-1], np.sin(20.0 * t[:-1]))
     t[-1] -= 0.01 * missing
-    frequency, found = motion.uniform_spectrum(t, np.sin(20.0 * t))
+    frequency, found = spectra.uniform_spectrum(t, np.sin(20.0 * t))
     np.testing.assert_array_equal(frequency, full)
     np.testing.assert_array_equal(found, amplitudes)
 

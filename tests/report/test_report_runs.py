@@ -84,9 +84,6 @@ def test_a_run_that_failed_is_reported_up_to_its_last_good_step(longline):
     assert run["to_s"] == pytest.approx(3.9)
     assert any("invalid from t = 4" in note for note in run["notes"])
     assert np.isfinite(run["tension"][0]["max_n"]).all()
-    solution.positions[1:] = np.nan
-    with pytest.raises(SceneError, match="good samples"):
-        report_run(solution)
 
 
 def decode(array):

@@ -6,8 +6,9 @@ import pytest
 
 import dropper_jax as dj
 from dropper_jax.cli import main
-from dropper_jax.run import companion
-from dropper_jax.run.companion import SCATTER, errors_in_words, finer_values, time_of_divergence
+from dropper_jax.run import chaos, companion
+from dropper_jax.run.companion import SCATTER, finer_values
+from dropper_jax.run.stated_errors import errors_in_words
 
 NAME = "conical-pendulum-damped"
 
@@ -52,6 +53,12 @@ def test_errors_of_a_run_with_an_accuracy_are_those_against_a_finer_one(pendulum
     assert abs(row["mean_n"] - fine.tension[1:].mean()) < row["mean_error_n"]
 
 
+def test_a_run_at_the_coarsest_accuracies_has_a_finer_companion():
+    """Four times 0.5 is coarser than any accuracy, and what is clipped at 1 is not four times as far off."""
+    run = dj.simulate(NAME, accuracy=0.5, duration=5.0, companion="coarser")
+    assert run.settings["stated_errors"]["companion"] == "a run with accuracy 0.12"
+
+
 def test_a_finer_companion_states_the_error_that_a_coarser_one_covers(pendulum):
     coarser = pendulum[1].settings["stated_errors"]
     run = dj.simulate(NAME, accuracy=0.1, duration=15.0, companion="finer")
@@ -74,12 +81,20 @@ def test_an_odd_number_of_saved_states_adds_no_error(settings):
 
 
 def test_the_angle_error_is_that_of_a_short_run_from_the_same_start():
-    """Of half a period, 1 s, against steps a tenth as long; on a circle all windows are alike."""
+    """Of half a period, 1 s, against steps a tenth as long; on a circle all windows are alike.
+
+    With a quarter of the gravity all times are twice as long, and the angles are the same.
+    """
     circle = dj.load_scene(NAME).with_values({"effects.linear_damping.b_l": 0.0})
     runs = {dt: dj.simulate(circle, dt=dt, duration=3.2, companion="coarser") for dt in (0.004, 0.04)}
     off = np.linalg.norm(runs[0.04].positions[1:26, 1] - runs[0.004].positions[10:251:10, 1], axis=1)  # link of 1 m
     stated = runs[0.04].settings["stated_errors"]["angles_rad"]
     assert stated == pytest.approx(np.sqrt(np.mean(off**2)), rel=0.3)
+    slow = circle.with_values(
+        {"effects.weight.gravity": 0.25 * circle.gravity, "start.azimuth_rate": 0.5 * circle.start.azimuth_rate}
+    )
+    run = dj.simulate(slow, dt=0.08, duration=6.4, companion="coarser")
+    assert run.settings["stated_errors"]["angles_rad"] == pytest.approx(stated, rel=1e-6)
 
 
 @pytest.mark.parametrize("settings", [{"dt": 0.05}, {"accuracy": 0.1}])
@@ -111,10 +126,10 @@ def test_an_interrupted_companion_leaves_the_run_complete(monkeypatch):
 def test_a_slow_drift_is_no_chaos_and_a_sudden_one_is():
     t = np.linspace(0.0, 20.0, 2001)
     nodes = np.stack([np.sin(t), np.zeros_like(t), np.cos(t)], axis=-1)[:, None]
-    assert companion._start_of_chaos(0.02 * t, nodes) is None
-    chaotic = companion._start_of_chaos(1e-6 * np.exp(0.7 * t), nodes)
-    assert t[chaotic] == pytest.approx(np.log(1e4) / 0.7, rel=0.01)
-    assert companion._start_of_chaos(1e-6 * np.exp(0.1 * t), nodes) is None
+    assert chaos.start_of_chaos(0.02 * t, nodes) is None
+    off = chaos.start_of_chaos(1e-6 * np.exp(0.7 * t), nodes)
+    assert t[off] == pytest.approx(np.log(1e4) / 0.7, rel=0.01)
+    assert chaos.start_of_chaos(1e-6 * np.exp(0.1 * t), nodes) is None
 
 
 def test_one_saved_state_has_errors_and_shows_no_chaos():
@@ -123,7 +138,7 @@ def test_one_saved_state_has_errors_and_shows_no_chaos():
     assert len(run.t) == 2
     assert run.settings["stated_errors"]["companion"] == "a run with steps of 0.05 s"
     finer = dj.simulate(scene.with_values(finer_values(scene.run)))
-    assert time_of_divergence(run, finer) is None
+    assert chaos.time_of_divergence(run, finer) is None
 
 
 def test_a_run_at_rest_has_no_error_of_positions(falling):

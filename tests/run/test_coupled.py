@@ -74,24 +74,33 @@ def steps(coupled, number):
     return coupled.forces
 
 
-def test_a_restored_state_repeats_to_the_bit(coupled, tmp_path):
+@pytest.mark.parametrize("kind", ["coupled", "following"])
+def test_a_restored_state_repeats_to_the_bit(kind, request, tmp_path):
+    lines = request.getfixturevalue(kind)
+    file = tmp_path / "saved.npz"
+    lines.init()
+    steps(lines, 2)
+    saved, time = lines.save(file), lines.time
+    after = steps(lines, 3)
+    fresh = dj.Coupled(lines.scene, points=ENDS, accelerations=True)
+    for other, state in ((lines, saved), (lines, file), (fresh, file)):
+        other.restore(state)
+        assert other.time == time
+        np.testing.assert_array_equal(steps(other, 3), after)
+
+
+def test_a_file_of_another_coupling_is_refused(coupled, tmp_path):
     coupled.init()
-    steps(coupled, 2)
-    saved, time = coupled.save(tmp_path / "saved.npz"), coupled.time
-    after = steps(coupled, 3)
-    for state in (saved, tmp_path / "saved.npz"):
-        coupled.restore(state)
-        assert coupled.time == time
-        np.testing.assert_array_equal(steps(coupled, 3), after)
-    other = dj.Coupled(LOOP, points=ENDS, accelerations=True)
-    other.restore(tmp_path / "saved.npz")
-    np.testing.assert_array_equal(steps(other, 3), after)
-    heavy = dj.load_scene(LOOP).with_values({"line.0.mass": 0.3})
-    with pytest.raises(SceneError, match=r"of another scene.*line\.0"):
-        dj.Coupled(heavy, points=ENDS, accelerations=True).restore(tmp_path / "saved.npz")
+    coupled.save(tmp_path / "saved.npz")
     (tmp_path / "text.npz").write_text("none")
-    with pytest.raises(SceneError, match="not a saved coupling"):
-        coupled.restore(tmp_path / "text.npz")
+    heavy = dj.load_scene(LOOP).with_values({"line.0.mass": 0.3})
+    for scene, name, words in (
+        (heavy, "saved.npz", r"of another scene.*line\.0"),
+        (FOLLOWING, "saved.npz", "steps of 0.01 s; allowed: a file of accuracy 0.001"),
+        (LOOP, "text.npz", "not a saved coupling"),
+    ):
+        with pytest.raises(SceneError, match=words):
+            dj.Coupled(scene, points=ENDS, accelerations=True).restore(tmp_path / name)
 
 
 def test_a_state_that_started_elsewhere_is_restored_with_the_mussels_of_its_start(tmp_path):
@@ -139,18 +148,6 @@ def test_steps_from_outside_are_divided_as_the_accuracy_of_the_scene_requires(fo
         np.testing.assert_allclose(following.positions, whole.positions[i], atol=1e-12, rtol=0)
     assert following.status == "ok"
     assert f"accuracy: {following.unresolved} of" in " ".join(whole.warnings)
-
-
-def test_a_restored_state_with_an_accuracy_repeats_to_the_bit(following, tmp_path):
-    following.init()
-    steps(following, 2)
-    following.save(tmp_path / "saved.npz")
-    after = steps(following, 3)
-    other = dj.Coupled(FOLLOWING, points=ENDS, accelerations=True)
-    other.restore(tmp_path / "saved.npz")
-    np.testing.assert_array_equal(steps(other, 3), after)
-    with pytest.raises(SceneError, match="accuracy 0.001; allowed: a file of steps of 0.01 s"):
-        dj.Coupled(LOOP, points=ENDS, accelerations=True).restore(tmp_path / "saved.npz")
 
 
 def test_a_caller_may_continue_in_its_own_arrays(coupled):

@@ -9,7 +9,7 @@ from scipy.optimize import fsolve
 import dropper_jax as dj
 from dropper_jax import report_run
 from dropper_jax.decks.writing.outputs import write_out
-from dropper_jax.run.line_weights import end_force_vectors, end_forces
+from dropper_jax.run.end_forces import end_force_vectors
 from dropper_jax.run.quantity_names import static_quantity
 from dropper_jax.scene import line_slices
 from dropper_jax.study.design import solve_design
@@ -91,18 +91,7 @@ def test_every_table_has_the_force_of_a_line_in_air_on_its_points(hose, dry, tmp
     assert float(total) == pytest.approx(found["end_forces_n"]["line"]["first"], rel=1e-9)
 
 
-def test_a_light_cable_in_air_pulls_as_the_catenary_does():
-    ends = [0.0, 0.0, 12.0], [20.0, 0.0, 12.0]
-    exact = shoot(*ends, 21.0, 0.2, 0.03, (36.0, -20.0))
-    cable = dj.load_scene(scene(*ends, 21.0, 30, mass=0.2, diameter=0.03))
-    pose = dj.equilibrium(cable)
-    found = end_forces(cable, pose.positions[None], pose.tension[None])["line"][0]
-    assert found == pytest.approx(np.linalg.norm(exact, axis=1), rel=0.003)
-
-
 HEAVY = {"mass": 90.0, "diameter": 0.3, "links": 44}
-
-
 WET_AND_DRY = {
     "dry and wet": ([0.0, 0.0, 8.0], [14.0, 0.0, -9.0], 22.0, HEAVY),
     "dry, down to the surface": ([0.0, 0.0, 8.0], [4.0, 0.0, 0.0], 9.2, {"mass": 20.0, "diameter": 0.1, "links": 40}),

@@ -7,8 +7,8 @@ from scene_parts import free_at, line_of, scene_of
 
 import dropper_jax as dj
 from dropper_jax import SceneError
-from dropper_jax.run.bends import curvature
-from dropper_jax.run.line_weights import fixed_point_loads
+from dropper_jax.run.bending import curvature
+from dropper_jax.run.end_forces import fixed_point_loads
 from dropper_jax.run.quantity_extremes import quantity_signals
 from dropper_jax.run.quantity_names import quantity, static_quantity
 from dropper_jax.run.statistics import NAMES, statistic

@@ -10,7 +10,7 @@ from scene_parts import free_at, line_of, scene_of
 import dropper_jax as dj
 from dropper_jax import SceneError, load_scene
 from dropper_jax.load.checks_system import motion_warnings
-from dropper_jax.run.line_weights import end_forces
+from dropper_jax.run.end_forces import end_forces
 from dropper_jax.run.pose_remarks import pose_remarks
 
 
@@ -30,16 +30,24 @@ def moored(**motion):
 
 
 @pytest.mark.parametrize(
-    ("z", "expected"), [(-2.5, []), (-7.5, ["under water"]), (-29.0, ["under water", "on the seabed"])]
+    ("z", "level", "expected"),
+    [
+        (-2.5, 0.0, []),
+        (-7.5, 0.0, ["under water"]),
+        (-29.0, 0.0, ["under water", "on the seabed"]),
+        (-12.5, -10.0, []),
+        (-2.5, 6.0, ["under water"]),
+    ],
 )
-def test_buoys_under_water_or_on_the_bed_are_remarked(z, expected):
+def test_buoys_under_water_or_on_the_bed_are_remarked(z, level, expected):
+    scene = load_scene({**moored(), "sea": {"depth": 30.0, "level": {"offset": level}}})
     positions = np.zeros((5, 3))
     positions[-1, 2] = z
-    found = [text for text in pose_remarks(load_scene(moored()), positions, np.zeros(4)) if text.startswith("spar")]
+    found = [text for text in pose_remarks(scene, positions, np.zeros(4)) if text.startswith("spar")]
     assert len(found) == len(expected)
     assert all(words in remark for words, remark in zip(expected, found, strict=True))
     if "under water" in expected:
-        assert f"{-(z - 1.0 + 8.0):.3g} m under water" in found[0]
+        assert f"{level - (z - 1.0 + 8.0):.3g} m under water" in found[0]
 
 
 def rope(breaking_load):
@@ -61,6 +69,10 @@ RISING = {"time": [0.0, 0.5, 1.0], "displacement": [[0.0, 0.0, 0.0], [0.4, 0.3, 
 SINE = {"amplitude": [0.5, 0.0, 0.0], "period": 5.0}
 
 
+def creeping(speed):
+    return {"time": [0.0, 1.0, 2.0], "displacement": [[0.0, 0.0, 0.0], [speed, 0.0, 0.0], [2 * speed, 0.0, 0.0]]}
+
+
 @pytest.mark.parametrize(
     ("motion", "speed"),
     [
@@ -69,9 +81,13 @@ SINE = {"amplitude": [0.5, 0.0, 0.0], "period": 5.0}
         (SINE | {"ramp": 5.0}, None),
         (RISING | {"displacement": [[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.8, 0.6, 0.0]]}, None),
         (RISING | {"ramp": 1.0}, None),
+        # friction of the line is 0.5 * 9.81 * 40 = 196 N; the shock sqrt(1e5 * 1) = 316 N per m/s: 0.16, 1.6 and 16 N
+        (creeping(5e-4), None),
+        (creeping(5e-3), None),
+        (creeping(0.05), "0.05 m/s"),
     ],
 )
-def test_an_end_that_starts_at_once_over_a_bed_with_friction_is_warned_of(motion, speed):
+def test_an_end_that_starts_with_a_shock_over_a_bed_with_friction_is_warned_of(motion, speed):
     found = tuple(motion_warnings(load_scene(moored(**motion))))
     assert len(found) == (speed is not None)
     if speed is not None:
@@ -82,13 +98,6 @@ def test_without_friction_on_the_bed_there_is_no_remark():
     scene = moored(**SINE)
     del scene["effects"]["seabed_friction"]
     assert not list(motion_warnings(load_scene(scene)))
-
-
-@pytest.mark.parametrize(("speed", "warned"), [(5e-4, False), (5e-3, False), (0.05, True)])
-def test_a_start_whose_shock_is_small_compared_with_friction_has_no_warning(speed, warned):
-    """Friction of the line is 0.5 * 9.81 * 40 = 196 N; the shock sqrt(1e5 * 1) = 316 N per m/s: 0.16, 1.6 and 16 N."""
-    scene = moored(time=[0.0, 1.0, 2.0], displacement=[[0.0, 0.0, 0.0], [speed, 0.0, 0.0], [2 * speed, 0.0, 0.0]])
-    assert bool(list(motion_warnings(load_scene(scene)))) == warned
 
 
 @pytest.mark.parametrize(("reach", "words"), [(20.5, None), (23.0, "stretched by 15%"), (41.0, "torn")])

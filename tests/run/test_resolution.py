@@ -7,7 +7,9 @@ import pytest
 from scene_parts import free_at, line_of, scene_of
 
 import dropper_jax as dj
-from dropper_jax.run.resolution import MOST_WARNINGS, LineFault, limit_warnings, with_quality_checks, without_push
+from dropper_jax.run.build_solution import without_push
+from dropper_jax.run.quality_checks import with_quality_checks
+from dropper_jax.run.tension_faults import MOST_WARNINGS, LineFault, limit_warnings
 
 
 @pytest.fixture(scope="module")

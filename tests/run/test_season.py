@@ -10,8 +10,9 @@ from scene_parts import free_at, line_of, scene_of
 import dropper_jax as dj
 from dropper_jax import SceneError, build_model, report_run
 from dropper_jax.report import sections
-from dropper_jax.run import arrays
+from dropper_jax.run import scene_model
 from dropper_jax.run.growth import overgrown, season_table
+from dropper_jax.run.line_weights import line_weights
 from fitting.parameters.scene_parameters import scene_parameter
 
 ROPE = {"name": "rope", "mass": 0.5, "diameter": 0.02, "EA": 1e6}
@@ -60,7 +61,7 @@ def test_mussels_do_not_grow_at_the_depths_of_a_pose_that_was_not_found(monkeypa
     bare = scene()
     del bare["growth"]
     lost = dataclasses.replace(dj.equilibrium(bare), status="not_converged", message="no equilibrium found")
-    monkeypatch.setattr(arrays, "equilibrium", lambda *_: lost)
+    monkeypatch.setattr(scene_model, "equilibrium", lambda *_: lost)
     with pytest.raises(SceneError, match="^start: no equilibrium found$"):
         build_model(dj.load_scene(scene()))
 
@@ -74,6 +75,16 @@ def test_the_month_is_a_number_of_the_scene():
     assert np.all(overgrown(seeded).lines[0].mass == 0.5)
     thicker = bare.with_values({"growth.thickness.1.0": 0.1})
     assert overgrown(thicker).lines[0].mass[0] > overgrown(bare).lines[0].mass[0]
+
+
+def test_a_rope_without_mussels_may_float_next_to_lines_with_them():
+    """Polypropylene of 0.8 kg/dm^3: the droppers sink with their mussels."""
+    light = {**scene(), "line_type": [{**ROPE, "mass": 800.0 * np.pi / 4 * 0.02**2}]}
+    rows = line_weights(dj.load_scene(light))
+    assert [(row["lines"], row["wet_weight_n_per_m"] > 0.0, row["meant_heavy"]) for row in rows] == [
+        (["dropper-1", "dropper-2"], True, True),
+        (["mooring"], False, False),
+    ]
 
 
 def test_harvest_takes_its_share_of_the_crop_and_no_rope():

@@ -66,15 +66,15 @@ def test_extremes_of_each_row_are_those_of_its_steps(every_step, thinned):
 def test_a_run_reports_what_it_saves(every_step, thinned):
     assert every_step.saved_rows == ""
     assert every_step.tension_max is None
-    assert thinned.summary()["saved_rows"] == "every 16th step is saved"
+    assert thinned.summary()["saved_rows"] == "one step in 16 is saved"
     assert "extremes are those of all steps" in thinned._repr_html_()
     found = report_run(thinned)
-    assert any("every 16th step is saved" in note and "all steps" in note for note in found["notes"])
+    assert any("one step in 16 is saved" in note and "all steps" in note for note in found["notes"])
 
 
 def test_tables_have_the_times_of_peaks_and_rigid_links_are_in_compression(every_step, thinned):
     shown = text(thinned)
-    assert "every 16th step is saved; min and max of tensions and forces are those of all steps" in shown
+    assert "one step in 16 is saved; min and max of tensions and forces are those of all steps" in shown
     row = next(row for row in shown.splitlines() if row.startswith("rope  ")).split()
     extent = every_step.line_tensions()["rope"]
     assert float(row[4]) == pytest.approx(extent["max"], abs=1e-3)

@@ -47,6 +47,9 @@ def test_dataset_has_names_units_and_the_angles_of_the_solution(run):
     assert height == run.positions[0, 2, 2]
     np.testing.assert_array_equal(dataset.polar_angle.values, run.polar)
     assert dataset.tension.dims == ("time", "link")
+    assert "steps of 0.01 s" in dataset.attrs["source"]
+    followed = replace(run, scene=run.scene.with_values({"run.accuracy": 0.02}))
+    assert "accuracy 0.02" in followed.to_xarray().attrs["source"]
 
 
 def test_command_line_writes_netcdf_and_tables(tmp_path, json_of):

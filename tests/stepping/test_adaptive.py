@@ -172,7 +172,7 @@ def test_a_report_has_the_extremes_and_deviations_of_the_steps(followed):
 def test_pictures_and_summary_have_the_extremes(followed):
     run = readable(followed)
     assert run.max_tension.max() == followed.tension_max.max() > run.tension.max()
-    assert run.min_tension.min() == followed.tension_min.min()
+    assert run.tension_range[0].min() == followed.tension_min.min()
     summary = followed.summary()
     assert summary["tension_n"]["all"]["max"] == followed.tension_max.max()
     assert summary["accuracy"] == 0.01

@@ -29,8 +29,8 @@ from dropper_jax.base.read import Plain, Values, check_keys, read_list, read_num
 from dropper_jax.base.records import names_of
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model
-from dropper_jax.run.arrays import bare_model
 from dropper_jax.run.growth import overgrown
+from dropper_jax.run.scene_model import bare_model
 from fitting.farm.optimise.quantities import (
     Clearance,
     LimitedSignal,

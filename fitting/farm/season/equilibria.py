@@ -13,8 +13,9 @@ from dropper_jax.base.read import Table
 from dropper_jax.base.records import without_keys
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.build import build_model
+from dropper_jax.run.end_forces import fixed_point_loads
 from dropper_jax.run.growth import overgrown
-from dropper_jax.run.line_weights import fixed_point_loads, wet_weights
+from dropper_jax.run.line_weights import wet_weights
 from dropper_jax.scene import whole_lines
 from dropper_jax.statics.static_pose import equilibrium
 from fitting.farm.site import Site

@@ -26,9 +26,9 @@ from dropper_jax.base.read import (
 from dropper_jax.base.records import names_of, without_keys
 from dropper_jax.load.packaged import find_scene, is_packaged, parse_toml
 from dropper_jax.load.scene import Scene
-from dropper_jax.run.arrays import bare_model
 from dropper_jax.run.growth import overgrown
 from dropper_jax.run.quantity_names import quantity
+from dropper_jax.run.scene_model import bare_model
 from dropper_jax.run.statistics import PERIOD
 from dropper_jax.scene import whole_lines
 from fitting.farm.site.case import (

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from dropper_jax.plots.run import readable
-from dropper_jax.report.page import IN_A_WAVE, choose_samples, pair_page, view_page, wave_period
+from dropper_jax.report.page import pair_page, view_page
+from dropper_jax.report.page_data import IN_A_WAVE, choose_samples, wave_period
 
 #: With WebGL in software, and without any.
 WITH = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader")

@@ -120,7 +120,7 @@ def test_a_name_cannot_break_out_of_the_page(wet):
 
 
 def test_long_runs_are_thinned_and_keep_their_ends(run, monkeypatch):
-    monkeypatch.setattr("dropper_jax.report.page.MAX_FRAMES", 10)
+    monkeypatch.setattr("dropper_jax.report.page_data.MAX_FRAMES", 10)
     found = data(view_page(run))
     assert found["frames"] == 10
     assert floats(found["time"])[[0, -1]].tolist() == [0.0, 2.0]

@@ -10,7 +10,7 @@ import pytest
 from dropper_jax import SceneError, build, build_model, load_scene, packaged_scene
 from dropper_jax.base.errors import silent
 from dropper_jax.base.json_values import jsonable
-from dropper_jax.run.line_weights import fixed_point_loads
+from dropper_jax.run.end_forces import fixed_point_loads
 from dropper_jax.scene import line_slices
 from dropper_jax.statics.rest_problem import unbalanced
 from dropper_jax.study.gradient_check import GradientCheck

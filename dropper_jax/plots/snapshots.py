@@ -16,7 +16,7 @@ from mpl_toolkits.mplot3d.art3d import Line3DCollection
 from dropper_jax.plots import figures, marks, style, tension_colours, view
 from dropper_jax.plots.run import Run
 from dropper_jax.plots.style import CYCLE, DARK, FAINT
-from dropper_jax.plots.system import SURFACE, WATER, draw_bed, draw_solids, limits, surface_lines
+from dropper_jax.plots.surroundings import SURFACE, WATER, draw_bed, draw_solids, limits, surface_lines
 
 #: Number of past configurations in a snapshot.
 PAST_POSES = 8

@@ -1,9 +1,8 @@
-"""A system in pictures: fixed points, joints, buoys, bodies, the surface, the bed; and snapshots of it."""
+"""What pictures show around the lines: buoys, bodies, the surface and the seabed, and the limits that contain them."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -11,9 +10,8 @@ from matplotlib.collections import PolyCollection
 from mpl_toolkits.mplot3d import Axes3D
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
-from dropper_jax.base.constants import DEGREE
 from dropper_jax.load.checks_water import bed_height
-from dropper_jax.plots import figures, scales, style, view
+from dropper_jax.plots import view
 from dropper_jax.plots.run import Run, elevations
 from dropper_jax.plots.style import CYCLE, DARK
 
@@ -56,36 +54,6 @@ def _faces(rings: np.ndarray) -> Iterator[np.ndarray]:
     following = np.roll(rings, -1, axis=1)
     sides = np.stack([rings[:-1], following[:-1], following[1:], rings[1:]], axis=2)
     yield from sides.reshape(-1, 4, 3)
-
-
-@style.with_style
-def body_motion(run: Run, path: str | Path) -> Path:
-    """Heave [m] and displacement [m], roll and pitch [deg] of each body against time.
-
-    Returns:
-        path of the picture; its suffix chooses the format.
-    """
-    bodies = run.bodies
-    if bodies is None:
-        raise ValueError(f"solution: scene {run.scene.name!r} has no [[body]]. Use a scene with bodies")
-    figure = figures.new_figure(8.5, 6.2)
-    panels = figure.subplots(3, 1, sharex=True)
-    x, y, heave = np.moveaxis(bodies.position, -1, 0)
-    away = np.hypot(x - x[0], y - y[0])
-    roll, pitch, _ = np.moveaxis(DEGREE * bodies.attitude, -1, 0)
-    for i, name in enumerate(bodies.names):
-        look = {"color": CYCLE[i % len(CYCLE)], "lw": 1.0}
-        panels[0].plot(run.t, away[:, i], label=name, **look)
-        panels[1].plot(run.t, heave[:, i], **look)
-        panels[2].plot(run.t, pitch[:, i], **look)
-        if np.ptp(roll[:, i]) > 0.1:
-            panels[2].plot(run.t, roll[:, i], ls="--", **look)
-    for axes, label in zip(panels, ("displacement [m]", "heave [m]", "pitch, roll dashed [deg]"), strict=True):
-        axes.set_ylabel(label)
-    if len(bodies.names) > 1:
-        figures.legend_above(panels[0], 4, "left", borderaxespad=0.2)
-    scales.time_axis(panels[2], run.t)
-    return figures.finish(figure, run, "motion of the bodies", path)
 
 
 def limits(run: Run, positions: np.ndarray) -> np.ndarray:

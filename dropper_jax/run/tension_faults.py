@@ -1,85 +1,28 @@
-"""Quality checks of a run: energy balance error and unresolved tensions."""
+"""Faults of tensions from step to step: peaks that are not resolved, pulses, oscillations, and snatch loads."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
-from dropper_jax.base.constants import GRAVITY
-from dropper_jax.base.errors import SceneError
-from dropper_jax.integrators import INTEGRATORS
-from dropper_jax.load.scene import Scene
-from dropper_jax.run.samples import DRIFT, TOO_LONG, Kind, Samples
-from dropper_jax.run.winches import winch_warnings
+from dropper_jax.base.records import names_of
+from dropper_jax.run.samples import Samples
 from dropper_jax.scene import sliced_lines
 
 #: Maximum number of lines listed for one fault: the ropes of a longline often share it, and a farm may have thousands.
 MOST_WARNINGS = 3
-#: Energy balance error, as a fraction of the energy scale, above which the status of a run is not ok.
-ENERGY_ERROR = 0.1
-#: Energy error [J] per weight times length of all lines that is ignored: rounding of runs at rest.
-RESTING_ERROR = 1e-6
-#: Energy of unresolved axial vibrations, as a fraction of all dissipated work and of the energy scale, above which it
-#: is warned of: on a mass that bounces on a rope peaks and deviations are then 2 % too low ...
-RINGING_WARNED = 0.1
-#: ... and above which the steps are too long: they are then 10 % too low.
-RINGING_UNUSABLE = 0.5
 
 
-def with_quality_checks(solution: Kind) -> Kind:
-    """The solution with the warnings of its quality checks; its status is not ok if the energy balance has a large
-    error, or if most of the dissipated work is that of axial vibrations which the steps do not resolve."""
+def tension_warnings(solution: Samples) -> list[str]:
+    """The warnings about faults from step to step if every step is saved, and about snatch loads."""
     used = solution.settings
     every_step = used["save_every"] == 1 and "refused_steps" not in used and len(solution.t) > 3
     found = []
     if every_step:
-        found = limit_warnings(_tension_faults(solution))
-    found += limit_warnings(_snatch_loads(solution))
-    found += winch_warnings(solution)
-    drift = solution.energy_drift
-    line = solution.scene.line
-    negligible = RESTING_ERROR * GRAVITY * float(np.sum(line.mass)) * float(np.sum(line.length))
-    scale = max(solution.energy_scale, negligible)
-    status = solution.status
-    if used.get("track_work", True) and drift > ENERGY_ERROR * scale:
-        found.insert(0, f"energy balance error {drift:.3g} J (reference {scale:.3g} J). Use a smaller step")
-        # a scheme with numerical damping (implicit Euler: 90 % of a lab dropper's energy) warns; it fails if it gains
-        # as much, from any time to a later one, or loses more than the energy scale
-        gain = np.max(solution.balance - np.minimum.accumulate(solution.balance))
-        by_design = _dissipates(solution) and max(drift, gain / ENERGY_ERROR) <= scale
-        if status == "ok" and not by_design:
-            status = DRIFT
-    share = solution.axial_ringing_share
-    ringing = min(share, solution.axial_ringing / scale)
-    if ringing > RINGING_WARNED:
-        found.append(
-            f"axial vibrations that the steps do not resolve take {share:.0%} of the dissipated work: peaks and "
-            "deviations of tensions are too low. Use a smaller --accuracy or --dt, or line.axial.damping"
-        )
-        if status == "ok" and ringing > RINGING_UNUSABLE:
-            status = TOO_LONG
-    return replace(solution, status=status, warnings=(*solution.warnings, *found))
-
-
-def without_push(scene: Scene, tension: np.ndarray, tolerance: float) -> np.ndarray:
-    """The tensions (k, n) [N], changed in place: zero for slack ropes if negative within the step tolerance.
-
-    Axial residuals are lengths, so a relative tolerance of the length is a relative tolerance of EA for tensions.
-    """
-    for line, where in sliced_lines(scene):
-        if line.axial_law == "rope" and line.EA is not None:
-            own = tension[:, where.links]
-            tension[:, where.links] = np.where((own < 0.0) & (own >= -tolerance * line.EA), 0.0, own)
-    return tension
-
-
-def _dissipates(solution: Samples) -> bool:
-    """Whether the scheme of a run has numerical damping."""
-    scheme = INTEGRATORS[solution.settings["integrator"]]
-    return scheme(**{name: solution.settings[name] for name in scheme.options()}).dissipates
+        found = limit_warnings(_faults_between_steps(solution))
+    return [*found, *limit_warnings(_snatch_loads(solution))]
 
 
 class LineFault(NamedTuple):
@@ -96,7 +39,7 @@ def limit_warnings(faults: Iterable[LineFault]) -> list[str]:
     faults = list(faults)
     listed = []
     more = []
-    for name in dict.fromkeys(fault.name for fault in faults):
+    for name in dict.fromkeys(names_of(faults)):
         same = [i for i, fault in enumerate(faults) if fault.name == name]
         same.sort(key=lambda i: -faults[i].size)
         listed += same[:MOST_WARNINGS]
@@ -109,7 +52,7 @@ def limit_warnings(faults: Iterable[LineFault]) -> list[str]:
 PULSED = 0.05
 
 
-def _tension_faults(solution: Samples) -> Iterator[LineFault]:
+def _faults_between_steps(solution: Samples) -> Iterator[LineFault]:
     """Faults in the tensions (k, n) of each line from step to step."""
     dt = solution.settings["dt"]
     for line, where in sliced_lines(solution.scene):
@@ -198,11 +141,3 @@ def _alternates(tension: np.ndarray) -> bool:
         return False
     windows = np.lib.stride_tricks.sliding_window_view(alternates, ALTERNATING_STEPS, axis=0)
     return bool(np.any(np.all(windows, axis=-1)))
-
-
-def check_skip(skip: float, errors: bool, duration: float) -> None:
-    """Reject a time left out of the errors that is not within the run."""
-    if skip and not errors:
-        raise SceneError(f"--skip: {skip:g} s can only be left out together with --errors")
-    if not 0.0 <= skip < duration:
-        raise SceneError(f"--skip: {skip:g} is out of range; allowed: 0 to less than the {duration:g} s of the run")

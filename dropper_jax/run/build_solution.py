@@ -16,20 +16,21 @@ from dropper_jax.load.checks_water import sea_warnings
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Frozen, Model, work_names
 from dropper_jax.residual import TOO_FAR, Embedded, Stepper
-from dropper_jax.run.bends import crushed_links, twist_warnings
+from dropper_jax.run.bending import crushed_links
 from dropper_jax.run.chunks import RunOutcome
 from dropper_jax.run.damping_limit import damping_warnings
 from dropper_jax.run.end_links import Motion
-from dropper_jax.run.end_of_run import Last, last_row, name_leaves
+from dropper_jax.run.end_of_run import Last, last_row, name_leaves, trajectory_rows
 from dropper_jax.run.observation import SavedStates, break_in_words, breaks, observe_states
 from dropper_jax.run.plausibility import scene_warnings
 from dropper_jax.run.pose_remarks import pose_remarks
-from dropper_jax.run.resolution import with_quality_checks, without_push
+from dropper_jax.run.quality_checks import with_quality_checks
 from dropper_jax.run.row_store import InMemory
 from dropper_jax.run.samples import Kind
 from dropper_jax.run.step_extremes import extremes_by_signal, saved_signal
+from dropper_jax.run.twist import twist_warnings
 from dropper_jax.run.variables import EXTREMES
-from dropper_jax.scene import RunSpec
+from dropper_jax.scene import RunSpec, sliced_lines
 from dropper_jax.stepping.extremes import Extremes
 from dropper_jax.stepping.halving import DRIFT_LIMIT
 from dropper_jax.stepping.progress import Trajectory
@@ -92,12 +93,9 @@ def _observe_run(kind: type[Kind], prepared: PreparedRun, run: Trajectory) -> Ki
     dt = interval / scene.run.save_every
     start = prepared.first.row
     good = int(np.sum(run.first_bad < 0))  # a step that failed stays the first bad one
-    kept = jax.tree.map(lambda a: a[:good], run)
     t = origin.origin_s + (origin.saves + np.arange(good + 1)) * interval
-    join = prepared.rows.join
-    parted = jax.tree.map(join, start.parted, kept.parted)
-    own = jax.tree.map(join, start.own, kept.own)
-    states = SavedStates(join(start.r, kept.r), join(start.v, kept.v), t.astype(model.dtype), parted, own)
+    saved = jax.tree.map(lambda first, later: prepared.rows.join(first, later[:good]), start, trajectory_rows(run))
+    states = SavedStates(saved.r, saved.v, t.astype(model.dtype), saved.parted, saved.own)
     observed = observe_states(model, states, prepared.rows)
     closure = observed.pop("closure")
     status = "ok"
@@ -113,9 +111,9 @@ def _observe_run(kind: type[Kind], prepared: PreparedRun, run: Trajectory) -> Ki
         scene=scene,
         settings=_settings_of(prepared),
         t=t,
-        tension=without_push(scene, join(start.tension, kept.tension), stepper.limit(model)),
+        tension=without_push(scene, saved.tension, stepper.limit(model)),
         t_tension=np.concatenate([t[:1], t[1:] - (1.0 - stepper.integrator.tension_time) * dt]),
-        work=join(start.work, kept.work),
+        work=saved.work,
         work_names=run_work_names(stepper, model, scene.run),
         step_status=np.zeros(good + 1, np.int8),
         status=status,
@@ -125,12 +123,24 @@ def _observe_run(kind: type[Kind], prepared: PreparedRun, run: Trajectory) -> Ki
         max_residual=float(np.max(run.residual[: good + 1])),
         max_closure_error=float(np.max(closure)),
         versions=versions(),
-        broken=breaks(scene, jax.tree.map(lambda a: a[-1], parted)),
-        own=_states_by_effect(own),
+        broken=breaks(scene, jax.tree.map(lambda a: a[-1], saved.parted)),
+        own=_states_by_effect(saved.own),
         continues=continues,
         **observed,
     )
     return replace(found, warnings=tuple(_run_warnings(found, model, np.asarray(start.tension))))
+
+
+def without_push(scene: Scene, tension: np.ndarray, tolerance: float) -> np.ndarray:
+    """The tensions (k, n) [N], changed in place: zero for slack ropes if negative within the step tolerance.
+
+    Axial residuals are lengths, so a relative tolerance of the length is a relative tolerance of EA for tensions.
+    """
+    for line, where in sliced_lines(scene):
+        if line.axial_law == "rope" and line.EA is not None:
+            own = tension[:, where.links]
+            tension[:, where.links] = np.where((own < 0.0) & (own >= -tolerance * line.EA), 0.0, own)
+    return tension
 
 
 def _first_failure(prepared: PreparedRun, run: Trajectory, start_s: float) -> tuple[str, Table]:
@@ -221,15 +231,15 @@ def _with_step_extremes(solution: Kind, extremes: Extremes | None, prepared: Pre
 
 def _with_adaptive_steps(solution: Kind, prepared: PreparedRun, outcome: RunOutcome) -> Kind:
     """The solution with mean squares between saved times and counts of steps, if the run follows an accuracy."""
+    run = outcome.trajectory
+    within = run.within
     start = prepared.first.carry.control
     control = outcome.carry.control
-    within = outcome.trajectory.within
     accuracy = solution.scene.run.accuracy
     if accuracy is None or within is None or control is None or start is None:
         return solution
     scheme = prepared.stepper.integrator
     model = prepared.model
-    run = outcome.trajectory
     good = len(solution.t) - 1
     steps = within.steps[:good]
     interval = solution.settings["dt"]

@@ -79,8 +79,7 @@ class ClampMotion(Effect):
         found = interpolate_quintic(t, self.time, self.directions)
         return found / safe_norm(found)
 
-    def force(self, k: Kinematics) -> Array:
-        return sum_of_pieces(self, k)
+    force = sum_of_pieces
 
     def piece_nodes(self, model: ModelView) -> np.ndarray:
         """The point and the other node of the link there (1, 2)."""

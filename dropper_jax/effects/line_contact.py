@@ -114,8 +114,7 @@ class LinksInContact(LineContact):
     def _bars(self, model: ModelView) -> Bars:
         return Bars(self.touching, self.radius, model)
 
-    def force(self, k: Kinematics) -> Array:
-        return sum_of_pieces(self, k)
+    force = sum_of_pieces
 
     def piece_force(self, k: Kinematics, r: Array, v: Array) -> Array:
         bars = self._bars(k.model)

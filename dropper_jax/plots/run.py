@@ -11,8 +11,8 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from dropper_jax.base.records import names_of
-from dropper_jax.load.checks_water import surface_over
 from dropper_jax.load.scene import Scene
+from dropper_jax.load.surface import surface_over
 from dropper_jax.plots import view
 from dropper_jax.run.samples import Samples
 from dropper_jax.run.variables import ARRAYS, SOME

@@ -12,7 +12,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
-from dropper_jax.load.checks_water import bed_height
+from dropper_jax.load.surface import bed_height
 from dropper_jax.plots import figures, marks, panels, scales, style, view
 from dropper_jax.plots.motion import uniform_spectrum
 from dropper_jax.plots.run import ANGLE_ROUNDING, Run, elevations, swing

@@ -8,8 +8,8 @@ from dropper_jax.base.numerics import spread
 from dropper_jax.base.read import Table
 from dropper_jax.evaluation.record import Record
 from dropper_jax.evaluation.settings import Settings
-from dropper_jax.load.checks_water import bed_height, surface_over
 from dropper_jax.load.scene import Scene
+from dropper_jax.load.surface import bed_height, surface_over
 from dropper_jax.report.motion import node_arc, node_rows
 from dropper_jax.report.tables import Rows
 from dropper_jax.run.bends import bending_moment, bending_summary, bends, curvature

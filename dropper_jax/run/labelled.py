@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest
-from dropper_jax.load.checks_water import surface_over
+from dropper_jax.load.surface import surface_over
 from dropper_jax.run.end_links import loaded_fixed_points, point_loads
 from dropper_jax.run.samples import Samples
 from dropper_jax.run.step_extremes import LOADS

@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dropper_jax.load.checks_water import bed_height
 from dropper_jax.load.scene import Scene
+from dropper_jax.load.surface import bed_height
 from dropper_jax.run.line_weights import lines_in_words, wet_weights
 from dropper_jax.scene import LineSpec, PointSpec, line_slices
 from dropper_jax.sea.spec import SeaSpec

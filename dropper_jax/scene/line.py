@@ -8,7 +8,7 @@ from itertools import chain
 
 import numpy as np
 
-from dropper_jax.axial import LAWS
+from dropper_jax.axial import LAWS, Rope
 from dropper_jax.axial.force_table import ForceTable, read_tables, tables_of
 from dropper_jax.base.errors import Check, SceneError
 from dropper_jax.base.fields import option, parameter, section
@@ -125,7 +125,7 @@ class LineSpec(DeclaredSection):
     @property
     def goes_slack(self) -> bool:
         """Whether its links carry no compression."""
-        return self.axial_law in ("rope", "damped_rope", "tabulated")
+        return issubclass(LAWS[self.axial_law], Rope)
 
     def table(self) -> Table:
         found = {key: _one_or_all(value) for key, value in as_table(self).items()}

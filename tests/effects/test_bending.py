@@ -67,14 +67,15 @@ def test_lines_that_are_not_joined_meet_in_a_hinge():
 
 
 @pytest.mark.parametrize(
-    ("other", "reason"),
+    ("others", "reason"),
     [
-        ("rihgt", "effects.bending.joined.0: 'rihgt' is not a line; did you mean 'right'"),
-        ("left", "'left' and 'left' do not meet in one point"),
+        (["rihgt"], "effects.bending.joined.0: 'rihgt' is not a line; did you mean 'right'"),
+        (["right", "left"], "effects.bending.joined.1: 'left' and 'left' do not meet in one point"),
+        (["right", "right"], "effects.bending.joined.1: 'left' and 'right' are listed twice"),
     ],
 )
-def test_lines_that_cannot_be_joined_are_refused(other, reason, refusal):
-    assert reason in refusal(load_scene, halves(False, joined=[["left", other]]))
+def test_lines_that_cannot_be_joined_are_refused(others, reason, refusal):
+    assert reason in refusal(load_scene, halves(False, joined=[["left", other] for other in others]))
 
 
 def test_energy_of_a_bent_circle_is_ei_over_2_r2_per_length_and_the_force_its_gradient():

@@ -13,7 +13,7 @@ from scipy.special import ellipk
 
 import dropper_jax as dj
 from dropper_jax import build, build_model, make_stepper
-from dropper_jax.load.checks_system import body_warnings
+from dropper_jax.load.system_warnings import body_warnings
 
 INERTIA, RATES = (1.0, 2.0, 3.0), (0.3, 1.0, 0.2)
 

@@ -9,7 +9,7 @@ from scene_parts import fixed, free, line_of, system
 
 import dropper_jax as dj
 from dropper_jax import build_model
-from dropper_jax.load.checks_water import sea_warnings
+from dropper_jax.load.sea_warnings import sea_warnings
 from dropper_jax.run.line_weights import wet_weights
 from dropper_jax.sea import Waves
 from dropper_jax.sea.make import make_sea
@@ -117,13 +117,20 @@ def test_a_scene_has_one_gravity_whichever_section_gives_it():
     # weightless lines in waves, which need a gravity
     waves = dj.load_scene(changed(effects__weight__gravity=0.0, effects__buoyancy=None))
     assert waves.sea.gravity == 9.81
+    assert waves.with_values({"sea.gravity": 9.0}).gravity == 0.0
+    assert dj.load_scene(changed(effects__buoyancy=None)).with_values({"effects.weight.gravity": 0.0}) == waves
+
+
+def test_another_gravity_of_the_water_gives_no_weight_to_lines_without_one():
+    scene = dj.load_scene(changed(effects={"morison_drag": {"cdn": 1.0}}))
+    assert "weight" not in scene.with_values({"sea.gravity": 9.0}).effects
 
 
 @pytest.mark.parametrize(
     ("text", "problem"),
     [
         ("period,amplitude\n3,1\n", "has the columns period, amplitude; allowed: period_s or frequency_hz"),
-        ("period_s,amplitude_m\n3,x\n", "line 2: '3,x' is not all numbers"),
+        ("# swell\nperiod_s,amplitude_m\n\n3,x\n", "line 4: '3,x' is not all numbers"),
         ('period_s,amplitude_m\n3,"1\n4,1\n', "unexpected end of data"),
         ("period_s,amplitude_m\n-3,1\n", "period_s of component 1 is -3; allowed: > 0"),
         ("period_s,amplitude_m\n", "has no rows"),

@@ -14,8 +14,8 @@ from dropper_jax.load.surface import bed_height
 
 if TYPE_CHECKING:
     from dropper_jax.load.scene import Scene
-    from dropper_jax.scene.data import WholeLine
     from dropper_jax.scene.line import LineSpec
+    from dropper_jax.scene.slices import WholeLine
 
 #: Distance from the bed [m], per metre of a link, within which a node rests on it.
 ON_BED = 0.05

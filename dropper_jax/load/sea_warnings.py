@@ -80,9 +80,11 @@ def _breaking(spec: SeaSpec, sea: Sea) -> Iterator[str]:
     number = k[0]
     what = "wave height"
     if amplitude.size > 1:
-        height = 4.0 * np.sqrt(0.5 * np.sum(amplitude**2))
+        energy = _moment(sea, 0)
+        height = 4.0 * np.sqrt(0.5 * energy)
         what = "significant wave height"
-        number = k[int(np.argmin(np.abs(np.asarray(sea.waves.omega) - _mean_frequency(sea))))]
+        mean_frequency = _moment(sea, 1) / max(energy, 1e-300)
+        number = k[np.argmin(np.abs(np.asarray(sea.waves.omega) - mean_frequency))]
     share = height / spec.depth
     limit = MICHE * 2 * np.pi / number * np.tanh(number * spec.depth)
     tz = mean_period(sea)
@@ -98,11 +100,15 @@ def _breaking(spec: SeaSpec, sea: Sea) -> Iterator[str]:
         )
 
 
+def _moment(sea: Sea, order: int) -> float:
+    """Twice the moment m_i [m^2 (rad/s)^i] of the spectrum of the sea's waves."""
+    energy = np.asarray(sea.waves.amplitude, float) ** 2
+    return np.sum(energy * np.asarray(sea.waves.omega, float) ** order)
+
+
 def mean_period(sea: Sea) -> float:
     """`Tz = 2 pi sqrt(m0/m2)` [s] of the sea's waves."""
-    energy = np.asarray(sea.waves.amplitude, float) ** 2
-    omega = np.asarray(sea.waves.omega, float)
-    return 2 * np.pi * np.sqrt(np.sum(energy) / max(np.sum(energy * omega**2), 1e-300))
+    return 2 * np.pi * np.sqrt(_moment(sea, 0) / max(_moment(sea, 2), 1e-300))
 
 
 def steepest_sea(tz: float, gravity: float) -> float:
@@ -135,11 +141,6 @@ def _finite(depth: float, waves: BoundWaves) -> Iterator[str]:
         )
 
 
-def _mean_frequency(sea: Sea) -> float:
-    energy = np.asarray(sea.waves.amplitude, float) ** 2
-    return float(np.sum(energy * np.asarray(sea.waves.omega)) / max(np.sum(energy), 1e-300))
-
-
 def repeat_time(omega: np.ndarray) -> float:
     """Time [s] after which evenly spaced frequencies repeat; infinity if they are not evenly spaced."""
     steps = np.diff(np.sort(omega))
@@ -147,7 +148,7 @@ def repeat_time(omega: np.ndarray) -> float:
     share = steps / np.min(steps, initial=np.inf)
     even = steps.size > 1 and np.max(np.abs(share - np.round(share))) < 1e-6
     if not even:
-        return float("inf")
+        return np.inf
     return 2 * np.pi / steps.min()
 
 

@@ -107,7 +107,7 @@ def check_system_pose(scene: SceneData) -> None:
         path = f"start.positions: line {line.name!r}"
         check_pose(scene, line, path, nodes, int(rows[where.nodes.start]))
         sizes = np.linalg.norm(np.diff(nodes, axis=0), axis=1) / line.length
-        worst = int(np.argmax(sizes))
+        worst = np.argmax(sizes)
         if sizes[worst] > MAX_STRETCH:
             raise SceneError(
                 f"{path}: link {worst + 1} is {sizes[worst]:.4g} times as long as unstretched; allowed: up to "

@@ -18,7 +18,7 @@ from dropper_jax.run.samples import Samples
 from dropper_jax.run.variables import ARRAYS, SOME
 from dropper_jax.scene import WholeLine, whole_lines
 from dropper_jax.scene.body import rotation
-from dropper_jax.scene.data import first_nodes, point_nodes
+from dropper_jax.scene.slices import first_nodes, point_nodes
 
 #: Number of corners of a circle.
 SIDES = 28

@@ -16,7 +16,7 @@ from dropper_jax.run.bends import bending_moment, bending_summary, bends, curvat
 from dropper_jax.run.flow_coefficients import flow_dependent_effects, flow_table
 from dropper_jax.run.growth import overgrown
 from dropper_jax.scene import BuoySpec, sliced_lines
-from dropper_jax.scene.data import point_nodes
+from dropper_jax.scene.slices import point_nodes
 
 
 def bed_contact(record: Record, settings: Settings) -> Rows:

@@ -26,7 +26,7 @@ from dropper_jax.load.scene import Scene
 from dropper_jax.load.sea_warnings import mean_period
 from dropper_jax.run.arrays import bare_model, resting_nodes
 from dropper_jax.scene import line_slices
-from dropper_jax.scene.data import first_nodes
+from dropper_jax.scene.slices import first_nodes
 from dropper_jax.sea import Sea
 
 #: Effects whose coefficients may depend on the flow, and these coefficients.

@@ -12,7 +12,7 @@ from dropper_jax.load.scene import Scene
 from dropper_jax.run.line_weights import lines_in_words
 from dropper_jax.run.plausibility import fastest_current, with_cause
 from dropper_jax.scene import WholeLine, sliced_lines, whole_lines
-from dropper_jax.scene.data import link_differences, point_nodes
+from dropper_jax.scene.slices import link_differences, point_nodes
 
 #: Static strain of a line above which it is warned of, and above which a scene is an error: a rope breaks before.
 STRETCHED = 0.1

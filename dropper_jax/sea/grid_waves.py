@@ -10,7 +10,6 @@ Time is exact; space is interpolated by cubics (4 points each way). The error is
 
 from __future__ import annotations
 
-from dataclasses import fields as fields_of
 from dataclasses import replace
 
 import jax
@@ -138,7 +137,7 @@ def on_grid(waves: Waves, depth: float, low: np.ndarray, high: np.ndarray) -> Gr
     points = count[0] * count[1]
     velocities = left[: 2 * points, :rank].reshape(2, *count, rank)
     made = GridWaves(
-        **{f.name: getattr(waves, f.name) for f in fields_of(waves)},
+        **vars(waves),
         origin=jnp.asarray(origin),
         step=jnp.asarray(step),
         shapes=jnp.asarray(np.concatenate(velocities, axis=-1)),

@@ -40,7 +40,7 @@ def make_sea(spec: SeaSpec, reach: tuple[np.ndarray, float] | None = None) -> Se
         reach: centre (3,) [m] and radius [m] of the region of the line, which an interpolated sea must cover.
 
     Raises:
-        SceneError: a component that the current stops; an interpolated sea that is not long-crested.
+        SceneError: a component that the current stops; an interpolated sea of several directions or with a level.
     """
     current = make_current(spec.current) if spec.current else None
     level = Level(**_arrays(spec.level)) if spec.level else None
@@ -170,6 +170,8 @@ def _interpolate_waves(spec: SeaSpec, waves: Waves, middle: np.ndarray, radius: 
         raise SceneError(f"{refusal} one direction")
     if spec.stretching == "none":
         raise SceneError(f"{refusal} sea.stretching constant or wheeler")
+    if spec.level is not None:  # its depth changes the shapes: 3 m over 15 m, by a third of the rms velocity
+        raise SceneError(f"{refusal} no sea.level")
     direction = float(waves.direction)
     along = float(middle[:2] @ [np.cos(direction), np.sin(direction)])
     radius = GRID_MARGIN * radius

@@ -31,7 +31,7 @@ def read_components(file: str | Path, path: str = "file") -> Table:
     column = dict(zip(names, rows.T, strict=True))
     given = column[key]
     if np.any(given <= 0):
-        worst = int(np.argmin(given))
+        worst = np.argmin(given)
         raise SceneError(f"{path}: {key} of component {worst + 1} is {given[worst]:g}; allowed: > 0")
     found = {"phase": np.zeros(len(rows)), "period": given}
     if key == "frequency_hz":

@@ -149,13 +149,16 @@ def steps_to(table: Values, pattern: str, keys: Iterable[str] | None = None) -> 
 def _tables(
     table: Values | list[Any], words: list[str], path: str = "", to: Steps = ()
 ) -> Iterator[tuple[str, Steps, Values | list[Any]]]:
-    """Path, steps and value of every table at the words of a pattern; items of lists by number and by name."""
+    """Path, steps and value of every table at the words of a pattern; items of lists by number and by name, of which a
+    number is that of an item first."""
     if not words:
         yield path, to, table
     elif isinstance(table, list):
+        labels = {str(i): i for i in range(len(table))}
         for i, item in enumerate(table):
-            for label in dict.fromkeys((str(i), str(item.get("name", i)))):
-                yield from _tables(item, words[1:], f"{path}.{label}", (*to, i))
+            labels.setdefault(str(item.get("name", i)), i)
+        for label, i in labels.items():
+            yield from _tables(table[i], words[1:], f"{path}.{label}", (*to, i))
     elif words[0] != "*":
         yield from _tables(table.get(words[0], {}), words[1:], join(path, words[0]), (*to, words[0]))
 
@@ -176,8 +179,6 @@ def set_value(
     Raises:
         SceneError: the path (with the nearest) or the entry does not exist.
     """
-    if steps is None:
-        steps = locate(table, [path])
     parent, key = _find_parent(table, path, steps, candidates)
     parent[key] = value
 
@@ -188,8 +189,6 @@ def get(table: Table, path: str, steps: Mapping[str, Steps] | None = None) -> Pl
     Raises:
         SceneError: the path or entry does not exist, or no value is given there.
     """
-    if steps is None:
-        steps = locate(table, [path])
     parent, key = _find_parent(copy.deepcopy(table), path, steps, ())
     if isinstance(parent, dict) and key not in parent:
         raise SceneError(f"{path}: is not given in the scene")
@@ -197,36 +196,39 @@ def get(table: Table, path: str, steps: Mapping[str, Steps] | None = None) -> Pl
 
 
 def _find_parent(
-    table: Branch, path: str, steps: Mapping[str, Steps], candidates: Iterable[str]
+    table: Table, path: str, steps: Mapping[str, Steps] | None, candidates: Iterable[str]
 ) -> tuple[Any, str | int]:
     """The container of the value at a path, and its key in it; missing tables are created."""
+    if steps is None:
+        steps = locate(table, [path])
     found = ScenePath(path).entry_of(steps)
     if found is None:
         known = {*steps, *candidates}
-        if isinstance(table, dict) and path.startswith("effects."):
+        if path.startswith("effects."):
             known.update(locate(table))
         raise SceneError(f"{path}: unknown path; {_hint(path, known)}")
     stem, entries = found
     *parents, key = steps[stem]
+    branch: Branch = table
     for step in parents:
-        if isinstance(table, list):
-            table = table[step]
+        if isinstance(branch, list):
+            branch = branch[step]
         else:
-            table = table.setdefault(step, {})
+            branch = branch.setdefault(step, {})
     for number in entries:
-        if isinstance(table, dict):
-            items = table.get(key)
+        if isinstance(branch, dict):
+            items = branch.get(key)
         else:
-            items = table[key]
+            items = branch[key]
         if not isinstance(items, list):
             raise SceneError(
                 f"{path}: has no entries, its value is {items!r}; use the path without a number at its end"
             )
         if number >= len(items):
             raise SceneError(f"{path}: entry {number} does not exist; allowed: 0 to {len(items) - 1}")
-        table = items
+        branch = items
         key = number
-    return table, key
+    return branch, key
 
 
 def path_as_given(error: SceneError, given: Iterable[str]) -> SceneError:

@@ -22,6 +22,7 @@ from dropper_jax.base.read import (
     short_text,
 )
 from dropper_jax.base.read import count as whole_number
+from dropper_jax.base.records import select_keys, without_none
 from dropper_jax.base.references import find_referenced
 from dropper_jax.sea.spectrum import SHAPES
 from dropper_jax.sea.steady import CRITERIA, THEORIES
@@ -133,15 +134,14 @@ class WaveSpec(DeclaredSection):
             theory != "linear" and self.amplitude is not None and not np.all(np.asarray(self.amplitude) > 0.0),
             f"amplitude: {short_text(plain(self.amplitude))} is not a wave; allowed: > 0 m with theory {theory!r}",
         )
-        keys = [key for key in ("amplitude", "period", "phase", "direction") if getattr(self, key) is not None]
+        given = without_none(select_keys(vars(self), ("amplitude", "period", "phase", "direction")))
         count = 1
         allowed = "one number"
         if self.kind not in ("regular", "spectrum"):
-            count = max(np.size(getattr(self, key)) for key in keys)
+            count = max(map(np.size, given.values()))
         if count != 1:
             allowed = f"{count}, one per component"
-        for key in keys:
-            value = getattr(self, key)
+        for key, value in given.items():
             size = np.size(value)
             yield (
                 size != count and (size != 1 or key in ("amplitude", "period")),

@@ -250,6 +250,12 @@ def test_values_are_changed_by_path_number_or_name():
     assert scene == Scene.from_dict(LOOP)
 
 
+def test_a_number_in_a_path_is_never_the_name_of_another_line():
+    rope = {**LOOP["line"][0], "axial": {"EA": 1e5}}
+    scene = Scene.from_dict({**LOOP, "line": [{**rope, "name": "first"}, {**rope, "name": "0"}]})
+    assert [line.length[0] for line in scene.with_values({"line.0.length": 0.2}).lines] == [0.2, 0.1]
+
+
 @pytest.mark.parametrize(
     ("path", "value", "words"),
     [

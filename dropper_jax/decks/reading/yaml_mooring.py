@@ -159,12 +159,11 @@ def _type(row: Table, at: str, notes: list[str]) -> Table:
     found = {}
     for ours, theirs, needed in TYPE:
         path = f"{at}.{theirs}"
-        if needed and theirs not in row:
+        limit = "above" if needed else "low"
+        if theirs in row:
+            found[ours] = _number(row[theirs], path, **{limit: 0.0})
+        elif needed:
             raise SceneError(f"{path}: missing; needed: a number")
-        if needed:
-            found[ours] = _number(row[theirs], path, above=0.0)
-        elif theirs in row:
-            found[ours] = _number(row[theirs], path, low=0.0)
     if found.get("breaking_load") == 0.0:
         del found["breaking_load"]
     zero = {ours: theirs for ours, theirs, _ in TYPE[4:] if ours not in found}

@@ -58,7 +58,7 @@ def _volume_from_weight(scene: SceneData, wet_weight: Plain) -> np.ndarray:
     """`(m g - wet)/(rho g)` of each link [m^3]."""
     sea = scene.needed_sea
     dry = scene.line.mass * scene.gravity
-    wet = np.broadcast_to(np.asarray(wet_weight, float), dry.shape)
+    wet = np.broadcast_to(wet_weight, dry.shape)
     worst = np.argmin(dry - wet)
     if dry[worst] <= wet[worst]:
         raise SceneError(

@@ -217,7 +217,7 @@ def _read_axial(table: Plain, path: str, links: int) -> Table:
 
 def _per_link(value: Plain, links: int) -> np.ndarray:
     """One value for each link (n,), from one for all or one each."""
-    return np.broadcast_to(np.asarray(value, float), (links,)).copy()
+    return np.full(links, value, float)
 
 
 def _one_or_all(value: Plain) -> Plain:

@@ -24,7 +24,7 @@ from study import Found, say
 
 import dropper_jax as dj
 from dropper_jax import Scene
-from dropper_jax.scene.data import point_nodes
+from dropper_jax.scene.slices import point_nodes
 
 # [s]
 SPAN = 60.0

@@ -26,8 +26,8 @@ from study import command
 from dropper_jax import plots
 from dropper_jax.analysis.angles import angle_rates, link_angles
 from dropper_jax.analysis.spectrum import amplitude_spectrum
-from dropper_jax.load.checks_water import surface_over
 from dropper_jax.load.scene import Scene
+from dropper_jax.load.surface import surface_over
 from dropper_jax.plots import style, view
 from dropper_jax.plots.figures import new_figure, save
 from dropper_jax.plots.run import readable

@@ -41,8 +41,8 @@ def run(args: Namespace) -> int:
 
 def examine(scene: Scene) -> Table:
     """Facts of a scene that need neither its equilibrium nor a compiled step."""
-    from dropper_jax.load.checks_water import sea_warnings
     from dropper_jax.load.periods import periods, suggest_step
+    from dropper_jax.load.sea_warnings import sea_warnings
     from dropper_jax.run.growth import overgrown
     from dropper_jax.run.line_weights import line_weights, wet_weights
     from dropper_jax.run.plausibility import scene_warnings

@@ -19,7 +19,7 @@ from dropper_jax.cli.printing import done_object, failure_of, print_warnings, ta
 
 if TYPE_CHECKING:
     from dropper_jax.load.scene import Scene
-    from dropper_jax.scene.data import LineSlice
+    from dropper_jax.scene.slices import LineSlice
     from dropper_jax.statics.search import Equilibrium
 
 help = "find the static equilibrium of a scene, under its release force if it has one"
@@ -45,7 +45,7 @@ def run(args: Namespace) -> int:
     from dropper_jax.run.build import equilibrium
     from dropper_jax.run.plausibility import scene_warnings
     from dropper_jax.run.pose_remarks import check_stretch, pose_remarks
-    from dropper_jax.scene.data import line_slices
+    from dropper_jax.scene.slices import line_slices
 
     found = equilibrium(scene)
     lines = line_slices(scene)
@@ -116,7 +116,7 @@ def _object(scene: Scene, found: Equilibrium, angles: np.ndarray, bent: np.ndarr
     """The equilibrium as the JSON object, with the angles (links, 2) [rad] and the curvature (nodes,) [1/m]."""
     from dropper_jax.run.end_forces import end_angles, end_forces, fixed_point_loads
     from dropper_jax.run.line_weights import line_weights
-    from dropper_jax.scene.data import line_offsets, whole_lines
+    from dropper_jax.scene.slices import line_offsets, whole_lines
 
     result = done_object(
         scene=scene.name,

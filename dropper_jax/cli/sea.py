@@ -36,7 +36,8 @@ def run(args: Namespace) -> int:
     if scene.sea is None:
         raise SceneError(f"sea: scene {scene.name!r} has no [sea]. Use a scene with water")
 
-    from dropper_jax.load.checks_water import line_reach, sea_warnings
+    from dropper_jax.load.sea_warnings import sea_warnings
+    from dropper_jax.load.surface import line_reach
     from dropper_jax.run.flow_coefficients import flow_dependent_effects, flow_table, with_flow_coefficients
     from dropper_jax.run.growth import overgrown
     from dropper_jax.run.wakes import has_wakes, scene_wakes, wake_facts

@@ -74,17 +74,20 @@ class Bending(Effect):
             if name in clamped[:i]:
                 raise SceneError(f"{path}: {name!r} is listed twice; allowed: each point once")
         ends = {line.name: (line.start, line.end) for line in scene.lines}
+        joined = [set(pair) for pair in values["joined"]]
         for i, pair in enumerate(values["joined"]):
+            path = f"effects.bending.joined.{i}"
             for name in pair:
                 if name not in ends:
-                    raise SceneError(f"effects.bending.joined.{i}: {name!r} is not a line; {nearest(name, list(ends))}")
-            common_ends(pair, ends)
+                    raise SceneError(f"{path}: {name!r} is not a line; {nearest(name, list(ends))}")
+            common_ends(pair, ends, path)
+            if joined[i] in joined[:i]:
+                raise SceneError(f"{path}: {pair[0]!r} and {pair[1]!r} are listed twice; allowed: each pair once")
 
     def potential(self, k: Kinematics) -> Array:
         return self._energy(k, at_pieces(k, self.piece_nodes(k.model))[0])
 
-    def force(self, k: Kinematics) -> Array:
-        return sum_of_pieces(self, k)
+    force = sum_of_pieces
 
     def piece_nodes(self, model: ModelView) -> np.ndarray:
         """The three nodes of every joint, then those of the clamped links, with the first one twice."""

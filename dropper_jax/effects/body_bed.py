@@ -10,7 +10,7 @@ from jax import Array
 
 from dropper_jax.base.fields import component, parameter
 from dropper_jax.base.numerics import dot, safe_norm, trace_once, upright
-from dropper_jax.effects.body_buoyancy import Pieces
+from dropper_jax.effects.body_pieces import Pieces
 from dropper_jax.effects.seabed import Seabed
 from dropper_jax.model import Effect, Kinematics, ModelView
 

@@ -9,7 +9,7 @@ from jax import Array
 
 from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.base.numerics import dot, safe_norm
-from dropper_jax.effects.body_buoyancy import Pieces, mix_corners, scatter_to_corners
+from dropper_jax.effects.body_pieces import Pieces, mix_corners, scatter_to_corners
 from dropper_jax.effects.submerged import submerged_fraction
 from dropper_jax.model import Effect, Kinematics, ModelView
 from dropper_jax.sea import Motion

@@ -58,8 +58,8 @@ def _volume_from_weight(scene: SceneData, wet_weight: Plain) -> np.ndarray:
     """`(m g - wet)/(rho g)` of each link [m^3]."""
     sea = scene.needed_sea
     dry = scene.line.mass * scene.gravity
-    wet = np.broadcast_to(np.asarray(wet_weight, float), dry.shape)
-    worst = int(np.argmin(dry - wet))
+    wet = np.broadcast_to(wet_weight, dry.shape)
+    worst = np.argmin(dry - wet)
     if dry[worst] <= wet[worst]:
         raise SceneError(
             f"effects.buoyancy.wet_weight: {wet[worst]:g} N of link {worst + 1} is not below its dry weight; "
@@ -88,7 +88,7 @@ def check_volume(scene: SceneData, wet_weight: Plain) -> None:
         return
     geometric = 0.25 * np.pi * line.diameter**2 * line.length
     error = np.abs(geometric / volume - 1.0)
-    worst = int(np.argmax(error))
+    worst = np.argmax(error)
     if error[worst] > SAME_VOLUME:
         matching = np.sqrt(4.0 * volume[worst] / (np.pi * line.length[worst]))
         raise SceneError(

@@ -79,8 +79,7 @@ class ClampMotion(Effect):
         found = interpolate_quintic(t, self.time, self.directions)
         return found / safe_norm(found)
 
-    def force(self, k: Kinematics) -> Array:
-        return sum_of_pieces(self, k)
+    force = sum_of_pieces
 
     def piece_nodes(self, model: ModelView) -> np.ndarray:
         """The point and the other node of the link there (1, 2)."""
@@ -145,7 +144,7 @@ def _check_directions(values: Values) -> None:
         directions = np.asarray(rotate(jnp.asarray(table), jnp.asarray(values["along"])))
     cosines = np.sum(directions[1:] * directions[:-1], axis=1)
     turns = np.arccos(np.clip(cosines, -1.0, 1.0))
-    worst = int(np.argmax(turns))
+    worst = np.argmax(turns)
     if turns[worst] > MAX_TURN:
         raise SceneError(
             f"{path}.{worst + 1}: jumps by {np.degrees(turns[worst]):.3g} degrees from the row before; allowed: "

@@ -23,9 +23,10 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+_POINTS, _WEIGHTS = np.polynomial.legendre.leggauss(6)
 #: Gauss-Legendre points and weights on 0 to 1.
-GAUSS_POINTS = (np.polynomial.legendre.leggauss(6)[0] + 1.0) / 2.0
-GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(6)[1] / 2.0
+GAUSS_POINTS = (_POINTS + 1.0) / 2.0
+GAUSS_WEIGHTS = _WEIGHTS / 2.0
 #: A function of the depth and the half height of sections.
 SectionValue = Callable[[Array, Array], Array]
 

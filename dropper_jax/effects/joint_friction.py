@@ -110,10 +110,10 @@ class JointFriction(Law):
         if self.dry is None:
             return jnp.zeros(())
         rates = self.relative_rates(k)
-        return jnp.sum(_per_joint(self.dry, len(rates)) * _size(rates))
+        return jnp.sum(_per_joint(self.dry, len(rates)) * row_sizes(rates))
 
     def holding(self, k: Kinematics, z: Array, h: Array) -> Array:
-        return _size(z - 2 * self._rho(k, h) * self.relative_rates(k)) < self._limit(z)
+        return row_sizes(z - 2 * self._rho(k, h) * self.relative_rates(k)) < self._limit(z)
 
     def _limit(self, z: Array) -> Array:
         """tau of each joint (joints, 1) [N m]."""
@@ -137,10 +137,10 @@ def _per_joint(value: Array, joints: int) -> Array:
 
 def _project(z: Array, limit: Array) -> Array:
     """The nearest torques with |z| <= limit."""
-    size = _size(z)
+    size = row_sizes(z)
     return jnp.where(size > limit, limit / size * z, z)
 
 
-def _size(z: Array) -> Array:
-    """|z| per joint as a column, with a finite derivative at zero."""
+def row_sizes(z: Array) -> Array:
+    """|z| of each row as a column, with a finite derivative at zero."""
     return jnp.sqrt(jnp.sum(z**2, axis=-1, keepdims=True) + ROOT_FLOOR)

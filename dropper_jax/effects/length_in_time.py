@@ -18,7 +18,6 @@ from dropper_jax.base.records import names_of
 from dropper_jax.effects.end_motion import interpolate_quintic
 from dropper_jax.model import Effect, Kinematics, Line, Model, ModelView
 from dropper_jax.scene import SceneData
-from dropper_jax.scene.length_in_time import WinchSpec
 
 
 class ChangingLinks:
@@ -105,7 +104,7 @@ class Winch(ChangingLinks):
     target: Array = parameter("tension T*", unit="N", low=0.0)
     gain: Array = parameter("k_p [m/s/N] and k_i [m/s^2/N]", unit="-", shape="table", low=0.0)
     limits: Array = parameter("lowest and highest rate", unit="m/s", shape="table")
-    range: Array = parameter("shortest and longest total length", unit="m", shape="table", low=0.0)
+    lengths: Array = parameter("shortest and longest total length", unit="m", shape="table", low=0.0)
     now: WinchState | None = None
     links: tuple[int, ...] = option("links, from 0, among those of all lines", default=())
     measured: int = option("link whose tension is measured", default=0)
@@ -113,7 +112,7 @@ class Winch(ChangingLinks):
     def total(self, t: Array, initial: Array) -> Array:
         if self.now is None:
             return initial
-        return jnp.clip(self.now.length + self.now.rate * (t - self.now.t), self.range[0], self.range[1])
+        return jnp.clip(self.now.length + self.now.rate * (t - self.now.t), *self.lengths)
 
     def begin(self, initial: Array) -> WinchState:
         zero = jnp.zeros_like(initial)
@@ -130,8 +129,9 @@ class Winch(ChangingLinks):
         integral = now.integral + h * error
         wanted = self.gain[0] * error + self.gain[1] * integral
         length = self.total(t, now.length)
-        rate = jnp.clip(wanted, self.limits[0], self.limits[1])
-        at_end = ((length <= self.range[0]) & (rate < 0.0)) | ((length >= self.range[1]) & (rate > 0.0))
+        rate = jnp.clip(wanted, *self.limits)
+        shortest, longest = self.lengths
+        at_end = ((length <= shortest) & (rate < 0.0)) | ((length >= longest) & (rate > 0.0))
         rate = jnp.where(at_end, 0.0, rate)
         integral = jnp.where(rate == wanted, integral, now.integral)
         return WinchState(t, length, rate, integral)
@@ -199,22 +199,15 @@ def changing_lengths(scene: SceneData) -> list[Effect]:
                 entries.append(table)
             else:
                 kind = ControlledLength
-                entries.append(_winch(spec.control, links, measured=links[0 if spec.end == "from" else -1]))
+                control = spec.control
+                given = (control.target, control.gain, control.limits, control.lengths)
+                target, gain, limits, lengths = map(as_array, given)
+                measured = links[0 if spec.end == "from" else -1]
+                entries.append(Winch(target, gain, limits, lengths, links=links, measured=measured))
         start += line.links
     if not entries:
         return []
     return [kind(tuple(entries))]
-
-
-def _winch(control: WinchSpec, links: tuple[int, ...], measured: int) -> Winch:
-    return Winch(
-        target=as_array(control.target),
-        gain=as_array(control.gain),
-        limits=as_array(control.limits),
-        range=as_array(control.lengths),
-        links=links,
-        measured=measured,
-    )
 
 
 #: Samples between two rows of a table, whose quintics have few turning points there.
@@ -228,7 +221,7 @@ def _check_between_rows(name: str, table: LengthTable) -> None:
     last = len(table.time) - 1
     t = np.interp(np.linspace(0.0, last, SAMPLES_PER_ROW * last + 1), np.arange(last + 1), table.time)
     found = np.asarray(jax.vmap(lambda at: table.total(at, at))(jnp.asarray(t)))
-    lowest = int(np.argmin(found))
+    lowest = np.argmin(found)
     if found[lowest] <= 0.0:
         raise SceneError(
             f"line {name!r}: length_in_time falls to {found[lowest]:.4g} m at {t[lowest]:.4g} s, between the rows; "

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Collection, Hashable, Sequence, Set
+from collections.abc import Collection, Hashable, Iterable
 from dataclasses import field
 
 import jax.numpy as jnp
@@ -64,26 +64,28 @@ class LineContact(Effect):
         path = "effects.line_contact"
         lines = _lines_by_name(scene)
         others = names_of((*scene.bodies, *scene.buoys))
-        named_lines = []
-        for i, (first, second) in enumerate(values["pairs"]):
-            named_lines += [(f"{path}.pairs.{i}.0", first), (f"{path}.pairs.{i}.1", second)]
-        for i, (line, _) in enumerate(values["bodies"]):
-            named_lines.append((f"{path}.bodies.{i}.0", line))
-        for where, name in named_lines:
+        shapeless = names_of(body for body in scene.bodies if not body.shapes)
+        listed: set[Hashable] = set()
+
+        def check_line(where: str, name: str) -> Group:
             _check_name(where, name, lines, "line")
             if values["radius"] is None and any(scene.lines[n].diameter is None for n in lines[name]):
                 raise SceneError(f"line.{name}.diameter: missing; {path} needs it, or its own `radius` [m]")
-        for i, (first, second) in enumerate(values["pairs"]):
-            if not set(lines[first]).isdisjoint(lines[second]):
-                raise SceneError(f"{path}.pairs.{i}: {first!r} and {second!r} are the same line; allowed: two lines")
-        _check_once(f"{path}.pairs", [_every_pair(lines[first], lines[second]) for first, second in values["pairs"]])
-        for i, (_, name) in enumerate(values["bodies"]):
-            _check_name(f"{path}.bodies.{i}.1", name, others, "body or buoy")
-        touched = [name for _, name in values["bodies"]]
-        for body in scene.bodies:
-            if body.name in touched and not body.shapes:
-                raise SceneError(f"{path}.bodies: {body.name!r} has no cylinders or spheres to touch")
-        _check_once(f"{path}.bodies", [set(itertools.product(lines[line], [name])) for line, name in values["bodies"]])
+            return lines[name]
+
+        for i, pair in enumerate(values["pairs"]):
+            own = f"{path}.pairs.{i}"
+            first, second = (check_line(f"{own}.{j}", name) for j, name in enumerate(pair))
+            if not set(first).isdisjoint(second):
+                raise SceneError(f"{own}: {pair[0]!r} and {pair[1]!r} are the same line; allowed: two lines")
+            _list_once(own, map(frozenset, itertools.product(first, second)), listed)
+        for i, (line, name) in enumerate(values["bodies"]):
+            own = f"{path}.bodies.{i}"
+            group = check_line(f"{own}.0", line)
+            _check_name(f"{own}.1", name, others, "body or buoy")
+            if name in shapeless:
+                raise SceneError(f"{path}.bodies: {name!r} has no cylinders or spheres to touch")
+            _list_once(own, itertools.product(group, [name]), listed)
 
     @classmethod
     def build(cls, values: Values, scene: SceneData) -> Effect:
@@ -114,8 +116,7 @@ class LinksInContact(LineContact):
     def _bars(self, model: ModelView) -> Bars:
         return Bars(self.touching, self.radius, model)
 
-    def force(self, k: Kinematics) -> Array:
-        return sum_of_pieces(self, k)
+    force = sum_of_pieces
 
     def piece_force(self, k: Kinematics, r: Array, v: Array) -> Array:
         bars = self._bars(k.model)
@@ -181,18 +182,12 @@ def _check_name(where: str, name: str, names: Collection[str], what: str) -> Non
         raise SceneError(f"{where}: {name!r} is not a {what}; {hint}")
 
 
-def _every_pair(first: Group, second: Group) -> set[frozenset[int]]:
-    """The pairs of lines of two groups, in either order."""
-    return set(map(frozenset, itertools.product(first, second)))
-
-
-def _check_once(path: str, contacts: Sequence[Set[Hashable]]) -> None:
-    """Reject a contact that two entries list: its force would act twice."""
-    listed: set[Hashable] = set()
-    for i, pairs in enumerate(contacts):
-        if not listed.isdisjoint(pairs):
-            raise SceneError(f"{path}.{i}: is listed before; allowed: each pair once")
-        listed |= pairs
+def _list_once(path: str, contacts: Iterable[Hashable], listed: set[Hashable]) -> None:
+    """Add the contacts of an entry to those listed; reject one that is: its force would act twice."""
+    new = set(contacts)
+    if not listed.isdisjoint(new):
+        raise SceneError(f"{path}: is listed before; allowed: each pair once")
+    listed |= new
 
 
 def _radii(line: LineSpec) -> np.ndarray:

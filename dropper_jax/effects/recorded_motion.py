@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import field, replace
 
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 
 from dropper_jax.base.errors import SceneError
@@ -14,6 +15,9 @@ from dropper_jax.base.read import Values, rises
 from dropper_jax.effects.end_motion import interpolate_quintic
 from dropper_jax.model import Effect
 from dropper_jax.scene import SceneData
+
+#: Steps between rows over those of the same rows read time by time, above which rows count as given in that order.
+MIXED_UP_STEPS = 2.0
 
 
 @component
@@ -49,10 +53,15 @@ class RecordedMotion(Effect):
         needed = len(values["time"]) * len(points)
         if rows != needed:
             raise SceneError(f"{path}.positions: has {rows} rows; allowed: {needed}, one per point and time")
+        if _given_by_time(values["positions"], _homes(points, scene)):
+            raise SceneError(
+                f"{path}.positions: start with one row for each point; allowed: all rows of the first point, then "
+                "those of the second, and so on"
+            )
 
     @classmethod
     def build(cls, values: Values, scene: SceneData) -> Effect:
-        return cls(**values, home=as_array([scene.point(name).position for name in values["points"]]))
+        return cls(**values, home=as_array(_homes(values["points"], scene)))
 
     def moves(self, name: str) -> bool:
         return name in self.points
@@ -74,3 +83,18 @@ class RecordedMotion(Effect):
     def corners(self) -> Array | None:
         """All rows, at which the third derivative jumps."""
         return self.time
+
+
+def _homes(points: tuple[str, ...], scene: SceneData) -> np.ndarray:
+    """Positions of these points in the scene (points, 3) [m]."""
+    return np.array([scene.point(name).position for name in points])
+
+
+def _given_by_time(rows: np.ndarray, homes: np.ndarray) -> bool:
+    """Whether rows look as if each time had those of all points: read so, paths are smoother and start closer to
+    home."""
+    by_point = rows.reshape(len(homes), -1, 3)
+    by_time = rows.reshape(-1, len(homes), 3).swapaxes(0, 1)
+    closer = np.linalg.norm(by_time[:, 0] - homes) < np.linalg.norm(by_point[:, 0] - homes)
+    steps = np.linalg.norm(np.diff(by_point, axis=1))
+    return bool(closer and steps > MIXED_UP_STEPS * np.linalg.norm(np.diff(by_time, axis=1)))

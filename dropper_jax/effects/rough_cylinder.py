@@ -41,14 +41,13 @@ FULLY_ROUGH = 1e-2
 
 def steady_drag(roughness: np.ndarray) -> np.ndarray:
     """C_DS at relative roughnesses k/D (...)."""
-    k = np.maximum(np.asarray(roughness, float), 1e-12)  # a positive argument of the logarithm
+    k = np.maximum(roughness, 1e-12)  # a positive argument of the logarithm
     between = (29.0 + 4.0 * np.log10(k)) / 20.0
     return np.select([k < SMOOTH, k > FULLY_ROUGH], [0.65, 1.05], between)
 
 
 def amplification(kc: np.ndarray, steady: np.ndarray) -> np.ndarray:
     """psi at KC (...) for C_DS (...); 1 where KC is infinite (no waves)."""
-    kc = np.asarray(kc, float)
     top = 1.50 - 0.024 * (12.0 / steady - 10.0)
     finite = np.where(np.isfinite(kc), kc, NO_AMPLIFICATION_KC * steady)
     high = top + (1.0 - top) * np.clip((finite - 12.0) / (NO_AMPLIFICATION_KC * steady - 12.0), 0.0, 1.0)
@@ -60,12 +59,11 @@ def amplification(kc: np.ndarray, steady: np.ndarray) -> np.ndarray:
 def rough_drag(kc: np.ndarray, roughness: np.ndarray, current: np.ndarray) -> np.ndarray:
     """C_D at KC (...), k/D (...) and the fraction of the current in current and wave (...)."""
     steady = steady_drag(roughness)
-    return steady * np.where(np.asarray(current) > WAKE_CARRIED_AWAY, 1.0, amplification(kc, steady))
+    return steady * np.where(current > WAKE_CARRIED_AWAY, 1.0, amplification(kc, steady))
 
 
 def rough_added_mass(kc: np.ndarray, roughness: np.ndarray) -> np.ndarray:
     """C_A at KC (...) and k/D (...); 1 without waves."""
-    kc = np.asarray(kc, float)
     steady = steady_drag(roughness)
     finite = np.where(np.isfinite(kc), kc, 0.0)
     return np.where(finite < 3.0, 1.0, np.maximum(1.0 - 0.044 * (finite - 3.0), 0.6 - (steady - 0.65)))

@@ -10,6 +10,7 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.base.numerics import dot
 from dropper_jax.base.read import Values
+from dropper_jax.effects.joint_friction import row_sizes
 from dropper_jax.effects.seabed import Seabed
 from dropper_jax.model import Kinematics, Law, Line
 from dropper_jax.scene import SceneData
@@ -95,7 +96,7 @@ class SeabedFriction(Law):
         """Which nodes (nodes, 1) have the kinetic limit; k has the velocities of the start of the step."""
         if self.static is None:
             return None
-        speed = _size(_along_bed(k, k.v))
+        speed = row_sizes(_along_bed(k, k.v))
         if self.law == "moordyn":
             return self.kinetic * self.damping * speed > self.static * _normal(k)
         return speed > AT_REST
@@ -134,7 +135,7 @@ class SeabedFriction(Law):
         if self.of_state:
             return v1
         limit = self._limit(k)
-        stuck = (_size(self._trial(k, z, h)) <= limit) & (limit > 0.0)
+        stuck = (row_sizes(self._trial(k, z, h)) <= limit) & (limit > 0.0)
         return v1 - jnp.where(stuck, self.law_force(k, _along_bed(k, v1)), 0.0)
 
     def law_scale(self, line: Line, h: Array) -> Array:
@@ -142,14 +143,9 @@ class SeabedFriction(Law):
         return jnp.mean(line.mass) * jnp.maximum(GRAVITY, jnp.mean(line.length) / h**2)
 
 
-def _size(p: Array) -> Array:
-    """Magnitude (nodes, 1) of plane vectors (nodes, 2), with a derivative at zero."""
-    return jnp.sqrt(jnp.sum(p * p, axis=1, keepdims=True) + 1e-30)
-
-
 def _clip_to_limit(p: Array, limit: Array) -> Array:
     """p, or its direction at the limit."""
-    size = _size(p)
+    size = row_sizes(p)
     return jnp.where(size <= limit, p, limit * p / size)
 
 

@@ -61,25 +61,25 @@ class Shafts:
         count = geometry.links + len(nodes)
         self.node = np.zeros(count, int)
         self.sign = np.ones(count)
-        following = 0
+        first = 0
         for shaft in shafts:
-            for position, part in enumerate(shaft):
+            for part in shaft:
                 along = nodes[part.line]
                 if part.reversed:
                     along = along[::-1]
                     self.sign[along] = -1.0
-                if position > 0:  # it shares its first node with the line before
-                    following -= 1
-                self.node[along] = following + np.arange(len(along))
-                following += len(along)
+                self.node[along] = first + np.arange(len(along))
+                first += len(along) - 1  # the next line of the shaft shares the last node
+            first += 1
         _, self.line_node = np.unique(self.node, return_index=True)
 
         starts = np.concatenate([own[:-1] for own in nodes.values()])
         self.before = np.minimum(self.node[starts], self.node[starts + 1])
-        self.held = np.ones(following, bool)  # lines that do not twist are held everywhere
-        self.held[self.before[self.twists > 0.0]] = False
-        self.held[self.before[self.twists > 0.0] + 1] = False
-        last_points = np.zeros(following)
+        self.held = np.ones(first, bool)  # lines that do not twist are held everywhere
+        twisting = self.before[self.twists > 0.0]
+        self.held[twisting] = False
+        self.held[twisting + 1] = False
+        last_points = np.zeros(first)
         for shaft in shafts:
             for name, is_last in free_ends(shaft):
                 if lines and name not in lines:

@@ -145,8 +145,7 @@ class CoupledTorsion(Torsion):
         shafts = self._shafts(model)
         return self.coupling * shafts.twists * shafts.differences(shafts.of_lines(phi)) / model.line.length
 
-    def force(self, k: Kinematics) -> Array:
-        return sum_of_pieces(self, k)
+    force = sum_of_pieces
 
     def piece_nodes(self, model: ModelView) -> np.ndarray:
         """Both nodes of every link."""

@@ -13,7 +13,7 @@ from dropper_jax.run.end_links import Motion
 from dropper_jax.run.samples import Samples
 from dropper_jax.run.variables import STEP_SIGNALS
 from dropper_jax.scene import WholeLine, whole_lines
-from dropper_jax.scene.data import point_nodes
+from dropper_jax.scene.slices import point_nodes
 from dropper_jax.stepping.extremes import Extremes
 
 

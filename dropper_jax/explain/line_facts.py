@@ -10,12 +10,12 @@ import numpy as np
 from dropper_jax.axial import STRETCHING_LAWS
 from dropper_jax.base.errors import SceneError
 from dropper_jax.explain.catenary import Hanging, Shape, hanging_length, offset_until_uplift, solve
-from dropper_jax.load.checks_water import bed_height
+from dropper_jax.load.surface import bed_height
 
 if TYPE_CHECKING:
     from dropper_jax.load.scene import Scene
-    from dropper_jax.scene.data import WholeLine
     from dropper_jax.scene.line import LineSpec
+    from dropper_jax.scene.slices import WholeLine
 
 #: Distance from the bed [m], per metre of a link, within which a node rests on it.
 ON_BED = 0.05

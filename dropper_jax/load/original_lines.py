@@ -7,7 +7,7 @@ A `Scene` holds one value per link (`typed_lines.expand`). Values changed by pat
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 
@@ -17,7 +17,7 @@ from dropper_jax.base.read import ScenePath, Table, Values, declared_fields, pla
 from dropper_jax.load.line_sections import SECTION_KEYS
 from dropper_jax.load.line_types import LineType, law_constants
 from dropper_jax.load.paths import Steps, get, set_value, steps_to
-from dropper_jax.load.typed_lines import COEFFICIENTS, expand
+from dropper_jax.load.typed_lines import COEFFICIENTS, breaking_load_warnings, expand
 from dropper_jax.scene import GrowthSpec
 from dropper_jax.scene.length_in_time import LengthInTimeSpec, WinchSpec
 
@@ -113,6 +113,10 @@ class OriginalLines:
         for path, value in single.items():
             set_value(table, path, value, candidates=written)
         return table
+
+    def warnings(self) -> Iterator[str]:
+        """Warnings about values that the expanded lines do not have."""
+        return breaking_load_warnings(self.line_type, self.line)
 
     def _of_links(self, path: str) -> bool:
         """Whether a path that is not written refers to single links: of a line, or an entry of a coefficient of types.

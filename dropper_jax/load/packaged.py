@@ -45,10 +45,7 @@ def _files() -> dict[str, Traversable]:
 
 def scene_names() -> tuple[str, ...]:
     """Names of the packaged scenes."""
-    names = list(_files())
-    for name in _files():
-        names += [name + suffix for suffix in variants_of(name)]
-    return tuple(sorted(names))
+    return tuple(sorted(name + suffix for name in _files() for suffix in ("", *variants_of(name))))
 
 
 def scene_titles() -> dict[str, dict[str, str]]:

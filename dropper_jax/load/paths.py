@@ -4,95 +4,23 @@ from __future__ import annotations
 
 import copy
 import re
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.read import Plain, ScenePath, Table, Values, declared_fields, join, section_keys
-from dropper_jax.effects import EFFECTS
-from dropper_jax.integrators import OPTIONS
-from dropper_jax.load.line_types import LineType
-from dropper_jax.scene import (
-    AnchorSpec,
-    BodySpec,
-    BuoySpec,
-    FailureSpec,
-    FitSpec,
-    GrowthSpec,
-    LineSpec,
-    PointSpec,
-    RunSpec,
-    SeasonSpec,
-    StartSpec,
-    VesselSpec,
-)
-from dropper_jax.scene.body import CylinderSpec, SphereSpec
-from dropper_jax.scene.fit import PriorSpec, SensorSpec
-from dropper_jax.scene.length_in_time import LengthInTimeSpec, WinchSpec
-from dropper_jax.scene.vessel import RaoSpec
-from dropper_jax.sea.current_spec import CurrentSpec, LevelSpec
-from dropper_jax.sea.spec import SeaSpec
-from dropper_jax.sea.wave_spec import WaveSpec
+from dropper_jax.load.scene_sections import KEYS_BY_HAND, declared_sections
 
 #: Keys and numbers that lead from a scene's table to a value.
 Steps = tuple[str | int, ...]
 Branch = Table | list[Any]
-#: A section of a scene: its path with `*` for the number or name of an item, its head in TOML, the class that declares
-#: its keys.
-SectionRow = tuple[str, str, type | None]
 
-#: Keys that are read by hand, by section.
-KEYS_BY_HAND: dict[str, Iterable[str]] = {
-    "": ("name", "description"),
-    "run": OPTIONS,
-    "line.*.axial": ("law", "EA", "damping", "strain", "tension"),
-    "sea": ("packaged",),
-}
 #: Tables that have paths only for the keys that are given.
 BY_NAME = ("vessel.*.rao", "vessel.*.attachments", "body.*.attachments")
 #: Sections of whose tables only the keys have paths, not the tables themselves.
 KEYS_ALONE = ("line.*",)
 #: Sections of templates, of lines with types and of fits, whose values have no path in a scene with one value per link.
 WITHOUT_PATHS = ("point_type.*", "line_type.*", "fit", "fit.sensor.*", "fit.prior.*", "parameters", "unit.*", "array.*")
-
-
-def declared_sections(effects: Collection[str] | None = None) -> list[SectionRow]:
-    """All sections of a scene in the order of a file, with those of these effects only, or with effects registered
-    from outside."""
-    named = [name for name in EFFECTS if effects is None or name in effects]
-    return [
-        ("", "", None),
-        ("run", "[run]", RunSpec),
-        ("point.*", "[[point]]", PointSpec),
-        ("point_type.*", "[[point_type]]", PointSpec),
-        ("line.*", "[[line]]", LineSpec),
-        ("line.*.axial", "line.axial", None),
-        ("line.*.growth", "line.growth", GrowthSpec),
-        ("line.*.length_in_time.*", "[[line.length_in_time]]", LengthInTimeSpec),
-        ("line.*.length_in_time.*.control", "line.length_in_time.control", WinchSpec),
-        ("line_type.*", "[[line_type]]", LineType),
-        ("buoy.*", "[[buoy]]", BuoySpec),
-        ("body.*", "[[body]]", BodySpec),
-        ("body.*.cylinders.*", "body.cylinders", CylinderSpec),
-        ("body.*.spheres.*", "body.spheres", SphereSpec),
-        ("vessel.*", "[[vessel]]", VesselSpec),
-        ("vessel.*.rao", "vessel.rao", RaoSpec),
-        *((f"effects.{name}", f"[effects.{name}]", EFFECTS[name]) for name in named),
-        ("start", "[start]", StartSpec),
-        ("growth", "[growth]", SeasonSpec),
-        ("sea", "[sea]", SeaSpec),
-        ("sea.waves", "[sea.waves]", WaveSpec),
-        ("sea.current", "[sea.current]", CurrentSpec),
-        ("sea.level", "[sea.level]", LevelSpec),
-        ("failure.*", "[[failure]]", FailureSpec),
-        ("anchor.*", "[[anchor]]", AnchorSpec),
-        ("fit", "[fit]", FitSpec),
-        ("fit.sensor.*", "[[fit.sensor]]", SensorSpec),
-        ("fit.prior.*", "[[fit.prior]]", PriorSpec),
-        ("parameters", "[parameters]", None),
-        ("unit.*", "[unit.NAME]", None),
-        ("array.*", "[[array]]", None),
-    ]
 
 
 def describe(path: str) -> Values:
@@ -149,13 +77,16 @@ def steps_to(table: Values, pattern: str, keys: Iterable[str] | None = None) -> 
 def _tables(
     table: Values | list[Any], words: list[str], path: str = "", to: Steps = ()
 ) -> Iterator[tuple[str, Steps, Values | list[Any]]]:
-    """Path, steps and value of every table at the words of a pattern; items of lists by number and by name."""
+    """Path, steps and value of every table at the words of a pattern; items of lists by number and by name, of which a
+    number is that of an item first."""
     if not words:
         yield path, to, table
     elif isinstance(table, list):
+        labels = {str(i): i for i in range(len(table))}
         for i, item in enumerate(table):
-            for label in dict.fromkeys((str(i), str(item.get("name", i)))):
-                yield from _tables(item, words[1:], f"{path}.{label}", (*to, i))
+            labels.setdefault(str(item.get("name", i)), i)
+        for label, i in labels.items():
+            yield from _tables(table[i], words[1:], f"{path}.{label}", (*to, i))
     elif words[0] != "*":
         yield from _tables(table.get(words[0], {}), words[1:], join(path, words[0]), (*to, words[0]))
 
@@ -176,8 +107,6 @@ def set_value(
     Raises:
         SceneError: the path (with the nearest) or the entry does not exist.
     """
-    if steps is None:
-        steps = locate(table, [path])
     parent, key = _find_parent(table, path, steps, candidates)
     parent[key] = value
 
@@ -188,8 +117,6 @@ def get(table: Table, path: str, steps: Mapping[str, Steps] | None = None) -> Pl
     Raises:
         SceneError: the path or entry does not exist, or no value is given there.
     """
-    if steps is None:
-        steps = locate(table, [path])
     parent, key = _find_parent(copy.deepcopy(table), path, steps, ())
     if isinstance(parent, dict) and key not in parent:
         raise SceneError(f"{path}: is not given in the scene")
@@ -197,36 +124,39 @@ def get(table: Table, path: str, steps: Mapping[str, Steps] | None = None) -> Pl
 
 
 def _find_parent(
-    table: Branch, path: str, steps: Mapping[str, Steps], candidates: Iterable[str]
+    table: Table, path: str, steps: Mapping[str, Steps] | None, candidates: Iterable[str]
 ) -> tuple[Any, str | int]:
     """The container of the value at a path, and its key in it; missing tables are created."""
+    if steps is None:
+        steps = locate(table, [path])
     found = ScenePath(path).entry_of(steps)
     if found is None:
         known = {*steps, *candidates}
-        if isinstance(table, dict) and path.startswith("effects."):
+        if path.startswith("effects."):
             known.update(locate(table))
         raise SceneError(f"{path}: unknown path; {_hint(path, known)}")
     stem, entries = found
     *parents, key = steps[stem]
+    branch: Branch = table
     for step in parents:
-        if isinstance(table, list):
-            table = table[step]
+        if isinstance(branch, list):
+            branch = branch[step]
         else:
-            table = table.setdefault(step, {})
+            branch = branch.setdefault(step, {})
     for number in entries:
-        if isinstance(table, dict):
-            items = table.get(key)
+        if isinstance(branch, dict):
+            items = branch.get(key)
         else:
-            items = table[key]
+            items = branch[key]
         if not isinstance(items, list):
             raise SceneError(
                 f"{path}: has no entries, its value is {items!r}; use the path without a number at its end"
             )
         if number >= len(items):
             raise SceneError(f"{path}: entry {number} does not exist; allowed: 0 to {len(items) - 1}")
-        table = items
+        branch = items
         key = number
-    return table, key
+    return branch, key
 
 
 def path_as_given(error: SceneError, given: Iterable[str]) -> SceneError:

@@ -7,7 +7,6 @@ from typing import TypeVar
 
 import numpy as np
 
-from dropper_jax.base.constants import GRAVITY
 from dropper_jax.integrators import INTEGRATORS
 from dropper_jax.residual import Implicit
 from dropper_jax.scene import SceneData
@@ -25,12 +24,15 @@ def periods(scene: SceneData) -> dict[str, float]:
     """Periods [s] that a step has to resolve, without solving the equilibrium.
 
     Returns:
-        swing: of the shortest link under its own weight, `2 pi sqrt(l/g)`, the fastest motion across a line.
+        swing: of the shortest link under its own weight, `2 pi sqrt(l/g)`, the fastest motion across a line; infinite
+            without gravity.
         axial: of the stiffest link, `2 pi/omega`, `omega^2 = 4 EA/(L m)`; absent if no link stretches.
         waves: the period of waves, or of the highest component; absent without waves.
     """
     line = scene.line
-    found = {"swing": (2.0 * np.pi * np.sqrt(np.min(line.length) / GRAVITY))}
+    found = {"swing": np.inf}
+    if scene.gravity > 0.0:
+        found["swing"] = 2.0 * np.pi * np.sqrt(np.min(line.length) / scene.gravity)
     if line.EA is not None:
         found["axial"] = np.pi * np.sqrt(np.min(line.length * line.mass / line.EA))
     if scene.sea is None or scene.sea.waves is None:
@@ -56,8 +58,7 @@ def suggest_step(scene: SceneData) -> float:
     if not issubclass(INTEGRATORS[scene.run.integrator], Implicit):
         steps["axial"] = 6  # explicit schemes are unstable below pi steps per axial period of the stiffest link
     step = min(scene.run.duration, *(found[name] / steps[name] for name in found.keys() & steps))
-    unit = 10.0 ** (np.floor(np.log10(step)) - 1.0)
-    return float(f"{np.floor(step / unit * (1.0 + 1e-9)) * unit:.2g}")
+    return _round_down(step, 2)
 
 
 def suggest_interval(scene: SceneData) -> float:
@@ -66,8 +67,13 @@ def suggest_interval(scene: SceneData) -> float:
     duration = scene.run.duration
     interval = found.get("waves", found["swing"]) / ROWS_PER_PERIOD
     interval = np.clip(interval, duration / MAX_ROWS, duration / MIN_ROWS)
-    unit = 10.0 ** np.floor(np.log10(interval))
-    return float(f"{np.floor(interval / unit * (1.0 + 1e-9)) * unit:.1g}")
+    return _round_down(interval, 1)
+
+
+def _round_down(value: float, digits: int) -> float:
+    """A positive number with this many digits, not above itself but for rounding."""
+    unit = 10.0 ** (np.floor(np.log10(value)) + 1.0 - digits)
+    return float(f"{np.floor(value / unit * (1.0 + 1e-9)) * unit:.{digits}g}")
 
 
 def with_suggestions(scene: AnyScene) -> AnyScene:

@@ -23,7 +23,7 @@ from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.read import ScenePath, Table, Values, declared_fields, join, limits
 from dropper_jax.base.records import names_of
 from dropper_jax.integrators import INTEGRATORS, OPTIONS
-from dropper_jax.load.paths import declared_sections
+from dropper_jax.load.scene_sections import declared_sections
 
 #: Shapes of values in words.
 SHAPES = {

@@ -151,27 +151,19 @@ def with_library_lines(table: Values) -> Table:
     return {**table, "line_type": types}
 
 
-def with_library_points(table: Values) -> Table:
-    """The scene, its points and those of its units with the values that they take from the library written out.
+def with_library_points(table: Values, before: str = "") -> Table:
+    """The scene, or one of its units, with the values that its points take from the library written out.
 
     Raises:
         SceneError: an unknown part, or a part that is not a point.
     """
-    found = _with_points(table, "")
+    found = dict(table)
+    if "point" in found:
+        found["point"] = [_point(item, f"{before}point.{i}.type") for i, item in enumerate(found["point"])]
     if "unit" in found:
-        units = {}
-        for name, unit in found["unit"].items():
-            units[name] = _with_points(unit, f"unit.{name}.")
-        found["unit"] = units
+        units = found["unit"].items()
+        found["unit"] = {name: with_library_points(unit, f"unit.{name}.") for name, unit in units}
     return found
-
-
-def _with_points(table: Values, before: str) -> Table:
-    """The same for the points of a scene or a unit alone."""
-    if "point" not in table:
-        return dict(table)
-    points = [_point(item, f"{before}point.{i}.type") for i, item in enumerate(table["point"])]
-    return {**table, "point": points}
 
 
 def _point(item: Values, path: str) -> Values:

@@ -414,7 +414,7 @@ def evaluate_list(items: Sequence[Plain], names: Names, path: str) -> list[Any]:
         if not isinstance(item, Mapping) or "repeat" not in item:
             found.append(evaluate_values(item, names, own))
             continue
-        once = {key: value for key, value in item.items() if key != "repeat"}
+        once = without_keys(item, ("repeat",))
         found += [evaluate_table(once, inner, own) for inner in _repetitions(item, own, names)]
     return found
 

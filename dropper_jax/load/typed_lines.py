@@ -9,18 +9,13 @@ piece.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from operator import attrgetter
 from typing import TypeVar
 
 from dropper_jax.axial.force_table import ForceTable, tables_of
 from dropper_jax.base.errors import Check, SceneError, raises_first
-from dropper_jax.base.read import (
-    Plain,
-    Table,
-    Values,
-    read_items,
-    read_number,
-    refuse,
-)
+from dropper_jax.base.read import Plain, Table, Values, read_items, read_number, refuse
+from dropper_jax.base.records import column
 from dropper_jax.load.line_sections import SECTION_KEYS, Section, read_sections, split_line
 from dropper_jax.load.line_types import LineType
 
@@ -121,9 +116,10 @@ def _axial(sections: Sequence[Section], path: str) -> Table:
     if "tabulated" in laws:
         tables = _each(sections, lambda s: s.kind.table or ForceTable.straight(s.kind.stiffness))
         return {"law": "tabulated", **tables_of(tables), "damping": damping}
-    found = {"law": laws.pop(), "EA": _each(sections, lambda s: s.kind.stiffness), "damping": damping}
-    for key in sections[0].kind.constants:
-        found[key] = _each(sections, lambda s, key=key: s.kind.constants[key])
+    found = {"law": laws.pop(), "EA": _each(sections, attrgetter("kind.stiffness")), "damping": damping}
+    constants = _each(sections, attrgetter("kind.constants"))
+    for key in constants[0]:
+        found[key] = column(constants, key)
     return found
 
 
@@ -131,16 +127,41 @@ def _per_link(sections: Sequence[Section], path: str) -> Table:
     """Keys of a `[[line]]` with one value per link."""
     found = {
         "links": sum(s.links for s in sections),
-        "length": _each(sections, lambda s: s.link),
+        "length": _each(sections, attrgetter("link")),
         "mass": _each(sections, lambda s: s.kind.mass * s.link),
-        "diameter": _each(sections, lambda s: s.kind.diameter),
+        "diameter": _each(sections, attrgetter("kind.diameter")),
         "axial": _axial(sections, path),
     }
     if any(s.kind.outer_diameter is not None for s in sections):
         found["outer_diameter"] = _each(sections, lambda s: s.kind.outer_diameter or s.kind.diameter)
-    if all(s.kind.breaking_load is not None for s in sections):
-        found["breaking_load"] = _each(sections, lambda s: s.kind.breaking_load)
+    if not _lack(sections, "breaking_load"):
+        found["breaking_load"] = _each(sections, attrgetter("kind.breaking_load"))
     return found
+
+
+def _lack(sections: Sequence[Section], key: str) -> list[str]:
+    """Names of the types of sections that have no value of a key."""
+    return [s.kind.name for s in sections if getattr(s.kind, key) is None]
+
+
+def breaking_load_warnings(types: Sequence[Table], lines: Sequence[Table]) -> Iterator[str]:
+    """A warning for each line, or piece of one, that has no breaking load because only some of its types have one.
+
+    Args:
+        types, lines: plain values of `[[line_type]]` and `[[line]]`.
+    """
+    kinds = _types(types)
+    for i, line in enumerate(lines):
+        path = f"line.{i}"
+        line = dict(line)
+        sections = read_sections(line, path, kinds)
+        for piece, part in split_line(line, path, sections, []):
+            lacking = _lack(part, "breaking_load")
+            if 0 < len(lacking) < len(part):
+                yield (
+                    f"line {piece.get('name', 'line')!r}: has no breaking load, as its type {lacking[0]!r} has none; "
+                    "give one to all types of the line, or attach a point between them"
+                )
 
 
 def _with_coefficients(given: Values, sections: Sequence[Section]) -> Table:
@@ -156,9 +177,9 @@ def _with_coefficients(given: Values, sections: Sequence[Section]) -> Table:
             continue
         if key in ("cdn", "can") and effects[effect].get("coefficients", "given") != "given":
             continue
-        lacking = [s.kind.name for s in sections if getattr(s.kind, key) is None]
+        lacking = _lack(sections, key)
         if not lacking:
-            effects[effect][key] = _each(sections, lambda s, key=key: float(getattr(s.kind, key)))
+            effects[effect][key] = _each(sections, attrgetter(f"kind.{key}"))
         elif len(lacking) < len(sections):
             raise SceneError(
                 f"line_type.{lacking[0]}.{key}: missing; other types have it, and effects.{effect} uses it"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from functools import partial
 
-from dropper_jax.base.read import Table
+from dropper_jax.base.read import Plain, Table
 from dropper_jax.base.records import column, without_keys
 
 #: Effects that an undamped scene lacks.
@@ -21,7 +21,7 @@ RELEASES = {"-ramp": 15.0, "-ramp-14": 14.1}
 CENTRE_HEIGHT = 1.0
 
 
-def _variant(table: Table, note: str, **sections: Table) -> Table:
+def _variant(table: Table, note: str, **sections: Plain) -> Table:
     return {**table, "description": f"{table['description']} {note}", **sections}
 
 
@@ -87,12 +87,12 @@ def pitching(table: Table) -> Table:
     bodies = [_body(buoy, positions[buoy["point"]]) for buoy in table["buoy"]]
     replaced = set(column(table["buoy"], "point"))  # by attachments of the bodies
     note = (
-        f" The spar pitches: a rigid body with its centre of gravity {CENTRE_HEIGHT:g} m above the base, which the "
+        f"The spar pitches: a rigid body with its centre of gravity {CENTRE_HEIGHT:g} m above the base, which the "
         "paper does not give (assumed)."
     )
-    rest = {key: value for key, value in table.items() if key != "buoy"}
+    rest = without_keys(table, ("buoy",))
     points = [point for point in table["point"] if point["name"] not in replaced]
-    return {**rest, "description": table["description"] + note, "point": points, "body": bodies}
+    return _variant(rest, note, point=points, body=bodies)
 
 
 def _body(buoy: Table, point: list[float]) -> Table:

@@ -9,7 +9,7 @@ import numpy as np
 from dropper_jax.base.numerics import unit_vectors
 from dropper_jax.plots import view
 from dropper_jax.plots.run import Run
-from dropper_jax.scene.data import link_differences
+from dropper_jax.scene.slices import link_differences
 
 #: Limits of rounding: angles [rad]; displacements relative to the size of the scene.
 ANGLE_ROUNDING = 1e-7

@@ -9,14 +9,14 @@ from typing import NamedTuple
 import numpy as np
 
 from dropper_jax.base.records import names_of
-from dropper_jax.load.checks_water import surface_over
 from dropper_jax.load.scene import Scene
+from dropper_jax.load.surface import surface_over
 from dropper_jax.plots import view
 from dropper_jax.plots.body_shapes import Bodies, Shape
 from dropper_jax.run.samples import Samples
 from dropper_jax.run.variables import ARRAYS, SOME
 from dropper_jax.scene import WholeLine, whole_lines
-from dropper_jax.scene.data import first_nodes, link_differences, point_nodes
+from dropper_jax.scene.slices import first_nodes, link_differences, point_nodes
 from dropper_jax.sea.spec import SeaSpec
 
 #: Change of tensions relative to the maximum up to which it is rounding.

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 
-from dropper_jax.load.checks_water import bed_height
+from dropper_jax.load.surface import bed_height
 from dropper_jax.plots import figures, marks, style, view
 from dropper_jax.plots.run import Run, elevations, sea_of
 from dropper_jax.plots.style import DARK, FAINT, SECOND

@@ -10,7 +10,7 @@ from matplotlib.collections import PolyCollection
 from mpl_toolkits.mplot3d import Axes3D
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
-from dropper_jax.load.checks_water import bed_height
+from dropper_jax.load.surface import bed_height
 from dropper_jax.plots import view
 from dropper_jax.plots.run import Run, elevations
 from dropper_jax.plots.style import CYCLE, DARK

@@ -8,15 +8,15 @@ from dropper_jax.base.numerics import spread
 from dropper_jax.base.read import Table
 from dropper_jax.evaluation.record import Record
 from dropper_jax.evaluation.settings import Settings
-from dropper_jax.load.checks_water import bed_height, surface_over
 from dropper_jax.load.scene import Scene
+from dropper_jax.load.surface import bed_height, surface_over
 from dropper_jax.report.motion import node_arc, node_rows
 from dropper_jax.report.tables import Rows
 from dropper_jax.run.bending import bending_moment, bending_summary, curvature, has_bending
 from dropper_jax.run.flow_coefficients import flow_dependent_effects, flow_table
 from dropper_jax.run.growth import has_mussels, overgrown
 from dropper_jax.scene import BuoySpec, sliced_lines
-from dropper_jax.scene.data import point_nodes
+from dropper_jax.scene.slices import point_nodes
 
 
 def bed_contact(record: Record, settings: Settings) -> Rows:

@@ -14,7 +14,7 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import atomic_write
 from dropper_jax.evaluation.record import good_samples
 from dropper_jax.run.simulate import Solution
-from dropper_jax.scene.data import first_nodes
+from dropper_jax.scene.slices import first_nodes
 
 TYPES = {"f": ("Float64", "<f8"), "i": ("Int32", "<i4")}
 

@@ -15,7 +15,7 @@ from dropper_jax.effects.clamp_motion import ClampMotion
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.end_links import End, ends_of, line_ends
 from dropper_jax.scene import line_slices, sliced_lines
-from dropper_jax.scene.data import first_nodes, link_differences
+from dropper_jax.scene.slices import first_nodes, link_differences
 
 
 def crushed_links(scene: Scene, positions: np.ndarray) -> Iterator[str]:

@@ -13,7 +13,8 @@ from dropper_jax.base.numerics import as_array
 from dropper_jax.base.records import names_of
 from dropper_jax.effects import Effect
 from dropper_jax.effects.body_bed import BodyBed, BodyBedFriction
-from dropper_jax.effects.body_buoyancy import BodyBuoyancy, BodyBuoyancyInWaves, Pieces
+from dropper_jax.effects.body_buoyancy import BodyBuoyancy, BodyBuoyancyInWaves
+from dropper_jax.effects.body_pieces import Pieces
 from dropper_jax.effects.body_water import BodyWater
 from dropper_jax.effects.point_bodies import PointBodies, PointBodiesWithAddedMass, WetPointBodies
 from dropper_jax.effects.rigid_bodies import MOMENT_AXES, RigidBodies, tetrahedron

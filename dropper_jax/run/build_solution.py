@@ -12,8 +12,8 @@ import numpy as np
 from dropper_jax.base.memory import versions
 from dropper_jax.base.read import Table
 from dropper_jax.integrators import OPTIONS
-from dropper_jax.load.checks_water import sea_warnings
 from dropper_jax.load.scene import Scene
+from dropper_jax.load.sea_warnings import sea_warnings
 from dropper_jax.model import Frozen, Model, work_names
 from dropper_jax.residual import TOO_FAR, Embedded, Stepper
 from dropper_jax.run.bending import crushed_links

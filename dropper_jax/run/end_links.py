@@ -23,8 +23,8 @@ from dropper_jax.base.numerics import safe_norm, unit_vectors
 from dropper_jax.base.records import by_name
 from dropper_jax.effects.buoyancy import displaced_diameter
 from dropper_jax.effects.submerged import submerged_fraction
-from dropper_jax.load.checks_water import Surface, bed_height
 from dropper_jax.load.scene import Scene
+from dropper_jax.load.surface import Surface, bed_height
 from dropper_jax.model import Model
 from dropper_jax.run.growth import overgrown
 from dropper_jax.scene import LineSlice, SceneData, WholeLine, sliced_lines

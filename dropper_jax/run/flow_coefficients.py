@@ -22,11 +22,11 @@ from dropper_jax.effects.buoyancy import drag_diameter
 from dropper_jax.effects.coefficient_source import from_table
 from dropper_jax.effects.morison_drag import relative_roughness
 from dropper_jax.effects.rough_cylinder import POST_CRITICAL, rough_added_mass, rough_drag
-from dropper_jax.load.checks_water import mean_period
 from dropper_jax.load.scene import Scene
+from dropper_jax.load.sea_warnings import mean_period
 from dropper_jax.run.scene_model import bare_model, resting_nodes
 from dropper_jax.scene import line_slices
-from dropper_jax.scene.data import first_nodes
+from dropper_jax.scene.slices import first_nodes
 from dropper_jax.sea import Sea
 
 #: Effects whose coefficients may depend on the flow, and these coefficients.

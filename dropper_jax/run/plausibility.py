@@ -11,8 +11,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.load.checks_system import body_warnings, motion_warnings
 from dropper_jax.load.scene import Scene
+from dropper_jax.load.system_warnings import body_warnings, motion_warnings
 from dropper_jax.run.line_weights import floating_warnings
 from dropper_jax.run.plausible_lines import check_lengths, check_masses, check_spans
 from dropper_jax.run.plausible_points import check_fixed_points, check_lift
@@ -31,6 +31,7 @@ def scene_warnings(scene: Scene, at_rest: bool = False) -> tuple[str, ...]:
         *scene.notes,
         *motion_warnings(scene),
         *body_warnings(scene),
+        *(scene.written.warnings() if scene.written else ()),
         *floating_warnings(scene),
         *plausibility_warnings(scene, at_rest),
     )

@@ -9,8 +9,8 @@ import numpy as np
 
 from dropper_jax.base.markdown import first_names
 from dropper_jax.base.records import by_name, names_of
-from dropper_jax.load.checks_water import bed_height
 from dropper_jax.load.scene import Scene
+from dropper_jax.load.surface import bed_height
 from dropper_jax.run.line_weights import MOST_NAMES, wet_weights
 from dropper_jax.scene import LineSpec, PointSpec, line_slices
 from dropper_jax.sea.spec import SeaSpec

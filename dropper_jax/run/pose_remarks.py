@@ -9,13 +9,13 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.markdown import first_names
 from dropper_jax.base.numerics import unit_vectors
-from dropper_jax.load.checks_water import Surface
 from dropper_jax.load.scene import Scene
+from dropper_jax.load.surface import Surface
 from dropper_jax.run.line_weights import MOST_NAMES
 from dropper_jax.run.plausibility import fastest_current, with_cause
 from dropper_jax.run.plausible_points import seabed_under
 from dropper_jax.scene import WholeLine, sliced_lines, whole_lines
-from dropper_jax.scene.data import link_differences, point_nodes
+from dropper_jax.scene.slices import link_differences, point_nodes
 
 #: Static strain of a line above which it is warned of, and above which a scene is an error: a rope breaks before.
 STRETCHED = 0.1

@@ -25,7 +25,7 @@ from dropper_jax.run.step_extremes import saved_signal
 from dropper_jax.run.twist import torque
 from dropper_jax.run.variables import ARRAYS, BODIES, EXTREMES, SOME
 from dropper_jax.scene import LineSlice, line_slices, whole_lines
-from dropper_jax.scene.data import point_nodes
+from dropper_jax.scene.slices import point_nodes
 from dropper_jax.stepping.extremes import Extremes
 
 #: Extremes, mean and final value by name, see `extent`.

@@ -10,7 +10,7 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.numerics import as_array
 from dropper_jax.effects import EFFECTS
 from dropper_jax.effects.buoyancy import displaced_diameter
-from dropper_jax.load.checks_water import line_reach
+from dropper_jax.load.surface import line_reach
 from dropper_jax.model import Failures, Graph, Line, Member, Model, Point, check_slots
 from dropper_jax.scene import LineSpec, SceneData, join_lines, sliced_lines
 from dropper_jax.sea.make import make_sea

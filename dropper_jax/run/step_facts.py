@@ -7,7 +7,7 @@ import numpy as np
 from dropper_jax.base.numerics import unit_vectors
 from dropper_jax.load.periods import periods
 from dropper_jax.run.samples import Samples
-from dropper_jax.scene.data import link_differences
+from dropper_jax.scene.slices import link_differences
 
 #: Steps per period with which the midpoint rule has the frequency to 0.1 %: `(2 pi/n)^2/12`.
 STEPS_PER_PERIOD = 60

@@ -10,7 +10,7 @@ from dropper_jax.analysis.writhe import writhe
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.bending import bending_stiffness, has_bending
 from dropper_jax.scene import sliced_lines
-from dropper_jax.scene.data import link_differences
+from dropper_jax.scene.slices import link_differences
 
 
 def torque(scene: Scene, positions: np.ndarray, twist: np.ndarray, rate: np.ndarray) -> np.ndarray:

@@ -22,7 +22,7 @@ from dropper_jax.load.scene import Scene
 from dropper_jax.run.scene_model import bare_model, resting_nodes
 from dropper_jax.run.wake_model import TURBULENCE, Elements, Wakes, solve_wakes
 from dropper_jax.scene import LineSlice, line_slices
-from dropper_jax.scene.data import first_nodes, link_differences
+from dropper_jax.scene.slices import first_nodes, link_differences
 from dropper_jax.sea import Sea
 
 #: Maximum number of links with wakes: 200 rows of `longline-rows` have 20 800.

@@ -2,16 +2,7 @@
 
 from dropper_jax.scene.anchor import AnchorSpec, check_anchors, utilisations
 from dropper_jax.scene.body import BodySpec, CylinderSpec, SphereSpec, attitude
-from dropper_jax.scene.data import (
-    LineSlice,
-    SceneData,
-    WholeLine,
-    line_offsets,
-    line_slices,
-    link_mass_words,
-    sliced_lines,
-    whole_lines,
-)
+from dropper_jax.scene.data import SceneData, link_mass_words
 from dropper_jax.scene.failure import FailureSpec
 from dropper_jax.scene.fit import FitSpec, PriorSpec, SensorSpec
 from dropper_jax.scene.growth import GrowthSpec, grown
@@ -19,6 +10,7 @@ from dropper_jax.scene.line import LineSpec, join_lines
 from dropper_jax.scene.point import BuoySpec, PointSpec
 from dropper_jax.scene.run import RunSpec, choose_steps
 from dropper_jax.scene.season import SeasonSpec
+from dropper_jax.scene.slices import LineSlice, WholeLine, line_offsets, line_slices, sliced_lines, whole_lines
 from dropper_jax.scene.start import StartSpec, directions
 from dropper_jax.scene.vessel import RaoSpec, VesselSpec
 

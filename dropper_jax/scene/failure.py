@@ -10,11 +10,11 @@ the run with its breaks at fixed times.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from dropper_jax.base.errors import Check, nearest
 from dropper_jax.base.fields import option, parameter
-from dropper_jax.base.read import DeclaredSection
+from dropper_jax.base.read import DeclaredSection, count
 from dropper_jax.scene.line import LineSpec
 
 
@@ -23,9 +23,7 @@ class FailureSpec(DeclaredSection):
     """`[[failure]]`: where, and at which load or time, a line breaks."""
 
     line: str = option("name of the line", type=str)
-    link: int | None = field(
-        metadata={"kind": "option", "meaning": "link that breaks, from 1", "type": int, "low": 1}, default=None
-    )
+    link: int | None = count("link that breaks, from 1", default=None)
     load: float | None = parameter(
         "tension at which it breaks; the line's breaking load by default",
         unit="N",

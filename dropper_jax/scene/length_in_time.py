@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import field
 from typing import Any
 
 import numpy as np
 
 from dropper_jax.base.errors import Check, SceneError, raise_first
 from dropper_jax.base.fields import option, parameter, section
-from dropper_jax.base.read import DeclaredSection, Plain, part, plain, read_table, refuse, short_text
+from dropper_jax.base.read import DeclaredSection, Plain, count, part, plain, read_table, refuse, short_text
 
 #: Relative difference between the first row of a table and the length of the links in the scene that is rounding.
 SAME_LENGTH = 1e-6
@@ -52,14 +51,8 @@ class LengthInTimeSpec(DeclaredSection):
     """`[[line.length_in_time]]`: unstretched length over time, for lines that stretch; a table, or a winch."""
 
     end: str | None = option("end next to the links", choices=("from", "to"), default=None)
-    links: int | None = field(
-        metadata={"kind": "option", "meaning": "number of links nearest that end; 1 if omitted", "type": int, "low": 1},
-        default=None,
-    )
-    link: int | None = field(
-        metadata={"kind": "option", "meaning": "one link, from 1, in place of `end`", "type": int, "low": 1},
-        default=None,
-    )
+    links: int | None = count("number of links nearest that end; 1 if omitted", default=None)
+    link: int | None = count("one link, from 1, in place of `end`", default=None)
     time: np.ndarray | None = parameter("times of the rows", unit="s", shape="table", rising=2, default=None)
     length: np.ndarray | None = parameter(
         "total unstretched length of the links at those times",
@@ -71,14 +64,14 @@ class LengthInTimeSpec(DeclaredSection):
     between: str = option("length between the rows", choices=("linear", "smooth"), default="linear")
     control: WinchSpec | None = part(WinchSpec.read, default=None)
 
-    def numbers(self, count: int) -> range:
-        """The links, from 0, of a line of `count` links."""
+    def numbers(self, total: int) -> range:
+        """The links, from 0, of a line of `total` links."""
         if self.link is not None:
             return range(self.link - 1, self.link)
         links = self.links or 1
         if self.end == "from":
             return range(links)
-        return range(count - links, count)
+        return range(total - links, total)
 
     def checks(self) -> Iterator[Check]:
         yield (self.end is None) == (self.link is None), ": needs `end` ('from' or 'to'), or `link`; one of them"
@@ -97,10 +90,10 @@ class LengthInTimeSpec(DeclaredSection):
     def line_checks(self, name: str, length: np.ndarray, rigid: bool) -> Iterator[Check]:
         """Checks of the entry against its line, with links of these lengths (n,) [m]."""
         yield rigid, f": the links of {name!r} are rigid. Use a line that stretches, such as axial.law = 'rope'"
-        count = len(length)
+        links = len(length)
         for key, many in (("links", self.links or 1), ("link", self.link or 1)):
-            yield many > count, f"{key}: {many}, but {name!r} has {count} links; allowed: 1 to {count}"
-        total = np.sum(length[list(self.numbers(count))])
+            yield many > links, f"{key}: {many}, but {name!r} has {links} links; allowed: 1 to {links}"
+        total = np.sum(length[list(self.numbers(links))])
         if self.control is not None:
             low, high = self.control.lengths
             yield (

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import field, fields, replace
 from itertools import chain
+from operator import attrgetter
 
 import numpy as np
 
-from dropper_jax.axial import LAWS
+from dropper_jax.axial import LAWS, Rope
 from dropper_jax.axial.force_table import ForceTable, read_tables, tables_of
 from dropper_jax.base.errors import Check, SceneError
 from dropper_jax.base.fields import option, parameter, section
@@ -125,7 +126,8 @@ class LineSpec(DeclaredSection):
     @property
     def goes_slack(self) -> bool:
         """Whether its links carry no compression."""
-        return self.axial_law in ("rope", "damped_rope", "tabulated")
+        law = LAWS[self.axial_law]
+        return isinstance(law, type) and issubclass(law, Rope)
 
     def table(self) -> Table:
         found = {key: _one_or_all(value) for key, value in as_table(self).items()}
@@ -166,11 +168,9 @@ def join_lines(lines: tuple[LineSpec, ...]) -> LineSpec:
         return lines[0]
     found: Table = {"links": sum(line.links for line in lines), "end": lines[-1].end, "constants": {}, "tables": None}
     for key in ("length", "mass", "centre_of_mass", "inertia", "diameter", "breaking_load", "EA"):
-        found[key] = _join([getattr(line, key) for line in lines])
-    for key in ("axial_damping", "outer_diameter"):
-        found[key] = None
-        if any(getattr(line, key) is not None for line in lines):
-            found[key] = _join([_given_or_default(line, key) for line in lines])
+        found[key] = _join(lines, key)
+    found["axial_damping"] = _join(lines, "axial_damping", lambda line: np.zeros(line.links))
+    found["outer_diameter"] = _join(lines, "outer_diameter", attrgetter("diameter"))
     if len({line.axial_law for line in lines}) == 1:
         for key in lines[0].constants:
             found["constants"][key] = np.concatenate([line.constants[key] for line in lines])
@@ -180,21 +180,17 @@ def join_lines(lines: tuple[LineSpec, ...]) -> LineSpec:
     return replace(lines[0], **found)
 
 
-def _join(arrays: list[np.ndarray | None]) -> np.ndarray | None:
-    """The arrays of all lines in one; None if one of them is missing."""
+def _join(
+    lines: tuple[LineSpec, ...], key: str, default: Callable[[LineSpec], np.ndarray | None] | None = None
+) -> np.ndarray | None:
+    """The arrays of a key of all lines in one, with defaults of lines without it; None if no line has it, or if one has
+    neither."""
+    arrays = [getattr(line, key) for line in lines]
+    if default is not None and any(array is not None for array in arrays):
+        arrays = [default(line) if array is None else array for line, array in zip(lines, arrays, strict=True)]
     if any(array is None for array in arrays):
         return None
     return np.concatenate(arrays)
-
-
-def _given_or_default(line: LineSpec, key: str) -> np.ndarray | None:
-    """The value of a line; without one no damping, or the diameter of the displaced volume."""
-    value = getattr(line, key)
-    if value is not None:
-        return value
-    if key == "axial_damping":
-        return np.zeros(line.links)
-    return line.diameter
 
 
 def _read_axial(table: Plain, path: str, links: int) -> Table:
@@ -221,7 +217,7 @@ def _read_axial(table: Plain, path: str, links: int) -> Table:
 
 def _per_link(value: Plain, links: int) -> np.ndarray:
     """One value for each link (n,), from one for all or one each."""
-    return np.broadcast_to(np.asarray(value, float), (links,)).copy()
+    return np.full(links, value, float)
 
 
 def _one_or_all(value: Plain) -> Plain:

@@ -63,12 +63,10 @@ class StartSpec(DeclaredSection):
         """
         raise_first(self._line_checks(lines, held, branched), "start")
         if self.kind == "angles":
-            rows = np.arange(lines[0].links)
-            found = self._full_arrays("polar", rows, rows.shape, "entries, one per link")
+            found = self._full_arrays(np.arange(lines[0].links), "entries, one per link")
             return replace(self, zero=self.zero or "horizontal", **found)
         if self.kind == "positions":
-            rows = rows_of_pieces(lines)
-            found = self._full_arrays("positions", rows, (len(rows), 3), "rows, both ends of each line included")
+            found = self._full_arrays(rows_of_pieces(lines), "rows, both ends of each line included")
             return replace(self, **found)
         return self
 
@@ -99,11 +97,10 @@ class StartSpec(DeclaredSection):
             words = f"release_force: {short_text(plain(forces))} has {len(forces)} vectors"
             yield len(forces) != len(nodes), f"{words}; allowed: {len(nodes)}, one a node"
 
-    def _full_arrays(self, needed: str, rows: np.ndarray, shape: tuple[int, ...], what: str) -> dict[str, np.ndarray]:
-        """Arrays of the kind's keys, all of a shape; zeros where they are not given.
+    def _full_arrays(self, rows: np.ndarray, what: str) -> dict[str, np.ndarray]:
+        """Arrays of the kind's keys, of which the first must be given; others are zero where they are not.
 
         Args:
-            needed: the key that must be given.
             rows: the row of each link or node in an array as the user writes it (see `rows_of_pieces`); an array may
                 also have a row for each already.
             what: rows in words, as messages have them.
@@ -113,15 +110,14 @@ class StartSpec(DeclaredSection):
         """
         count = rows[-1] + 1
         words, _, which = what.partition(", ")
+        needed, *others = (key for key in self.FIELDS[self.kind] if key != "zero")  # which is not an array
+        if getattr(self, needed) is None:
+            raise SceneError(f"start.{needed}: missing; needed: {count} {what}")
         found = {}
-        for key in self.FIELDS[self.kind]:
-            if key == "zero":  # not an array
-                continue
+        for key in (needed, *others):
             given = getattr(self, key)
-            if given is None and key == needed:
-                raise SceneError(f"start.{key}: missing; needed: {count} {what}")
             if given is None:
-                given = np.zeros(shape)
+                given = np.zeros_like(found[needed])
             if len(given) not in (len(rows), count):
                 raise SceneError(
                     f"start.{key}: {short_text(plain(given))} has {len(given)} {words}; allowed: {count}, {which}"

@@ -42,27 +42,22 @@ class CurrentSpec(Current, DeclaredSection):
         current.check(path)
         return current
 
-    @raises_first
-    def check(self, path: str) -> Iterator[Check]:
+    def checks(self) -> Iterator[Check]:
         yield (
             self.time is not None and self.amplitude is not None,
-            f"{path}.amplitude: cannot be combined with `time`; allowed: one of the two",
+            "amplitude: cannot be combined with `time`; allowed: one of the two",
         )
         yield (
             self.veer is not None and self.velocities is not None,
-            f"{path}.veer: given with kind 'table', which turns itself; allowed: uniform, power",
+            "veer: given with kind 'table', which turns itself; allowed: uniform, power",
         )
         for key in self.UNUSED[self.kind]:
             value = getattr(self, key)
+            kinds = [kind for kind, unused in self.UNUSED.items() if key not in unused]
             yield (
                 value is not None and value != 0.0,
-                f"{path}.{key}: not used by kind {self.kind!r}; allowed: with {', '.join(self._kinds_with(key))}",
+                f"{key}: not used by kind {self.kind!r}; allowed: with {', '.join(kinds)}",
             )
-
-    @classmethod
-    def _kinds_with(cls, key: str) -> list[str]:
-        """The kinds of profile that use a key."""
-        return [kind for kind, unused in cls.UNUSED.items() if key not in unused]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

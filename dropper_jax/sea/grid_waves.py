@@ -10,7 +10,6 @@ Time is exact; space is interpolated by cubics (4 points each way). The error is
 
 from __future__ import annotations
 
-from dataclasses import fields as fields_of
 from dataclasses import replace
 
 import jax
@@ -116,36 +115,41 @@ SMALLEST_SHAPE = 2e-5
 
 def on_grid(waves: Waves, depth: float, low: np.ndarray, high: np.ndarray) -> GridWaves:
     """Shapes and grid for long-crested `waves` between `low` and `high` (2,) [m] in s and z; runs once, on the host."""
-    k = np.asarray(waves.wave_number, float)
-    requested_low = low
     highest_crest = 1.5 * float(waves.significant_height)
-    low = np.array([low[0], max(low[1] - highest_crest, -depth)])  # stretching moves positions under a crest downwards
-    count = np.maximum(np.ceil((high - low) * k.max() / GRID_STEP).astype(int), 4) + 4
-    step = (high - low) / (count - 4)
-    origin = low - 1.5 * step
-    s = origin[0] + step[0] * np.arange(count[0])
-    z = origin[1] + step[1] * np.arange(count[1])
-    # u, w and elevation per component, complex: a field F has the real part Re F cos(e - w t) - Im F sin(e - w t)
-    turn = np.exp(1j * np.outer(s, k))
-    speed = np.asarray(waves.speeds, float)
-    across, upright = (np.asarray(a, float) for a in waves.profiles(jnp.asarray(np.clip(z, -depth, None)), depth))
-    level = turn[:, None] * (speed * across)
-    rising = -1j * turn[:, None] * (speed * upright)
-    fields = [level.reshape(-1, k.size), rising.reshape(-1, k.size), turn * np.asarray(waves.amplitude, float)]
-    table = np.concatenate(fields)
-    left, values, right = np.linalg.svd(np.concatenate([table.real, -table.imag], axis=1), full_matrices=False)
+    bottom = max(low[1] - highest_crest, -depth)  # stretching moves positions under a crest downwards
+    lowest = np.array([low[0], bottom])
+    count = np.maximum(np.ceil((high - lowest) * float(jnp.max(waves.wave_number)) / GRID_STEP).astype(int), 4) + 4
+    step = (high - lowest) / (count - 4)
+    origin = lowest - 1.5 * step
+    s, z = (origin[i] + step[i] * np.arange(count[i]) for i in (0, 1))
+    fields = _component_fields(waves, depth, s, z)
+    left, values, right = np.linalg.svd(np.concatenate([fields.real, -fields.imag], axis=1), full_matrices=False)
     rank = int(np.sum(values > SMALLEST_SHAPE * values[0]))
     points = count[0] * count[1]
     velocities = left[: 2 * points, :rank].reshape(2, *count, rank)
     made = GridWaves(
-        **{f.name: getattr(waves, f.name) for f in fields_of(waves)},
+        **vars(waves),
         origin=jnp.asarray(origin),
         step=jnp.asarray(step),
         shapes=jnp.asarray(np.concatenate(velocities, axis=-1)),
         surface=jnp.asarray(left[2 * points :, :rank]),
         projection=jnp.asarray(values[:rank, None] * right[:rank]),
     )
-    return replace(made, error=_measure_error(waves, made, depth, requested_low, high))
+    return replace(made, error=_measure_error(waves, made, depth, low, high))
+
+
+def _component_fields(waves: Waves, depth: float, s: np.ndarray, z: np.ndarray) -> np.ndarray:
+    """u and w of each component over the grid of s and z, then its elevation over s, (2 ns nz + ns, c).
+
+    Complex: a field F has the real part `Re F cos(e - w t) - Im F sin(e - w t)`.
+    """
+    turn = np.exp(1j * np.outer(s, np.asarray(waves.wave_number, float)))
+    speed = np.asarray(waves.speeds, float)
+    across, upright = (np.asarray(a, float) for a in waves.profiles(jnp.asarray(np.clip(z, -depth, None)), depth))
+    level = turn[:, None] * (speed * across)
+    rising = -1j * turn[:, None] * (speed * upright)
+    surface = turn * np.asarray(waves.amplitude, float)
+    return np.concatenate([level.reshape(-1, speed.size), rising.reshape(-1, speed.size), surface])
 
 
 def _measure_error(exact: Waves, found: GridWaves, depth: float, low: np.ndarray, high: np.ndarray) -> Array:

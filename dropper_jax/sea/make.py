@@ -25,7 +25,7 @@ from dropper_jax.sea.dispersion import (
 from dropper_jax.sea.grid_waves import GridWaves, on_grid
 from dropper_jax.sea.spec import SeaSpec
 from dropper_jax.sea.spectrum import Components, components
-from dropper_jax.sea.steady import SteadyWave, fitting_theory, highest
+from dropper_jax.sea.steady import GivenWave, SteadyWave, fitting_theory, highest
 from dropper_jax.sea.stokes5 import stokes5
 from dropper_jax.sea.stream_function import NotSolved, stream_function
 from dropper_jax.sea.water import Sea
@@ -40,7 +40,7 @@ def make_sea(spec: SeaSpec, reach: tuple[np.ndarray, float] | None = None) -> Se
         reach: centre (3,) [m] and radius [m] of the region of the line, which an interpolated sea must cover.
 
     Raises:
-        SceneError: a component that the current stops; an interpolated sea that is not long-crested.
+        SceneError: a component that the current stops; an interpolated sea of several directions or with a level.
     """
     current = make_current(spec.current) if spec.current else None
     level = Level(**_arrays(spec.level)) if spec.level else None
@@ -83,17 +83,9 @@ def finite_wave(spec: SeaSpec, current: Current | None = None) -> SteadyWave | N
     period = given.period
     if period is not None:
         period = float(np.max(period))
-    return _solve_wave(
-        given.theory,
-        float(2.0 * np.max(given.size)),
-        spec.depth,
-        spec.gravity,
-        period=period,
-        length=given.length,
-        current=mean,
-        criterion=given.current_criterion,
-        order=given.order,
-    )
+    height = float(2.0 * np.max(given.size))
+    wave = GivenWave(height, spec.depth, spec.gravity, period, given.length, mean, given.current_criterion)
+    return _solve_wave(given.theory, wave, given.order)
 
 
 def main_period(spec: SeaSpec, waves: WaveSpec) -> float:
@@ -115,23 +107,12 @@ def _along(spec: SeaSpec, given: WaveSpec, current: Current | None, k: Scalar) -
 
 
 @lru_cache(maxsize=32)
-def _solve_wave(
-    theory: str,
-    height: float,
-    depth: float,
-    gravity: float,
-    *,
-    period: float | None,
-    length: float | None,
-    current: float,
-    criterion: str,
-    order: int | None,
-) -> SteadyWave | None:
+def _solve_wave(theory: str, given: GivenWave, order: int | None) -> SteadyWave | None:
     """The wave by the stream function or by Stokes' theory; None if `auto` finds that linear theory is valid."""
+    height = given.height
+    depth = given.depth
     try:
-        wave = stream_function(
-            height, depth, gravity, period=period, length=length, current=current, criterion=criterion, order=order
-        )
+        wave = stream_function(given, order)
         limit = wave.highest
     except NotSolved as error:
         limit = highest(error.length, depth)
@@ -150,7 +131,7 @@ def _solve_wave(
     if theory == "linear":
         return None
     try:
-        return stokes5(height, depth, gravity, period=period, length=length, current=current, criterion=criterion)
+        return stokes5(given)
     except ValueError as error:
         raise SceneError(f"sea.waves.theory: 'stokes5': {error}; allowed: 'stream'") from None
 
@@ -189,6 +170,8 @@ def _interpolate_waves(spec: SeaSpec, waves: Waves, middle: np.ndarray, radius: 
         raise SceneError(f"{refusal} one direction")
     if spec.stretching == "none":
         raise SceneError(f"{refusal} sea.stretching constant or wheeler")
+    if spec.level is not None:  # its depth changes the shapes: 3 m over 15 m, by a third of the rms velocity
+        raise SceneError(f"{refusal} no sea.level")
     direction = float(waves.direction)
     along = float(middle[:2] @ [np.cos(direction), np.sin(direction)])
     radius = GRID_MARGIN * radius

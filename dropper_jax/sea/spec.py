@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from importlib import resources
 
 from dropper_jax.base.constants import GRAVITY, SEA_WATER
-from dropper_jax.base.errors import Check, SceneError, nearest, raises_first
+from dropper_jax.base.errors import Check, SceneError, nearest
 from dropper_jax.base.fields import option, parameter
 from dropper_jax.base.read import DeclaredSection, Plain, Table, Values, part, read_table, read_text
 from dropper_jax.base.records import names_of
@@ -42,33 +42,32 @@ class SeaSpec(DeclaredSection):
             own = _merge(read_packaged(own.pop("packaged"), f"{path}.packaged"), own)
         return super().read(own, path)
 
-    @raises_first
-    def check(self, path: str) -> Iterator[Check]:
+    def checks(self) -> Iterator[Check]:
         lowest = self.level.lowest if self.level else 0.0
         yield (
             self.depth + lowest <= 0.0,
-            f"{path}.level: falls to {lowest:.4g} m, below the seabed; allowed: above {-self.depth:g} m",
+            f"level: falls to {lowest:.4g} m, below the seabed; allowed: above {-self.depth:g} m",
         )
         reference = 0.0
         if self.current is not None and self.current.reference is not None:
             reference = float(self.current.reference)
         yield (
             0.0 < self.depth + lowest <= -reference,
-            f"{path}.current.reference: {reference} is not above the seabed; allowed: above {-self.depth - lowest:g} m",
+            f"current.reference: {reference} is not above the seabed; allowed: above {-self.depth - lowest:g} m",
         )
         yield (
             self.wave_current != "none" and (self.waves is None or self.current is None),
-            f"{path}.wave_current: {self.wave_current!r} needs waves and a current; allowed: none",
+            f"wave_current: {self.wave_current!r} needs waves and a current; allowed: none",
         )
         yield (
             self.waves is not None and not self.gravity > 0.0,
-            f"{path}.gravity: {self.gravity} makes no waves; allowed: > 0 m/s^2 with [sea.waves]",
+            f"gravity: {self.gravity} makes no waves; allowed: > 0 m/s^2 with [sea.waves]",
         )
         theory = self.waves.theory if self.waves else "linear"
         for key, what, allowed in (("wave_current", "action", "none, doppler"), ("interpolation", "grid", "none")):
             yield (
                 theory != "linear" and getattr(self, key) == what,
-                f"{path}.{key}: {what!r} cannot be combined with waves of theory {theory!r}; allowed: {allowed}",
+                f"{key}: {what!r} cannot be combined with waves of theory {theory!r}; allowed: {allowed}",
             )
 
 

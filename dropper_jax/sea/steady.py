@@ -29,6 +29,30 @@ STOKES_MAX_LENGTH = 6.0
 Number = TypeVar("Number", float, np.ndarray)
 
 
+class GivenWave(NamedTuple):
+    """What is given of a wave, of which a theory finds the rest.
+
+    Attributes:
+        height, depth: [m]; gravity: [m/s^2].
+        period, length: [s] or [m], one of the two; the other is None.
+        current: mean velocity of the water along the wave [m/s], in the sense of `criterion`, one of `CRITERIA`.
+    """
+
+    height: float
+    depth: float
+    gravity: float
+    period: float | None = None
+    length: float | None = None
+    current: float = 0.0
+    criterion: str = "euler"
+
+    def eulerian(self, flow: Number, mean_flux: Number) -> Number | float:
+        """c_E, from the mean speed U and from Q/d in the frame of the wave."""
+        if self.criterion == "euler":
+            return self.current
+        return self.current + mean_flux - flow
+
+
 class SteadyWave(NamedTuple):
     """A solved wave.
 
@@ -93,13 +117,6 @@ class SteadyWave(NamedTuple):
 def cosine_series(phase: np.ndarray, harmonics: np.ndarray) -> np.ndarray:
     """`sum_j a_j cos j p` (m,) of harmonics a_j, j = 1..n, at phases p (m,) [rad]."""
     return np.cos(np.outer(phase, np.arange(1, len(harmonics) + 1))) @ harmonics
-
-
-def eulerian_velocity(criterion: str, current: float, flow: Number, mean_flux: Number) -> Number | float:
-    """c_E of a current in the sense of `criterion`, of the mean speed U and of Q/d in the frame of the wave."""
-    if criterion == "euler":
-        return current
-    return current + mean_flux - flow
 
 
 def profiles(k: float, depth: float, z: np.ndarray, order: int) -> tuple[np.ndarray, np.ndarray]:

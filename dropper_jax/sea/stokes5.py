@@ -11,40 +11,30 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.sea.dispersion import wave_number
-from dropper_jax.sea.steady import SteadyWave, eulerian_velocity
+from dropper_jax.sea.steady import GivenWave, SteadyWave
 
 #: Above this kd the water is deep to rounding; the coefficients are evaluated there without overflow.
 DEEP_WATER = 20.0
 
 
-def stokes5(
-    height: float,
-    depth: float,
-    gravity: float,
-    *,
-    period: float | None = None,
-    length: float | None = None,
-    current: float = 0.0,
-    criterion: str = "euler",
-) -> SteadyWave:
-    """A wave of a height [m] over a depth [m] with a period [s] or a length [m].
-
-    Args:
-        current: mean velocity of the water along the wave [m/s], in the sense of `criterion` (`steady.CRITERIA`).
+def stokes5(given: GivenWave) -> SteadyWave:
+    """The wave of a height with a period or a length.
 
     Raises:
         ValueError: no length for this period.
     """
+    depth = given.depth
+    length = given.length
     if length is None:
-        length = _length(height, depth, gravity, period, current, criterion)
+        length = _length(given)
     k = 2.0 * np.pi / length
-    flow, flux, head = _integrals(height, k, depth, gravity)
-    eulerian = eulerian_velocity(criterion, current, flow, flux / depth)
+    flow, flux, head = _integrals(given, k)
+    eulerian = given.eulerian(flow, flux / depth)
     celerity = flow + eulerian
-    powers = (0.5 * k * height) ** np.arange(1, 6)
+    powers = (0.5 * k * given.height) ** np.arange(1, 6)
     return SteadyWave(
         theory="stokes5",
-        height=height,
+        height=given.height,
         depth=depth,
         length=length,
         period=length / celerity,
@@ -55,19 +45,19 @@ def stokes5(
         head=head,
         flux=flux,
         surface=_surface(k * depth) @ powers / k,
-        speed=_speed(k * depth) @ powers * np.sqrt(gravity / k),
+        speed=_speed(k * depth) @ powers * np.sqrt(given.gravity / k),
     )
 
 
-def _length(height: float, depth: float, gravity: float, period: float, current: float, criterion: str) -> float:
+def _length(given: GivenWave) -> float:
     """Length [m] of a period: of several, that closest to the length of a linear wave."""
-    omega = 2.0 * np.pi / period
+    omega = 2.0 * np.pi / given.period
 
     def excess(k: float) -> float:
-        flow, flux, _ = _integrals(height, k, depth, gravity)
-        return k * (flow + eulerian_velocity(criterion, current, flow, flux / depth)) - omega
+        flow, flux, _ = _integrals(given, k)
+        return k * (flow + given.eulerian(flow, flux / given.depth)) - omega
 
-    still = float(wave_number(jnp.asarray(omega), jnp.asarray(depth), gravity))
+    still = float(wave_number(jnp.asarray(omega), jnp.asarray(given.depth), given.gravity))
     k = still * np.geomspace(0.2, 5.0, 400)
     values = np.array(list(map(excess, k)))
     rising = np.flatnonzero((values[:-1] <= 0.0) & (values[1:] > 0.0))
@@ -89,9 +79,10 @@ def _ratio(s: float, numerator: Sequence[float], divisor: float, power: int) -> 
     return float(np.polyval(numerator, s)) / (divisor * (1.0 - s) ** power)
 
 
-def _integrals(height: float, k: float, depth: float, gravity: float) -> tuple[float, float, float]:
+def _integrals(given: GivenWave, k: float) -> tuple[float, float, float]:
     """Mean speed in the frame of the wave [m/s], volume flux there [m^2/s], Bernoulli's constant minus g d
     [m^2/s^2]."""
+    height, depth, gravity = given[:3]
     s = _sech(k * depth)
     th = np.tanh(k * depth)
     c0 = np.sqrt(th)

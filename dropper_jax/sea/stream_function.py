@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dropper_jax.sea.steady import SteadyWave, cosine_series, eulerian_velocity, highest
+from dropper_jax.sea.steady import GivenWave, SteadyWave, cosine_series, highest
 
 #: Numbers of harmonics that are tried in turn.
 ORDERS = (10, 14, 20, 28, 40, 56, 80)
@@ -47,36 +47,27 @@ class NotSolved(ValueError):
         self.few = reached < TOO_FEW_HARMONICS * highest(length, depth)
 
 
-def stream_function(
-    height: float,
-    depth: float,
-    gravity: float,
-    *,
-    period: float | None = None,
-    length: float | None = None,
-    current: float = 0.0,
-    criterion: str = "euler",
-    order: int | None = None,
-) -> SteadyWave:
-    """A wave of a height [m] over a depth [m] with a period [s] or a length [m].
+def stream_function(given: GivenWave, order: int | None = None) -> SteadyWave:
+    """The wave of a height with a period or a length.
 
     Args:
-        current: mean velocity of the water along the wave [m/s], in the sense of `criterion` (`steady.CRITERIA`).
         order: number of harmonics; None uses as many as the surface needs.
 
     Raises:
         NotSolved: above the highest wave, or close to it.
     """
+    height, depth, gravity, period, length, *_ = given
     speed = np.sqrt(gravity * depth)
     time = np.sqrt(depth / gravity)
     if period is not None:
         period = period / time
     if length is not None:
         length = length / depth
-    problem = _Problem(depth, period, length, current / speed, criterion)
-    found = _solve(problem, height / depth, order)
+    scaled = GivenWave(height / depth, 1.0, 1.0, period, length, given.current / speed, given.criterion)
+    problem = _Problem(scaled, depth)
+    found = _solve(problem, order)
     wave = _name_unknowns(found)
-    eulerian = problem.eulerian(wave)
+    eulerian = scaled.eulerian(wave.flow, wave.flux)
     celerity = wave.flow + eulerian
     return SteadyWave(
         theory="stream",
@@ -96,8 +87,8 @@ def stream_function(
     )
 
 
-def _solve(problem: _Problem, height: float, order: int | None) -> np.ndarray:
-    """The unknowns of a wave of a height in units of depth, with `order` harmonics or as many as its surface needs.
+def _solve(problem: _Problem, order: int | None) -> np.ndarray:
+    """The unknowns of a wave with `order` harmonics, or as many as its surface needs.
 
     Raises:
         NotSolved: the error is too large, or Newton's method fails with the given harmonics.
@@ -105,13 +96,13 @@ def _solve(problem: _Problem, height: float, order: int | None) -> np.ndarray:
     orders = ORDERS
     if order is not None:
         orders = (*(n for n in ORDERS if n < order), order)
-    found = _climb_orders(problem, height, orders)
+    found = _climb_orders(problem, orders)
     for n in orders:
         if n <= _order(found):
             continue
         if order is None and problem.between(found) < ENOUGH_HARMONICS_ERROR:
             break
-        finer = _newton(problem, _refine_harmonics(found, n), height)
+        finer = _newton(problem, _refine_harmonics(found, n), problem.given.height)
         if finer is not None:
             found = finer
     if order is None:
@@ -119,7 +110,7 @@ def _solve(problem: _Problem, height: float, order: int | None) -> np.ndarray:
     else:
         failed = _order(found) < order
     if failed:
-        raise problem.not_solved(height, _name_unknowns(found).number)
+        raise problem.not_solved(problem.given.height, _name_unknowns(found).number)
     return found
 
 
@@ -146,21 +137,19 @@ def _order(x: np.ndarray) -> int:
 
 
 class _Problem(NamedTuple):
-    """The equations of one wave in units of depth and gravity; unknowns (k, eta_0..n, V_1..n, U, Q, head)."""
+    """The equations of one wave in units of depth and gravity; unknowns (k, eta_0..n, V_1..n, U, Q, head).
 
+    Attributes:
+        given: the wave in these units.
+        depth: [m].
+    """
+
+    given: GivenWave
     depth: float
-    period: float | None
-    length: float | None
-    current: float
-    criterion: str
 
     def not_solved(self, reached: float, number: float | np.ndarray) -> NotSolved:
         """The error, in metres, with the maximum solved height and a wave number."""
         return NotSolved(self.depth * reached, self.depth * 2.0 * np.pi / float(number), self.depth)
-
-    def eulerian(self, wave: _Unknowns) -> np.ndarray | float:
-        """c_E, the mean velocity of the water at a fixed position."""
-        return eulerian_velocity(self.criterion, self.current, wave.flow, wave.flux)
 
     def surface(self, x: np.ndarray, eta: np.ndarray, angle: np.ndarray) -> np.ndarray:
         """Residual of both conditions (2, m, ...) at phases (m,) with the surface at eta (m, ...)."""
@@ -185,10 +174,9 @@ class _Problem(NamedTuple):
         n = _order(x)
         both = self.surface(x, eta, np.pi * np.arange(n + 1) / n).reshape(2 * n + 2, -1)
         mean = 0.5 * (eta[0] + eta[-1]) + np.sum(eta[1:-1], axis=0)
-        if self.length is None:
-            distance = (wave.flow + self.eulerian(wave)) * self.period
-        else:
-            distance = self.length
+        distance = self.given.length
+        if distance is None:
+            distance = (wave.flow + self.given.eulerian(wave.flow, wave.flux)) * self.given.period
         return np.concatenate([both, [mean, eta[0] - eta[-1] - height, distance * wave.number - 2.0 * np.pi]])
 
     def between(self, x: np.ndarray) -> float:
@@ -201,12 +189,12 @@ class _Problem(NamedTuple):
 
     def linear_number(self) -> float:
         """Wave number of a linear wave on the current."""
-        if self.length is not None:
-            return 2.0 * np.pi / self.length
-        omega = 2.0 * np.pi / self.period
+        if self.given.length is not None:
+            return 2.0 * np.pi / self.given.length
+        omega = 2.0 * np.pi / self.given.period
         k = max(omega**2, omega)
         for _ in range(200):
-            c = np.sqrt(np.tanh(k) / k) + self.current
+            c = np.sqrt(np.tanh(k) / k) + self.given.current
             k = 0.5 * (k + omega / max(c, 1e-3))
         return k
 
@@ -235,26 +223,27 @@ def _newton(problem: _Problem, x: np.ndarray, height: float) -> np.ndarray | Non
     return None
 
 
-def _climb_orders(problem: _Problem, height: float, orders: tuple[int, ...]) -> np.ndarray:
+def _climb_orders(problem: _Problem, orders: tuple[int, ...]) -> np.ndarray:
     """The wave with the minimum number of harmonics for its height; long waves need many."""
     *fewer, most = orders
     for n in fewer:
         try:
-            return _climb(problem, height, n)
+            return _climb(problem, n)
         except NotSolved as error:
             if not error.few:
                 raise
-    return _climb(problem, height, most)
+    return _climb(problem, most)
 
 
-def _climb(problem: _Problem, height: float, order: int) -> np.ndarray:
+def _climb(problem: _Problem, order: int) -> np.ndarray:
     """From a low linear wave to the height, in steps that are halved if Newton's method fails."""
+    height = problem.given.height
     done = 0.0
     step = FIRST_STEP
     past = []
     while done < 1.0:
         share = min(done + step, 1.0)
-        x = _newton(problem, _guess(problem, past, share, height, order), share * height)
+        x = _newton(problem, _guess(problem, past, share, order), share * height)
         if x is None:
             step *= 0.5
             if step < SMALLEST_STEP:
@@ -271,9 +260,7 @@ def _climb(problem: _Problem, height: float, order: int) -> np.ndarray:
     return past[-1][1]
 
 
-def _guess(
-    problem: _Problem, past: list[tuple[float, np.ndarray]], share: float, height: float, order: int
-) -> np.ndarray:
+def _guess(problem: _Problem, past: list[tuple[float, np.ndarray]], share: float, order: int) -> np.ndarray:
     """Initial guess at a share of the height: a linear wave, or extrapolated from the last one or two shares and
     solutions."""
     if len(past) == 2:
@@ -283,7 +270,7 @@ def _guess(
         return past[0][1]
     k = problem.linear_number()
     c = np.sqrt(np.tanh(k) / k)
-    eta = 0.5 * share * height * np.cos(np.pi * np.arange(order + 1) / order)
+    eta = 0.5 * share * problem.given.height * np.cos(np.pi * np.arange(order + 1) / order)
     first = eta[0] * k * c / np.tanh(k)
     return np.concatenate([[k], eta, [first], np.zeros(order - 1), [c, c, 0.5 * c**2]])
 

@@ -31,7 +31,7 @@ def read_components(file: str | Path, path: str = "file") -> Table:
     column = dict(zip(names, rows.T, strict=True))
     given = column[key]
     if np.any(given <= 0):
-        worst = int(np.argmin(given))
+        worst = np.argmin(given)
         raise SceneError(f"{path}: {key} of component {worst + 1} is {given[worst]:g}; allowed: > 0")
     found = {"phase": np.zeros(len(rows)), "period": given}
     if key == "frequency_hz":
@@ -132,17 +132,18 @@ def _read_csv(file: str | Path, path: str) -> tuple[list[str], np.ndarray]:
     """Names of the columns, and rows of finite numbers."""
     try:
         with open(file, newline="", encoding="utf-8-sig") as opened:
-            rows_of_text = (line for line in opened if not line.startswith("#"))
-            lines = [cells for cells in csv.reader(rows_of_text, strict=True) if cells]
+            # comments become empty lines, so that the reader counts the lines of the file
+            reader = csv.reader(("" if line.startswith("#") else line for line in opened), strict=True)
+            lines = [(reader.line_num, cells) for cells in reader if cells]
     except (OSError, csv.Error, ValueError) as error:
         raise SceneError(f"{path}: cannot read {str(file)!r}: {getattr(error, 'strerror', None) or error}") from None
     if len(lines) < 2:
         raise SceneError(f"{path}: {str(file)!r} has no rows; allowed: a header and one row per component or time")
-    names = [name.strip() for name in lines[0]]
+    names = [name.strip() for name in lines[0][1]]
     if len(set(names)) < len(names):
         raise SceneError(f"{path}: {str(file)!r} has the columns {', '.join(names)}; allowed: every column once")
     rows = []
-    for number, line in enumerate(lines[1:], start=2):
+    for number, line in lines[1:]:
         try:
             rows.append(list(map(float, line)))
         except ValueError:

@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from dropper_jax.base.errors import Check, SceneError, raises_first
+from dropper_jax.base.errors import Check, SceneError
 from dropper_jax.base.fields import option, parameter
 from dropper_jax.base.read import (
     DeclaredSection,
@@ -22,6 +22,7 @@ from dropper_jax.base.read import (
     short_text,
 )
 from dropper_jax.base.read import count as whole_number
+from dropper_jax.base.records import select_keys, without_none
 from dropper_jax.base.references import find_referenced
 from dropper_jax.sea.spectrum import SHAPES
 from dropper_jax.sea.steady import CRITERIA, THEORIES
@@ -106,8 +107,7 @@ class WaveSpec(DeclaredSection):
         waves.check(path)
         return waves
 
-    @raises_first
-    def check(self, path: str) -> Iterator[Check]:
+    def checks(self) -> Iterator[Check]:
         needed = NEEDED[self.kind]
         for key in needed:
             other = REPLACEMENTS[key] if self.kind == "regular" else key
@@ -115,39 +115,37 @@ class WaveSpec(DeclaredSection):
             other_is_given = getattr(self, other) is not None
             yield (
                 not (is_given or other_is_given),
-                f"{path}.{key}: missing; kind {self.kind!r} needs {' and '.join(needed)}",
+                f"{key}: missing; kind {self.kind!r} needs {' and '.join(needed)}",
             )
             yield (
                 other != key and is_given and other_is_given,
-                f"{path}.{other}: cannot be combined with `{key}`; allowed: one of the two",
+                f"{other}: cannot be combined with `{key}`; allowed: one of the two",
             )
         theory = self.theory
         yield (
             self.order is not None and theory != "stream",
-            f"{path}.order: {self.order} is not used by theory {theory!r}; allowed: with 'stream'",
+            f"order: {self.order} is not used by theory {theory!r}; allowed: with 'stream'",
         )
         yield (
             self.current_criterion != "euler" and theory == "linear",
-            f"{path}.current_criterion: 'stokes' is not used by theory 'linear'; allowed: with stokes5, stream, auto",
+            "current_criterion: 'stokes' is not used by theory 'linear'; allowed: with stokes5, stream, auto",
         )
         yield (
             theory != "linear" and self.amplitude is not None and not np.all(np.asarray(self.amplitude) > 0.0),
-            f"{path}.amplitude: {short_text(plain(self.amplitude))} is not a wave; allowed: > 0 m with theory "
-            f"{theory!r}",
+            f"amplitude: {short_text(plain(self.amplitude))} is not a wave; allowed: > 0 m with theory {theory!r}",
         )
-        keys = [key for key in ("amplitude", "period", "phase", "direction") if getattr(self, key) is not None]
+        given = without_none(select_keys(vars(self), ("amplitude", "period", "phase", "direction")))
         count = 1
         allowed = "one number"
         if self.kind not in ("regular", "spectrum"):
-            count = max(np.size(getattr(self, key)) for key in keys)
+            count = max(map(np.size, given.values()))
         if count != 1:
             allowed = f"{count}, one per component"
-        for key in keys:
-            value = getattr(self, key)
+        for key, value in given.items():
             size = np.size(value)
             yield (
                 size != count and (size != 1 or key in ("amplitude", "period")),
-                f"{path}.{key}: {short_text(plain(value))} has {size} entries; allowed: {allowed}",
+                f"{key}: {short_text(plain(value))} has {size} entries; allowed: {allowed}",
             )
 
     @property

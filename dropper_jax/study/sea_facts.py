@@ -9,8 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.base.read import Table
-from dropper_jax.load.checks_water import SHALLOW_HEIGHT, mean_period, steepest_sea
 from dropper_jax.load.scene import Scene
+from dropper_jax.load.sea_warnings import SHALLOW_HEIGHT, mean_period, steepest_sea
 from dropper_jax.sea import Sea
 from dropper_jax.sea.make import finite_wave, make_current, make_sea
 from dropper_jax.sea.spec import SeaSpec

@@ -101,20 +101,23 @@ def test_the_error_of_an_unknown_effect_names_the_option_and_the_entry_point(tmp
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("name", "text", "words"),
     [
-        ("x = 1", "has no effect; needed: a class of dropper_jax.Effect with `name` and @component"),
-        ("x = ", "cannot be used: SyntaxError"),
-        ("import not_there", "cannot be used: ModuleNotFoundError"),
-        (EFFECT.replace("@component\n", ""), "cannot be used: ValueError: Push: is not a component"),
+        ("none.py", "", "is not a Python file; allowed: an existing FILE.py"),
+        ("scene.toml", "", "is not a Python file; allowed: an existing FILE.py"),
+        ("push.py", "x = 1", "has no effect; needed: a class of dropper_jax.Effect with `name` and @component"),
+        ("push.py", "x = ", "cannot be used: SyntaxError"),
+        ("push.py", "import not_there", "cannot be used: ModuleNotFoundError"),
+        ("push.py", EFFECT.replace("@component\n", ""), "cannot be used: ValueError: Push: is not a component"),
         (
+            "push.py",
             EFFECT.replace('"push"', '"weight"'),
             "Push: the name 'weight' is already used by dropper_jax.effects.weight.",
         ),
     ],
 )
-def test_a_file_without_a_usable_effect_is_refused_by_name(tmp_path, printed, text, words):
-    file = own_file(tmp_path, text)
+def test_a_file_without_a_usable_effect_is_refused_by_name(tmp_path, printed, name, text, words):
+    file = own_file(tmp_path, text).with_name(name)
     known = dict(EFFECTS)
     (line,) = printed(["check", str(tmp_path / "scene.toml"), "--effects", str(file)], 2).err.splitlines()
     assert line.startswith("error: --effects: ")
@@ -126,13 +129,6 @@ def test_an_effect_has_a_name_and_is_registered_once():
     with pytest.raises(ValueError, match="has no `name`"):
         register(type("Nameless", (Effect,), {}))
     assert register(EFFECTS["weight"]) is EFFECTS["weight"]
-
-
-@pytest.mark.parametrize("name", ["none.py", "scene.toml"])
-def test_a_file_that_is_not_python_is_refused(tmp_path, printed, name):
-    own_file(tmp_path)
-    output = printed(["check", str(tmp_path / "scene.toml"), "--effects", str(tmp_path / name)], 2).err
-    assert "is not a Python file; allowed: an existing FILE.py" in output
 
 
 def test_every_command_that_reads_scenes_or_runs_takes_effects_of_a_file():

@@ -188,6 +188,15 @@ def beside(**floating):
     return table
 
 
+def beside_buoy():
+    """The same with a buoy, and weight: it falls 0.3 m."""
+    buoy = {"name": "float", "point": "d", "mass": 2.0, "diameter": 0.2, "height": 0.4, "attachment": 0.4}
+    table = beside(buoy=[buoy])
+    table["point"].append(free("d", 0.05, 0.1, 0.4))
+    table["effects"]["weight"] = {}
+    return table
+
+
 @pytest.mark.check
 def test_a_body_that_falls_on_a_line_bounces_and_keeps_all_energy():
     ball = {"centre": [0.0, 0.0, 0.0], "diameter": 0.3, "cd": 0.0, "ca": 0.0}
@@ -216,9 +225,7 @@ def test_a_body_that_falls_on_a_line_bounces_and_keeps_all_energy():
         ),
         ({"pairs": []}, "effects.line_contact.pairs: missing"),
         ({"pairs": [["low"]]}, "effects.line_contact.pairs.0: ['low'] has 1 entries; allowed: two names"),
-        ({"pairs": "low"}, "effects.line_contact.pairs: 'low' is not a list"),
         ({"bodies": [["low", "spar"]]}, "effects.line_contact.bodies.0.1: 'spar' is not a body or buoy; none exist"),
-        ({"stiffness": 0.0}, "effects.line_contact.stiffness: 0.0 is out of range; allowed: a number > 0 N/m"),
     ],
 )
 def test_pairs_that_make_no_sense_are_refused(more, message, refusal):
@@ -239,21 +246,15 @@ def test_a_piece_of_a_line_touches_others_once(pairs, message, refusal):
 
 
 def test_a_line_touches_a_buoy_once(refusal):
-    buoy = {"name": "float", "point": "d", "mass": 2.0, "diameter": 0.2, "height": 0.4, "attachment": 0.4}
-    table = beside(buoy=[buoy])
-    table["point"].append(free("d", 0.05, 0.1, 0.4))
-    table["effects"] |= {"weight": {}}
+    table = beside_buoy()
     table["effects"]["line_contact"]["bodies"] *= 2
     assert "line_contact.bodies.1: is listed before" in refusal(dj.load_scene, table)
 
 
 @pytest.mark.check
 def test_steps_that_no_halving_makes_short_enough_are_reported():
-    buoy = {"name": "float", "point": "d", "mass": 2.0, "diameter": 0.2, "height": 0.4, "attachment": 0.4}
-    table = beside(buoy=[buoy])  # falls 0.3 m: more than half a radius in a step of 0.1 s
-    table["point"].append(free("d", 0.05, 0.1, 0.4))
-    table["effects"]["weight"] = {}
-    solution = dj.simulate(table, dt=0.1, duration=0.4, halvings=0)
+    # more than half a radius in a step of 0.1 s
+    solution = dj.simulate(beside_buoy(), dt=0.1, duration=0.4, halvings=0)
     assert solution.status == "retry_exhausted"
     assert "lines in contact moved by more than half their radius" in solution.failure
     assert "take a smaller step" in solution.failure

@@ -27,9 +27,12 @@ def body(one_line, in_water):
     return make
 
 
-@pytest.mark.parametrize(("z", "wet"), [(-10.0, 1.0), (0.0, 0.5), (10.0, 0.0)])
+#: A body in the surface is half wet, by symmetry.
+HEIGHTS = pytest.mark.parametrize(("z", "wet"), [(-10.0, 1.0), (0.0, 0.5), (10.0, 0.0)])
+
+
+@HEIGHTS
 def test_a_body_has_its_weight_less_that_of_the_water_it_displaces(body, z, wet):
-    """A body in the surface is half wet, by symmetry."""
     model, k, end = body(z)
     force = np.asarray(model.effect("point_bodies").force(k))
     np.testing.assert_allclose(force[end], [0.0, 0.0, (wet * RHO * VOLUME - MASS) * G], rtol=1e-12, atol=1e-9)
@@ -45,7 +48,7 @@ def test_a_body_in_still_water_is_braked_by_half_rho_cda_u2_and_carries_added_ma
     assert float(effect.point_mass(model)[end]) == MASS
 
 
-@pytest.mark.parametrize(("z", "wet"), [(-10.0, 1.0), (0.0, 0.5), (10.0, 0.0)])
+@HEIGHTS
 def test_water_brakes_a_body_without_volume_only_where_it_is_under_water(body, z, wet):
     model, k, end = body(z, v=0.8, volume=0.0)
     drag = float(model.effect("point_bodies").force(k)[end, 0])

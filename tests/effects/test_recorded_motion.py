@@ -55,6 +55,10 @@ def test_a_run_starts_at_the_first_row_and_ends_at_the_last():
         ({"points": ["left", "left"]}, "'left' is a duplicate point"),
         ({"time": TIMES[::-1].tolist()}, "recorded_motion.time: needs at least 2 increasing times"),
         ({"positions": path(TIMES, 0).tolist()}, "recorded_motion.positions: has 11 rows; allowed: 22"),
+        (
+            {"positions": np.stack([path(TIMES, 0), path(TIMES, 1)], axis=1).reshape(-1, 3).tolist()},
+            "recorded_motion.positions: start with one row for each point; allowed: all rows of the first point",
+        ),
     ],
 )
 def test_tables_that_fit_nothing_are_refused(change, message, refusal):

@@ -8,12 +8,11 @@ import pytest
 import dropper_jax as dj
 
 RHO = 1000.0
+WAVES = {"waves": {"kind": "regular", "amplitude": 1.0, "period": 7.0, "direction": 0.5}}
 
 
 def test_the_thesis_force_is_that_of_the_water_at_the_origin_on_every_node(hanging, in_water):
-    waves = {"kind": "regular", "amplitude": 1.0, "period": 7.0, "direction": 0.5}
-    scene = hanging({"weight": {}, "thesis_wave_force": {"c_d": 2.0, "c_m": 1.5}}, {"waves": waves}, links=2)
-    model, state = dj.build(scene)
+    model, state = dj.build(hanging({"weight": {}, "thesis_wave_force": {"c_d": 2.0, "c_m": 1.5}}, WAVES, links=2))
     water = model.sea.at(jnp.zeros((1, 3)), jnp.array(1.3))
     u, a = np.asarray(water.velocity[0]), np.asarray(water.acceleration[0])
     force = np.pi / 4 * RHO * 0.05**2 * 1.5 * a + 0.5 * RHO * 0.05 * 2.0 * np.abs(u) * u
@@ -22,9 +21,8 @@ def test_the_thesis_force_is_that_of_the_water_at_the_origin_on_every_node(hangi
 
 
 def relative_scene(hanging, **more):
-    waves = {"kind": "regular", "amplitude": 1.0, "period": 7.0, "direction": 0.5}
     force = {"c_d": 2.0, "c_m": 1.5, "velocity": "relative", **more}
-    return hanging({"weight": {}, "thesis_wave_force": force}, {"waves": waves}, links=2)
+    return hanging({"weight": {}, "thesis_wave_force": force}, WAVES, links=2)
 
 
 def test_with_relative_velocity_the_nodes_own_motion_counts(hanging, in_water):
@@ -58,8 +56,7 @@ def test_added_mass_needs_the_relative_velocity(hanging):
 @pytest.mark.check
 def test_the_thesis_scheme_in_angles_books_the_work_of_the_water(hanging):
     """Energy is that of the start and of the work, to the first order of the scheme."""
-    waves = {"kind": "regular", "amplitude": 1.0, "period": 7.0, "direction": 0.5}
-    scene = hanging({"weight": {}, "thesis_wave_force": {}}, {"waves": waves})
+    scene = hanging({"weight": {}, "thesis_wave_force": {}}, WAVES)
     scene["start"] = {"kind": "angles", "zero": "down", "polar": [0.8]}
     plain = {"integrator": "thesis_angles", "halvings": 0}
     runs = [dj.simulate(scene, dt=dt, **plain) for dt in (0.004, 0.002)]

@@ -12,6 +12,7 @@ from scipy.optimize import brentq
 
 from dropper_jax.base.constants import SEA_WATER
 from dropper_jax.load.scene import Scene, load_scene
+from dropper_jax.sea.steady import GivenWave
 from dropper_jax.sea.stream_function import stream_function
 
 RHO = SEA_WATER
@@ -142,7 +143,7 @@ HIGH = 5.34
 
 def _steep_field() -> Callable[[float, float, float], tuple[Any, np.ndarray, np.ndarray]]:
     """Elevation, velocity and local acceleration of that wave from its harmonics."""
-    wave = stream_function(HIGH, DEPTH, G, period=PERIOD)
+    wave = stream_function(GivenWave(HIGH, DEPTH, G, period=PERIOD))
     j = np.arange(1, wave.order + 1)
     k, omega = wave.wave_number, 2 * np.pi / wave.period
 

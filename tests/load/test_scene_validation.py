@@ -48,20 +48,15 @@ def changed(path: str, value: object) -> dict:
 BAD = [
     # unknown keys, with the nearest name
     ("runs", {}, "runs: unknown key", "'run'"),
-    ("run.durations", 1.0, "run.durations: unknown key", "'duration'"),
     ("line.0.lenght", 0.1, "line.0.lenght: unknown key", "'length'"),
-    ("point.1.positon", [0, 0, 0], "point.1.positon: unknown key", "'position'"),
     ("effects.linear_dampin", {"b_l": 1}, "effects.linear_dampin: unknown key", "'linear_damping'"),
     ("effects.linear_damping.bl", 1.0, "effects.linear_damping.bl: unknown key", "'b_l'"),
-    ("effects.recorded_motion", {"places": [[0, 0, 0]]}, "effects.recorded_motion.places: unknown key", "positions"),
-    ("start.polr", [0.0], "start.polr: unknown key", "'polar'"),
     ("line.0.axial", {"law": "elastic", "EA": 1.0, "dampin": 0.1}, "line.0.axial.dampin: unknown key", "'damping'"),
     # missing values
     ("run", REMOVE, "run: missing", "`duration`"),
     ("line.0.mass", REMOVE, "line.0.mass: missing", "> 0 kg"),
     ("line", REMOVE, "line: missing", "[[line]]"),
     ("point", [], "point: missing", "[[point]]"),
-    ("effects.linear_damping.b_l", REMOVE, "effects.linear_damping.b_l: missing", ">= 0 kg/s"),
     ("line.0.axial", {"law": "elastic"}, "line.0.axial.EA: missing", "> 0 N"),
     ("line.0.axial", {"damping": 1.0}, "line.0.axial.EA: missing", "> 0 N"),
     # wrong types; a truth value is not a number
@@ -69,7 +64,6 @@ BAD = [
     ("run.dt", True, "run.dt: True is not a number", "> 0 s"),
     ("run.save_every", 1.5, "run.save_every: 1.5 is not a whole number", ">= 1"),
     ("line.0.links", True, "line.0.links: True is not a whole number", ">= 1"),
-    ("line.0.links", "four", "line.0.links: 'four' is not a whole number", ">= 1"),
     ("line.0.mass", {"a": 1}, "line.0.mass: {'a': 1} is not a number", "list of 4 numbers"),
     ("line.0.mass", [0.1, 0.1, "x", 0.1], "line.0.mass.2: 'x' is not a number", "> 0 kg"),
     ("line.0.name", 3, "line.0.name: 3 is not a text", "text"),
@@ -78,36 +72,28 @@ BAD = [
     ("point", {"name": "left"}, "point: {'name': 'left'} is not a list", "[[point]]"),
     ("point.0", 7, "point.0: 7 is not a table", "keys"),
     ("effects", [1], "effects: [1] is not a table", "keys"),
-    ("effects.weight", 9.81, "effects.weight: 9.81 is not a table", "keys"),
-    ("description", 5, "description: 5 is not a text", "text"),
     (
         "effects.nodal_force",
         {"nodes": 2, "force_n": [[0, 0, 1]]},
         "effects.nodal_force.nodes: 2 is not a list",
         "whole",
     ),
-    ("effects.nodal_force", {"nodes": [2], "force_n": [1.0]}, "effects.nodal_force.force_n.0: 1.0 is not a list", "3"),
     # out of range
     ("line.0.mass", -0.1, "line.0.mass: -0.1 is out of range", "> 0 kg"),
     ("line.0.mass", 0.0, "line.0.mass: 0.0 is out of range", "> 0 kg"),
-    ("line.0.length", -1.0, "line.0.length: -1.0 is out of range", "> 0 m"),
     ("line.0.length", [0.1, 0.1, -0.1, 0.1], "line.0.length.2: -0.1 is out of range", "> 0 m"),
     ("line.0.links", 0, "line.0.links: 0 is out of range", ">= 1"),
     ("run.dt", 0.0, "run.dt: 0.0 is out of range", "> 0 s"),
-    ("run.dt", -0.01, "run.dt: -0.01 is out of range", "> 0 s"),
-    ("run.duration", 0, "run.duration: 0 is out of range", "> 0 s"),
     ("run.duration", 0.001, "run.duration: 0.001 is shorter than the step", "0.01 s"),
     ("run.save_interval", 500.0, "run.save_interval: 500.0 s is longer than the run", "at most its duration"),
     ("run.gamma", 1.5, "run.gamma: 1.5 is out of range", "0 to 1"),
     ("run.dtype", "float16", "run.dtype: 'float16' is unknown", "float64, float32"),
     ("point.1.kind", "fixd", "point.1.kind: 'fixd' is unknown", "'fixed'"),
     ("line.0.axial", {"law": "rubber"}, "line.0.axial.law: 'rubber' is unknown", "rigid, elastic"),
-    ("effects.linear_damping.b_l", -1, "effects.linear_damping.b_l: -1 is out of range", ">= 0 kg/s"),
     ("effects.nodal_force", {"nodes": [9], "force_n": [[0, 0, 1]]}, "effects.nodal_force.nodes: 9", "1 to 4"),
     # wrong lengths of lists
     ("line.0.mass", [0.1, 0.1], "line.0.mass: [0.1, 0.1] has 2 entries", "4 numbers"),
     ("point.0.position", [0, 0], "point.0.position: [0, 0] has 2 entries", "3 numbers"),
-    ("effects.linear_damping.b_l", [1, 1, 1], "effects.linear_damping.b_l: [1, 1, 1] has 3 entries", "4 numbers"),
     ("effects.joint_friction", {"dry": [1] * 4}, "effects.joint_friction.dry: [1, 1, 1, 1] has 4", "5 numbers"),
     ("start", {"kind": "angles", "polar": [0.1]}, "start.polar: [0.1] has 1 entries", "4, one per link"),
     ("start", {"kind": "positions", "positions": [[0, 0, 0]]}, "start.positions: [[0.0, 0.0, 0.0]] has 1 rows", "5"),
@@ -262,6 +248,12 @@ def test_values_are_changed_by_path_number_or_name():
     assert new.points[1].position[0] == 0.3
     assert (new.lines[0].axial_law, new.lines[0].EA[0], new.run.dt) == ("elastic", 100.0, 0.02)
     assert scene == Scene.from_dict(LOOP)
+
+
+def test_a_number_in_a_path_is_never_the_name_of_another_line():
+    rope = {**LOOP["line"][0], "axial": {"EA": 1e5}}
+    scene = Scene.from_dict({**LOOP, "line": [{**rope, "name": "first"}, {**rope, "name": "0"}]})
+    assert [line.length[0] for line in scene.with_values({"line.0.length": 0.2}).lines] == [0.2, 0.1]
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from dropper_jax import Scene, SceneError, load_scene
+from dropper_jax.run.plausibility import scene_warnings
 from dropper_jax.scene import whole_lines
 
 
@@ -81,6 +82,22 @@ def test_sections_are_changed_one_by_one_and_their_line_has_no_length_to_change(
     np.testing.assert_allclose(scene.lines[0].length, [5.0] * 4 + [7.0] * 5, rtol=1e-14)
     message = refusal(scene.with_values, {"line.chain.length": 55.0})
     assert "Use line.chain.sections.0.length and so on" in message
+
+
+@pytest.mark.parametrize(
+    ("sections", "lacking"), [([3000.0, None], True), ([3000.0, 4000.0], False), ([None] * 2, False)]
+)
+def test_a_line_of_which_only_some_types_have_a_breaking_load_is_warned_of(sections, lacking):
+    table = with_sections().as_written()
+    kinds = [{**table["line_type"][0], "name": name} for name in ("old", "new")]
+    for kind, section, load in zip(kinds, table["line"][0]["sections"], sections, strict=True):
+        section["type"] = kind["name"]
+        if load is not None:
+            kind["breaking_load"] = load
+    scene = Scene.from_dict({**table, "line_type": kinds})
+    found = [text for text in scene_warnings(scene) if "line 'chain': has no breaking load, as its type 'new'" in text]
+    assert len(found) == lacking
+    assert (scene.lines[0].breaking_load is None) == (None in sections)
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,7 @@ import pytest
 from dropper_jax import equilibrium, load_scene, read_moordyn
 from dropper_jax.decks.reading.reader import line_parts
 from dropper_jax.decks.reading.sections import read_input, split_file
-from dropper_jax.load.checks_water import bed_height
+from dropper_jax.load.surface import bed_height
 
 OTHERS = runpy.run_path(str(Path(__file__).with_name("others.py")))
 DECKS, DEPTH, WHEEL, MOORPY, by_itself = (OTHERS[key] for key in ("DECKS", "DEPTH", "WHEEL", "MOORPY", "by_itself"))

@@ -55,6 +55,12 @@ def test_moorpys_own_files_have_no_mooring_around(tmp_path):
         dj.load_scene(file)
 
 
+def test_a_point_without_a_name_is_noted_with_the_one_it_is_given(tmp_path):
+    file = changed(tmp_path, "name: fairlead west, ", "")
+    file.write_text(file.read_text().replace("endB: fairlead west", "endB: point-2"))
+    assert any("points.1: 'point-2' is on the vessel" in note for note in dj.load_scene(file).notes)
+
+
 def test_a_file_that_names_a_moordyn_file_is_that(tmp_path):
     (tmp_path / "chain.txt").write_text((FILE.parent / "chain.txt").read_text())
     file = tmp_path / "deck.yaml"

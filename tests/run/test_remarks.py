@@ -9,7 +9,7 @@ from scene_parts import free_at, line_of, scene_of
 
 import dropper_jax as dj
 from dropper_jax import SceneError, load_scene
-from dropper_jax.load.checks_system import motion_warnings
+from dropper_jax.load.system_warnings import motion_warnings
 from dropper_jax.run.end_forces import end_forces
 from dropper_jax.run.pose_remarks import pose_remarks
 

@@ -10,10 +10,10 @@ from scene_parts import fixed, free, line_of, system
 
 import dropper_jax as dj
 from dropper_jax.cli import main
-from dropper_jax.load.checks_water import sea_warnings
+from dropper_jax.load.sea_warnings import sea_warnings
 from dropper_jax.sea.make import finite_wave, make_sea
 from dropper_jax.sea.spec import SeaSpec
-from dropper_jax.sea.steady import fitting_theory, highest
+from dropper_jax.sea.steady import GivenWave, fitting_theory, highest
 from dropper_jax.sea.stokes5 import stokes5
 from dropper_jax.sea.stream_function import NotSolved, stream_function
 
@@ -45,18 +45,18 @@ def values(wave):
 @pytest.mark.parametrize("point", PUBLISHED, ids=lambda p: f"H {p[0]} T {p[1]}")
 def test_the_stream_function_gives_published_solutions_to_a_percent(point):
     height, period, criterion, current, *expected = point
-    wave = stream_function(height, 1.0, 1.0, period=period, criterion=criterion, current=current)
+    wave = stream_function(GivenWave(height, 1.0, 1.0, period=period, criterion=criterion, current=current))
     # the printed digits; the cnoidal theory of the last is good to some thousandths
     tolerance = 2e-4 if criterion == "euler" else 5e-3
     np.testing.assert_allclose(values(wave), expected, rtol=tolerance)
     if fitting_theory(height, wave.length, 1.0) == "stokes5":
-        stokes = stokes5(height, 1.0, 1.0, period=period, criterion=criterion, current=current)
+        stokes = stokes5(GivenWave(height, 1.0, 1.0, period=period, criterion=criterion, current=current))
         np.testing.assert_allclose(values(stokes), expected, rtol=1e-3)
 
 
 def test_published_harmonics_are_met():
     # FentonStokesClass, H 0.2 d, T 3: 86 % of the highest; B_1, B_2 sqrt(g/k^3) are those of the potential, E_j k
-    wave = stream_function(0.2, 1.0, 1.0, period=3.0)
+    wave = stream_function(GivenWave(0.2, 1.0, 1.0, period=3.0))
     k = wave.wave_number
     surface = [0.34415007, 0.077124456, 0.027655267, 0.012081391, 0.0058781740]
     np.testing.assert_allclose(k * wave.surface[:5], surface, rtol=1e-4)
@@ -68,7 +68,7 @@ def test_published_harmonics_are_met():
 def test_raschii_finds_the_same_wave_at_90_percent_of_breaking(length):
     raschii = pytest.importorskip("raschii")
     height = 0.9 * highest(length, 1.0)
-    wave = stream_function(height, 1.0, 1.0, length=length)
+    wave = stream_function(GivenWave(height, 1.0, 1.0, length=length))
     other = raschii.FentonWave(height=height, depth=1.0, length=length, N=wave.order, g=1.0)
     x = np.array([0.0, 0.1, 0.3, 0.5]) * length
     phase = 2 * np.pi * x / length
@@ -82,8 +82,8 @@ def test_raschii_finds_the_same_wave_at_90_percent_of_breaking(length):
 def test_stokes_fifth_is_within_a_percent_where_it_is_chosen(length):
     height = 0.5 * highest(length, 1.0)
     assert fitting_theory(height, length, 1.0) == "stokes5"
-    exact = stream_function(height, 1.0, 1.0, length=length)
-    found = stokes5(height, 1.0, 1.0, period=exact.period)
+    exact = stream_function(GivenWave(height, 1.0, 1.0, length=length))
+    found = stokes5(GivenWave(height, 1.0, 1.0, period=exact.period))
     np.testing.assert_allclose(values(found), values(exact), rtol=1e-3)
     assert found.crest == pytest.approx(exact.crest, rel=1e-2)
     phase, z = np.linspace(0, np.pi, 7), np.full(7, -0.3)
@@ -93,7 +93,7 @@ def test_stokes_fifth_is_within_a_percent_where_it_is_chosen(length):
 
 def test_raschii_has_the_same_stokes_wave():
     raschii = pytest.importorskip("raschii")
-    wave = stokes5(0.2, 1.0, 9.81, length=3.0)
+    wave = stokes5(GivenWave(0.2, 1.0, 9.81, length=3.0))
     other = raschii.StokesWave(height=0.2, depth=1.0, length=3.0, N=5)
     x, z = np.linspace(0.0, 1.5, 6), np.full(6, -0.4)
     phase = 2 * np.pi * x / 3.0
@@ -113,18 +113,18 @@ def test_the_highest_waves_end_at_the_limit_of_williams():
     assert highest(1.0, 1e4) == pytest.approx(0.141063, rel=1e-4)
     assert highest(1e6, 1.0) == pytest.approx(0.8332, rel=1e-3)
     for length in (1.5, 8.0):
-        assert stream_function(0.95 * highest(length, 1.0), 1.0, 1.0, length=length).error < 1e-3
+        assert stream_function(GivenWave(0.95 * highest(length, 1.0), 1.0, 1.0, length=length)).error < 1e-3
         with pytest.raises(NotSolved) as caught:
-            stream_function(1.03 * highest(length, 1.0), 1.0, 1.0, length=length)
+            stream_function(GivenWave(1.03 * highest(length, 1.0), 1.0, 1.0, length=length))
         assert caught.value.reached <= 1.001 * highest(length, 1.0)
 
 
 def test_a_closed_flume_has_no_mass_transport_and_a_current_only_carries_the_wave():
-    still = stream_function(0.3, 1.0, 1.0, length=6.0)
-    flume = stream_function(0.3, 1.0, 1.0, length=6.0, criterion="stokes")
+    still = stream_function(GivenWave(0.3, 1.0, 1.0, length=6.0))
+    flume = stream_function(GivenWave(0.3, 1.0, 1.0, length=6.0, criterion="stokes"))
     assert flume.transport == pytest.approx(0.0, abs=1e-12)
     assert flume.eulerian == pytest.approx(-still.transport, rel=1e-9)
-    carried = stream_function(0.3, 1.0, 1.0, period=6.0 / (still.celerity + 0.2), current=0.2)
+    carried = stream_function(GivenWave(0.3, 1.0, 1.0, period=6.0 / (still.celerity + 0.2), current=0.2))
     assert carried.length == pytest.approx(6.0, rel=1e-9)  # Galilei
     # the mass that is carried, from the velocities themselves, over the depth at a fixed place and over a period
     phase = np.linspace(0, 2 * np.pi, 64, endpoint=False)

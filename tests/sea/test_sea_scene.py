@@ -9,7 +9,7 @@ from scene_parts import fixed, free, line_of, system
 
 import dropper_jax as dj
 from dropper_jax import build_model
-from dropper_jax.load.checks_water import sea_warnings
+from dropper_jax.load.sea_warnings import sea_warnings
 from dropper_jax.run.line_weights import wet_weights
 from dropper_jax.sea import Waves
 from dropper_jax.sea.make import make_sea
@@ -88,6 +88,10 @@ BAD = [
     (changed(sea__current={"kind": "table", "heights": [0.0]}), "sea.current: `heights` and `velocities` belong"),
     (changed(sea__interpolation="grid", sea__stretching="none"), "sea.interpolation: 'grid' does not support this sea"),
     (
+        changed(sea__interpolation="grid", sea__level={"offset": 1.0}),
+        "sea.interpolation: 'grid' does not support this sea; allowed: none, or a sea with no sea.level",
+    ),
+    (
         changed(sea__current={"speed": -4.0}, sea__wave_current="doppler", sea__waves__period=3.0),
         "sea.wave_current: the current stops 1 of 1 wave components, the first of period 3 s",
     ),
@@ -117,47 +121,43 @@ def test_a_scene_has_one_gravity_whichever_section_gives_it():
     # weightless lines in waves, which need a gravity
     waves = dj.load_scene(changed(effects__weight__gravity=0.0, effects__buoyancy=None))
     assert waves.sea.gravity == 9.81
+    assert waves.with_values({"sea.gravity": 9.0}).gravity == 0.0
+    assert dj.load_scene(changed(effects__buoyancy=None)).with_values({"effects.weight.gravity": 0.0}) == waves
+
+
+def test_another_gravity_of_the_water_gives_no_weight_to_lines_without_one():
+    scene = dj.load_scene(changed(effects={"morison_drag": {"cdn": 1.0}}))
+    assert "weight" not in scene.with_values({"sea.gravity": 9.0}).effects
+
+
+ALL_COLUMNS = "period_s,amplitude_m,phase_rad,direction_rad\n6,0.5,0,1.5\n"
 
 
 @pytest.mark.parametrize(
-    ("text", "problem"),
+    ("text", "start", "problem"),
     [
-        ("period,amplitude\n3,1\n", "has the columns period, amplitude; allowed: period_s or frequency_hz"),
-        ("period_s,amplitude_m\n3,x\n", "line 2: '3,x' is not all numbers"),
-        ('period_s,amplitude_m\n3,"1\n4,1\n', "unexpected end of data"),
-        ("period_s,amplitude_m\n-3,1\n", "period_s of component 1 is -3; allowed: > 0"),
-        ("period_s,amplitude_m\n", "has no rows"),
-        ("period_s,frequency_hz,amplitude_m\n6,1,0.5\n", "component 1: frequency_hz 1 is not 1/period_s, 0.1667 Hz"),
-        ("period_s,period_s,amplitude_m\n6,6,0.5\n", "allowed: every column once"),
+        ("period,amplitude\n3,1\n", "file", "has the columns period, amplitude; allowed: period_s or frequency_hz"),
+        ("# swell\nperiod_s,amplitude_m\n\n3,x\n", "file", "line 4: '3,x' is not all numbers"),
+        ('period_s,amplitude_m\n3,"1\n4,1\n', "file", "unexpected end of data"),
+        ("period_s,amplitude_m\n-3,1\n", "file", "period_s of component 1 is -3; allowed: > 0"),
+        ("period_s,amplitude_m\n", "file", "has no rows"),
+        ("period_s,frequency_hz,amplitude_m\n6,1,0.5\n", "file", "1: frequency_hz 1 is not 1/period_s, 0.1667 Hz"),
+        ("period_s,period_s,amplitude_m\n6,6,0.5\n", "file", "allowed: every column once"),
+        # values have the ranges of those in the scene
+        (ALL_COLUMNS + "8,0.5,0,270\n", "direction.1", "270.0 is out of range"),
+        (ALL_COLUMNS + "8,-0.5,0,0\n", "amplitude.1", "-0.5 is out of range"),
+        (ALL_COLUMNS, "direction", "given twice"),
     ],
 )
-def test_component_files_with_wrong_columns_are_named(tmp_path, text, problem, refusal):
+def test_component_files_that_cannot_be_read_are_refused_by_path(tmp_path, text, start, problem, refusal):
     file = tmp_path / "sea.csv"
     file.write_text(text)
-    message = refusal(dj.build, changed(sea__waves={"kind": "components", "file": str(file)}))
-    assert message.startswith("sea.waves.file")
-    assert problem in message
-
-
-def test_a_direction_next_to_a_file_with_directions_is_refused(tmp_path, refusal):
-    file = tmp_path / "sea.csv"
-    file.write_text("period_s,amplitude_m,phase_rad,direction_rad\n6,0.5,0,1.5\n")
-    waves = {"kind": "components", "file": str(file), "direction": 0.2}
-    assert refusal(dj.build, changed(sea__waves=waves)).startswith("sea.waves.direction: given twice")
-
-
-@pytest.mark.parametrize(
-    ("row", "problem"),
-    [
-        ("8,0.5,0,270", "sea.waves.direction.1: 270.0 is out of range"),
-        ("8,-0.5,0,0", "sea.waves.amplitude.1: -0.5 is out of range"),
-    ],
-)
-def test_values_of_component_files_have_the_ranges_of_those_in_the_scene(tmp_path, row, problem, refusal):
-    file = tmp_path / "sea.csv"
-    file.write_text(f"period_s,amplitude_m,phase_rad,direction_rad\n6,0.5,0,1.5\n{row}\n")
     waves = {"kind": "components", "file": str(file)}
-    assert refusal(dj.load_scene, changed(sea__waves=waves)).startswith(problem)
+    if problem == "given twice":
+        waves["direction"] = 0.2
+    message = refusal(dj.load_scene, changed(sea__waves=waves))
+    assert message.startswith(f"sea.waves.{start}: ")
+    assert problem in message
 
 
 def test_component_files_are_read_with_periods_before_frequencies(tmp_path):
@@ -219,58 +219,55 @@ def test_a_measured_elevation_comes_back_between_its_samples():
     np.testing.assert_allclose(found, expected, atol=1e-10)
 
 
-def test_a_wavespectra_dataset_becomes_a_sea_of_its_height_and_course():
+@pytest.fixture
+def dataset():
+    """`dataset(density, frequency, coming)`: a dataset as wavespectra has them."""
     xarray = pytest.importorskip("xarray", reason="reading wavespectra datasets needs the extra io")
-    frequency, coming = np.linspace(0.05, 0.3, 26), np.arange(0.0, 360.0, 10.0)
+
+    def make(density, frequency, coming, axes=("freq", "dir")):
+        return xarray.Dataset({"efth": (axes, density)}, {"freq": frequency, "dir": coming})
+
+    return make
+
+
+@pytest.mark.parametrize("coming", [np.arange(0.0, 360.0, 10.0), np.arange(180.0, 275.0, 10.0)], ids=["all", "sector"])
+def test_a_wavespectra_dataset_becomes_a_sea_of_its_energy_and_course(dataset, coming):
+    frequency = np.linspace(0.05, 0.3, 26)
     density = np.exp(-((frequency - 0.1) ** 2) / 2e-4)[:, None] * (coming == 270.0)
-    data = xarray.Dataset({"efth": (("freq", "dir"), density)}, {"freq": frequency, "dir": coming})
-    waves = from_wavespectra(data, seed=1)
-    energy = np.sum(density) * 0.01 * 10.0
-    assert 0.5 * np.sum(waves["amplitude"] ** 2) == pytest.approx(energy, rel=1e-6)
+    waves = from_wavespectra(dataset(density, frequency, coming), seed=1)
+    assert 0.5 * np.sum(waves["amplitude"] ** 2) == pytest.approx(np.sum(density) * 0.01 * 10.0, rel=1e-6)
     np.testing.assert_allclose(waves["direction"], 0.0, atol=1e-12)  # from the west, so towards +x
     assert dj.Scene.from_dict(changed(sea__waves=waves)).sea.waves.kind == "components"
 
 
-def test_a_wavespectra_dataset_with_falling_frequencies_is_read_and_one_without_energies_is_refused(refusal):
-    xarray = pytest.importorskip("xarray", reason="reading wavespectra datasets needs the extra io")
-    frequency = np.linspace(0.05, 0.3, 6)
-    density = np.arange(1.0, 13.0).reshape(6, 2)
+FREQUENCIES = np.linspace(0.05, 0.3, 6)
+DENSITY = np.arange(1.0, 13.0).reshape(6, 2)
+FROM_WEST = [260.0, 270.0]
 
-    def dataset(energy, at=frequency):
-        return xarray.Dataset({"efth": (("freq", "dir"), energy)}, {"freq": at, "dir": [260.0, 270.0]})
 
-    rising = from_wavespectra(dataset(density))
-    falling = from_wavespectra(dataset(density[::-1], frequency[::-1]))
+def test_a_wavespectra_dataset_with_falling_frequencies_is_that_with_rising_ones(dataset):
+    rising = from_wavespectra(dataset(DENSITY, FREQUENCIES, FROM_WEST))
+    falling = from_wavespectra(dataset(DENSITY[::-1], FREQUENCIES[::-1], FROM_WEST))
     assert np.sum(falling["amplitude"] ** 2) == pytest.approx(np.sum(rising["amplitude"] ** 2))
-    for wrong in (0.0 * density, -density, np.where(density == 3.0, np.nan, density)):
-        assert refusal(from_wavespectra, dataset(wrong)).startswith("dataset.efth: ")
-    for wrong in (frequency - 0.1, np.nan * frequency, frequency[[0, 2, 1, 3, 4, 5]], 0.1 * np.ones(6)):
-        assert refusal(from_wavespectra, dataset(density, wrong)).startswith("dataset.freq: ")
 
 
-def test_a_sector_of_directions_has_the_energy_of_its_bins():
-    xarray = pytest.importorskip("xarray", reason="reading wavespectra datasets needs the extra io")
-    frequency, coming = np.linspace(0.05, 0.3, 26), np.arange(180.0, 275.0, 10.0)
-    density = np.ones((26, 10))
-    data = xarray.Dataset({"efth": (("freq", "dir"), density)}, {"freq": frequency, "dir": coming})
-    assert 0.5 * np.sum(from_wavespectra(data)["amplitude"] ** 2) == pytest.approx(np.sum(density) * 0.01 * 10.0)
-
-
-def test_spectra_of_several_times_or_one_direction_are_refused(refusal):
-    xarray = pytest.importorskip("xarray", reason="reading wavespectra datasets needs the extra io")
-    for axes, shape in ((("time", "freq", "dir"), (2, 3, 4)), (("freq", "dir"), (3, 1))):
-        sizes = dict(zip(axes, shape, strict=True))
-        places = {"freq": 0.1 + 0.1 * np.arange(3), "dir": 10.0 * np.arange(sizes["dir"])}
-        data = xarray.Dataset({"efth": (axes, np.ones(shape))}, places)
-        assert refusal(from_wavespectra, data).startswith("dataset.efth: has the dimensions (")
-
-
-@pytest.mark.parametrize(("density", "lowest"), [(0.0, 0.1), (np.nan, 0.1), (1.0, 0.0)])
-def test_a_spectrum_without_waves_is_refused(density, lowest, refusal):
-    xarray = pytest.importorskip("xarray", reason="reading wavespectra datasets needs the extra io")
-    axes = {"freq": lowest + 0.1 * np.arange(3), "dir": 10.0 * np.arange(4)}
-    data = xarray.Dataset({"efth": (("freq", "dir"), np.full((3, 4), density))}, axes)
-    assert refusal(from_wavespectra, data).startswith("dataset.efth: needs finite densities")
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ((0.0 * DENSITY, FREQUENCIES, FROM_WEST), "efth: needs finite densities"),
+        ((-DENSITY, FREQUENCIES, FROM_WEST), "efth: needs finite densities"),
+        ((np.where(DENSITY == 3.0, np.nan, DENSITY), FREQUENCIES, FROM_WEST), "efth: needs finite densities"),
+        ((DENSITY, FREQUENCIES - 0.05, FROM_WEST), "efth: needs finite densities"),  # at 0 Hz
+        ((DENSITY, FREQUENCIES - 0.1, FROM_WEST), "freq: "),
+        ((DENSITY, np.nan * FREQUENCIES, FROM_WEST), "freq: "),
+        ((DENSITY, FREQUENCIES[[0, 2, 1, 3, 4, 5]], FROM_WEST), "freq: "),
+        ((DENSITY, 0.1 * np.ones(6), FROM_WEST), "freq: "),
+        ((np.ones((2, 6, 2)), FREQUENCIES, FROM_WEST, ("time", "freq", "dir")), "efth: has the dimensions ("),
+        ((DENSITY[:, :1], FREQUENCIES, FROM_WEST[:1]), "efth: has the dimensions ("),
+    ],
+)
+def test_wavespectra_datasets_without_one_sea_are_refused(dataset, given, message, refusal):
+    assert refusal(from_wavespectra, dataset(*given)).startswith(f"dataset.{message}")
 
 
 def test_an_elevation_that_does_not_change_is_refused(tmp_path, refusal):

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from dropper_jax.load.checks_water import repeat_time
+from dropper_jax.load.sea_warnings import repeat_time
 from dropper_jax.sea import Current
 from dropper_jax.sea.dispersion import action_factor, effective_current, on_current, wave_number
 from dropper_jax.sea.make import waves_on

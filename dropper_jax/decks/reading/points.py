@@ -43,6 +43,10 @@ class Ends:
     turning: list[str] = field(default_factory=list)
     joints: list[str] = field(default_factory=list)
 
+    def add_point(self, row: Row, name: str, position: list[float], **values: str | float) -> None:
+        """Add a point that a row of the file gives."""
+        self.points.append({"name": name, "row": row.number, "position": position, **values})
+
 
 def read_ends(deck: Deck) -> Ends:
     """Points, and rods and bodies at which lines end."""
@@ -64,7 +68,7 @@ def read_ends(deck: Deck) -> Ends:
     for row in deck.rows["rods"]:
         if _body_number(row) in moving:
             continue
-        if {f"R{row.words[0]}A", f"R{row.words[0]}B"} & found.used:
+        if found.used.intersection(_end_words(row)):
             taken.add(_add_rod(row, bodies, found))
         else:
             row.note(f"rod {row.words[0]} is not represented: no line ends on it")
@@ -95,6 +99,11 @@ def _body_number(row: Row) -> str:
     return ""
 
 
+def _end_words(rod: Row) -> tuple[str, str]:
+    """The words by which lines end at the ends A and B of a rod."""
+    return f"R{rod.words[0]}A", f"R{rod.words[0]}B"
+
+
 def _rods_on(body: Row) -> list[Row]:
     return [row for row in body.deck.rows["rods"] if _body_number(row) == body.words[0]]
 
@@ -107,7 +116,7 @@ def _carries_a_line(body: Row, found: Ends) -> bool:
     """Whether a line ends on a body."""
     words = {row.words[0].upper() for row in _points_on(body)}
     for row in _rods_on(body):
-        words |= {f"R{row.words[0]}A", f"R{row.words[0]}B"}
+        words.update(_end_words(row))
     return bool(words & found.used)
 
 
@@ -157,11 +166,12 @@ def _is_connector(row: Row) -> bool:
 def _add_rod_ends(rod: Row, start: list[float], end: list[float], found: Ends) -> dict[str, list[float]]:
     """Positions in a body's axes of the ends of a rod at which lines end, by name of the point."""
     attached = {}
-    for word, position in ((f"R{rod.words[0]}A", start), (f"R{rod.words[0]}B", end)):
+    for word, position in zip(_end_words(rod), (start, end), strict=True):
         if word in found.used:
-            found.names[word] = f"point-{word}"
-            found.turning.append(f"point-{word}")
-            attached[f"point-{word}"] = position
+            name = f"point-{word}"
+            found.names[word] = name
+            found.turning.append(name)
+            attached[name] = position
     return attached
 
 
@@ -174,24 +184,25 @@ def _add_point(row: Row, bodies: dict[str, Row], found: Ends) -> str:
         row.refuse(f"point {key} is given twice")
     name = row.name("point")
     found.names[key.upper()] = name
-    point: Table = {"name": name, "row": row.number, "position": row.values(2, 5, "X, Y, Z")}
+    position = row.values(2, 5, "X, Y, Z")
     holder = kind.removeprefix("body")
     body = None
     if holder != kind:
         body = bodies.get(holder)
     if body is not None:
         if not _is_rigid_body(body):
-            found.points.append(point | {"position": _position_on_fixed_body(row, body, point["position"])})
+            found.add_point(row, name, _position_on_fixed_body(row, body, position))
         return holder
     if kind in FREE:
-        point |= {"kind": "free", **_point_body(row)}
-    elif kind in COUPLED:
+        found.add_point(row, name, position, kind="free", **_point_body(row))
+        return ""
+    if kind in COUPLED:
         row.note(f"point {key} is coupled: it is fixed at its position; use effects.end_motion to move it")
     elif kind.startswith(("body", "turbine")):
         row.refuse(f"point {key} on {row.words[1]!r}: is not in the file; allowed: Fixed, Coupled, Free")
     elif kind not in FIXED:
         row.refuse(f"point {key}: {row.words[1]!r} is unknown; allowed: Fixed, Coupled, Free")
-    found.points.append(point)
+    found.add_point(row, name, position)
     return ""
 
 
@@ -252,11 +263,9 @@ def _add_rod(row: Row, bodies: dict[str, Row], found: Ends) -> str:
 
 def _add_joint(row: Row, found: Ends) -> None:
     """A free rod without length: a free point."""
-    key = f"R{row.words[0]}"
-    name = row.given_name or f"point-{key}"
-    position = row.values(3, 6, "Xa, Ya, Za")
-    found.points.append({"name": name, "row": row.number, "kind": "free", "position": position})
-    found.names.update(dict.fromkeys({f"{key}A", f"{key}B"} & found.used, name))
+    name = row.given_name or f"point-R{row.words[0]}"
+    found.add_point(row, name, row.values(3, 6, "Xa, Ya, Za"), kind="free")
+    found.names.update(dict.fromkeys(found.used.intersection(_end_words(row)), name))
     found.joints.append(name)
 
 
@@ -269,11 +278,11 @@ def _add_fixed_rod(row: Row, found: Ends) -> None:
     along = np.subtract(end, start)
     if _is_connector(row):
         end = start
-    for word, position, direction in ((f"R{key}A", start, -along), (f"R{key}B", end, along)):
+    for word, position, direction in zip(_end_words(row), (start, end), (-along, along), strict=True):
         if word in found.used:
             name = f"point-{word}"
             found.names[word] = name
-            found.points.append({"name": name, "row": row.number, "position": position})
+            found.add_point(row, name, position)
             found.leaving[name] = direction.tolist()
     if _is_connector(row):
         row.note(f"rod {key} has no length; a line with EI is clamped along it (MoorDyn 2.7.2 lets it turn)")
@@ -283,18 +292,17 @@ def _add_fixed_rod(row: Row, found: Ends) -> None:
 
 def _add_spar(row: Row, body: Row | None, found: Ends) -> None:
     """A spar buoy and its point, at end A of its rod."""
-    key = row.words[0]
+    word, other_word = _end_words(row)
     buoy = None
     if body is not None:
         buoy = spar(body, row)
-    if body is None or buoy is None or f"R{key}B" in found.used:
+    if body is None or buoy is None or other_word in found.used:
         row.refuse(
-            f"rod {key}, {row.words[2]!r}: is not represented; allowed: free, pinned, coupled and fixed rods, rods on "
-            "free or pinned bodies, and upright ones without mass on a free body that cannot turn, lines at their "
-            "end A",
+            f"rod {row.words[0]}, {row.words[2]!r}: is not represented; allowed: free, pinned, coupled and fixed rods, "
+            "rods on free or pinned bodies, and upright ones without mass on a free body that cannot turn, lines at "
+            "their end A",
         )
-    name = body.given_name or f"point-R{key}A"
-    position = body.values(2, 5, "X0, Y0, Z0")
-    found.points.append({"name": name, "row": body.number, "kind": "free", "position": position})
+    name = body.given_name or f"point-{word}"
+    found.add_point(body, name, body.values(2, 5, "X0, Y0, Z0"), kind="free")
     found.buoys.append({**buoy, "point": name})
-    found.names[f"R{key}A"] = name
+    found.names[word] = name

@@ -12,6 +12,7 @@ import numpy as np
 
 from dropper_jax.base.errors import LocatedValues, SceneError, nearest
 from dropper_jax.base.read import Plain, Table
+from dropper_jax.base.records import column
 from dropper_jax.base.references import find_referenced
 from dropper_jax.base.toml_text import parse_toml_text
 from dropper_jax.decks.reading.joints import DeckLine, Part, join_lines
@@ -70,36 +71,22 @@ def read_moordyn(path: str | Path, depth: float | None = None) -> Table:
         _check_depth(deck, options, depth)
     types = read_types(deck)
     ends = read_ends(deck)
-    own_lines = _read_lines(deck, types, ends)
+    lines = _read_lines(deck, types, ends)
     _check_outputs(deck)
-    used = {line.type for line in own_lines}
-    bending = _bending_values(own_lines, types, ends, deck.notes)
-    broken = _read_failures(deck, own_lines, ends.names)
-    lines, parts = join_lines(own_lines, ends.joints)
-    _move_failures(broken, parts)
+    bending = _bending_values(lines, types, ends, deck.notes)
     as_given = options.values["tmaxic"] == 0.0
-    deck.notes += _joint_notes(lines, parts, as_given)
-    at_ends: set[str] = set()
-    for line in lines:
-        at_ends |= {line["from"], line["to"]}
-    for point in ends.points:
-        if point["name"] not in {*at_ends, *ends.joints}:
-            deck.notes.append(f"point {point['name']!r} is not represented: no line ends there")
+    parts = _line_values(deck, lines, ends, as_given)
     seafloor = _seafloor_values(options, path.parent)
+    used = {line.type for line in lines}
     scene: Table = {
         "name": path.stem,
         "description": "",
         "run": _run_values(options, deck.notes),
         "line_type": [kind for name, kind in types.items() if name in used],
-        "point": [point for point in ends.points if point["name"] in at_ends],
-        "line": lines,
-        "buoy": ends.buoys,
-        "body": ends.bodies,
+        **parts,
         "effects": _effect_values(options, seafloor, bending),
-        "failure": broken,
         **_sea_values(deck, options, seafloor),
     }
-    scene = {key: value for key, value in scene.items() if value or key not in ("buoy", "body", "failure")}
     if as_given:
         scene["start"] = {"kind": "points"}
     _note_differences(deck, options, scene)
@@ -115,6 +102,26 @@ def read_moordyn(path: str | Path, depth: float | None = None) -> Table:
     if notes:
         scene["notes"] = notes
     return LocatedValues(scene, str(path), numbers)
+
+
+def _line_values(deck: Deck, lines: list[DeckLine], ends: Ends, as_given: bool) -> Table:
+    """The lines of the scene, what they end at and where they break; the start may be `as_given` by the points."""
+    broken = _read_failures(deck, lines, ends.names)
+    joined, parts = join_lines(lines, ends.joints)
+    _move_failures(broken, parts)
+    deck.notes += _joint_notes(joined, parts, as_given)
+    at_ends = {*column(joined, "from"), *column(joined, "to")}
+    for point in ends.points:
+        if point["name"] not in {*at_ends, *ends.joints}:
+            deck.notes.append(f"point {point['name']!r} is not represented: no line ends there")
+    found = {
+        "point": [point for point in ends.points if point["name"] in at_ends],
+        "line": joined,
+        "buoy": ends.buoys,
+        "body": ends.bodies,
+        "failure": broken,
+    }
+    return {key: value for key, value in found.items() if value or key == "point"}
 
 
 def _note_differences(deck: Deck, options: Options, scene: Table) -> None:

@@ -45,10 +45,7 @@ def read_waves(folder: Path, kind: int, step: float, notes: list[str]) -> Table:
         "period": _short(2 * np.pi / omega),
         "phase": _short(np.mod(0.5 * np.pi - np.arctan2(imaginary, real), 2 * np.pi)),
     }
-    courses = [0.0] * len(rows)
-    for i, row in enumerate(rows):
-        if len(row) > 3:
-            courses[i] = row[3]
+    courses = [[*row, 0.0][3] for row in rows]  # 0 where a row has no direction
     if len(rows) == 1:
         return {"kind": "regular", "direction": courses[0], **{key: value[0] for key, value in found.items()}}
     direction = courses

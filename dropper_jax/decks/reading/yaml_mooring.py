@@ -150,7 +150,7 @@ def _entries_by_name(mooring: Table, key: str, read: Callable[[Table, str], Tabl
         name = row.get("name", f"{key.rstrip('s')}-{i + 1}")
         if not isinstance(name, (str, int)) or str(name) in found:
             raise SceneError(f"{at}.name: {name!r} is duplicate or not a name; allowed: a unique name")
-        found[str(name)] = {"name": str(name), **read(row, at)}
+        found[str(name)] = {"name": str(name), **read({**row, "name": str(name)}, at)}
     return found
 
 
@@ -159,12 +159,11 @@ def _type(row: Table, at: str, notes: list[str]) -> Table:
     found = {}
     for ours, theirs, needed in TYPE:
         path = f"{at}.{theirs}"
-        if needed and theirs not in row:
+        limit = "above" if needed else "low"
+        if theirs in row:
+            found[ours] = _number(row[theirs], path, **{limit: 0.0})
+        elif needed:
             raise SceneError(f"{path}: missing; needed: a number")
-        if needed:
-            found[ours] = _number(row[theirs], path, above=0.0)
-        elif theirs in row:
-            found[ours] = _number(row[theirs], path, low=0.0)
     if found.get("breaking_load") == 0.0:
         del found["breaking_load"]
     zero = {ours: theirs for ours, theirs, _ in TYPE[4:] if ours not in found}
@@ -188,8 +187,9 @@ def _point(row: Table, at: str, notes: list[str]) -> Table:
             f"{at}.type: {given!r} is on a body, which these files do not describe; allowed: fixed, vessel, free"
         )
     if kind == "vessel":
-        name = row.get("name")
-        notes.append(f"{at}: {name!r} is on the vessel: it is fixed; use [[vessel]] to move such points together")
+        notes.append(
+            f"{at}: {row['name']!r} is on the vessel: it is fixed; use [[vessel]] to move such points together"
+        )
     if kind == "free":
         found["kind"] = "free"
         found |= {key: _number(row[key], f"{at}.{key}", low=0.0) for key in ("mass", "volume") if row.get(key)}

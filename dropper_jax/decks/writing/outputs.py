@@ -19,7 +19,7 @@ from dropper_jax.decks.reading.sections import Deck, looks_like_moordyn, split_f
 from dropper_jax.run.end_forces import end_forces
 from dropper_jax.run.simulate import Solution
 from dropper_jax.scene import LineSlice
-from dropper_jax.scene.data import point_nodes
+from dropper_jax.scene.slices import point_nodes
 
 #: Other names of the tensions at ends A and B of a line.
 ALIASES = ((r"^ANCHTEN(\d+)$", r"L\1NAT"), (r"^FAIRTEN(\d+)$", r"L\1NBT"), (r"^L(?:INE)?(\d+)TEN([AB])$", r"L\1N\2T"))

@@ -9,7 +9,6 @@ from typing import NamedTuple
 import numpy as np
 
 from dropper_jax.axial.force_table import ForceTable
-from dropper_jax.base.read import Plain
 from dropper_jax.effects.buoyancy import displaced_diameter
 from dropper_jax.load.scene import Scene
 from dropper_jax.scene import FailureSpec, LineSpec, sliced_lines
@@ -59,38 +58,37 @@ class Stretch(NamedTuple):
 
 def stretches(scene: Scene) -> list[Stretch]:
     """Stretches of equal links of all lines."""
-
-    def each(value: Plain) -> np.ndarray:
-        if value is None:
-            return np.zeros(scene.line.links)
-        return np.broadcast_to(np.asarray(value, float), scene.line.links)
-
-    diameter = each(displaced_diameter(scene.line, scene))
-    coefficients = [each(scene.effects.get(effect, {}).get(key)) for effect, key in COEFFICIENTS]
+    rows = _values_of_links(scene)
     found = []
     for line, where in sliced_lines(scene):
-        damping = np.zeros(line.links)
-        if line.axial_damping is not None:
-            damping = line.axial_damping
-        own = [values[where.links] for values in coefficients]
-        columns = [diameter[where.links], line.mass / line.length, line.EA, damping, *own, line.length]
-        rows = np.stack(columns, axis=1)
+        own = rows[where.links]
         tables = [None] * line.links
         if line.tables is not None:
             tables = list(map(_rows, line.tables))
-        same = np.all(np.abs(rows[1:] - rows[:-1]) <= 10.0**-DIGITS * np.abs(rows[1:]), axis=1)
+        same = np.all(np.abs(own[1:] - own[:-1]) <= 10.0**-DIGITS * np.abs(own[1:]), axis=1)
         same = same & np.array([a == b for a, b in pairwise(tables)], bool)
         cuts = [0, *(np.flatnonzero(~same) + 1).tolist(), line.links]
         names = [line.name]
         if len(cuts) > 2:
             names = [f"{line.name}-{i}" for i in range(1, len(cuts))]
-        ends = [line.start, *names[: len(cuts) - 2], line.end]
-        rows[:, 1] = list(map(short, rows[:, 1]))
-        for i, (a, b) in enumerate(pairwise(cuts)):
-            kind = Kind(tuple(rows[a, :-1].tolist()), tables[a])
-            length = short(np.sum(line.length[a:b]))
-            found.append(Stretch(names[i], line, ends[i], ends[i + 1], a, b - a, length, kind))
+        ends = [line.start, *names[:-1], line.end]
+        for name, points, (a, b) in zip(names, pairwise(ends), pairwise(cuts), strict=True):
+            diameter, mass, *rest, _ = own[a].tolist()
+            kind = Kind((diameter, short(mass), *rest), tables[a])
+            found.append(Stretch(name, line, *points, a, b - a, short(np.sum(line.length[a:b])), kind))
     return found
+
+
+def _values_of_links(scene: Scene) -> np.ndarray:
+    """Values of a line type for each link (n, k), then the length [m]; zero where a scene has none."""
+    line = scene.line
+    columns = [displaced_diameter(line, scene), line.mass / line.length, line.EA, line.axial_damping]
+    columns += [scene.effects.get(effect, {}).get(key) for effect, key in COEFFICIENTS]
+    rows = np.zeros((line.links, len(columns) + 1))
+    for i, values in enumerate([*columns, line.length]):
+        if values is not None:
+            rows[:, i] = values
+    return rows
 
 
 def _rows(table: ForceTable) -> tuple[tuple[float, float], ...]:

@@ -13,7 +13,7 @@ import numpy as np
 from dropper_jax.base.errors import Check, SceneError, raises_first
 from dropper_jax.base.files import atomic_write
 from dropper_jax.base.read import Plain, Table, Values
-from dropper_jax.base.records import names_of
+from dropper_jax.base.records import by_name, names_of
 from dropper_jax.decks.reading.water import CURRENT, FREQUENCIES
 from dropper_jax.decks.writing.bodies import body_numbers, body_tables, check_bodies, rule, section, words_of
 from dropper_jax.decks.writing.differences import differences, moved_points
@@ -60,7 +60,7 @@ def write_moordyn(
     parts = stretches(scene)
     front = [*_front(scene, parts), *_tables(scene, parts, path)]
     text = [*front, *_options(scene, path, dt, options or {}), *_outputs(len(parts))]
-    files = {path.parent / name: words for name, words in _files(scene, parts, path).items()}
+    files = {path.parent / name: words for name, words in _files(scene, parts, path)}
     for file, words in files.items():
         if file.name in (FREQUENCIES, CURRENT) and not force and file.exists() and file.read_text() != words:
             raise SceneError(
@@ -186,7 +186,7 @@ def _joints(scene: Scene, parts: list[Stretch]) -> Iterator[tuple[str, str]]:
 
 def _failures(scene: Scene, parts: list[Stretch], words: dict[str, str]) -> list[str]:
     """Lines that detach from a point at a time or a tension."""
-    breaking_load = {line.name: line.breaking_load for line in scene.lines}
+    lines = by_name(scene.lines)
     rows = []
     for failure in scene.failures:
         position = detachment(parts, failure)
@@ -194,7 +194,7 @@ def _failures(scene: Scene, parts: list[Stretch], words: dict[str, str]) -> list
             continue
         load = failure.load or 0.0
         if failure.load is None and failure.time is None:
-            load = breaking_load[failure.line][failure.link - 1]
+            load = lines[failure.line].breaking_load[failure.link - 1]
         number, point = position
         rows.append(words_of(len(rows) + 1, words[point], number, float(failure.time or 0.0), float(load)))
     return rows
@@ -214,8 +214,8 @@ def _options(scene: Scene, path: Path, dt: float | None, more: Values) -> Iterat
         values |= {"kBot": bed["stiffness"], "cBot": bed["damping"]}
         if bed["depth"] is not None:
             values["WtrDpth"] = bed["depth"]
-        if bed["bed_x"] is not None:
-            values["SeafloorFile"] = f"{path.stem}-seafloor.txt"
+        if seafloor := _seafloor_file(scene, path):
+            values["SeafloorFile"] = seafloor
     if "seabed_friction" in scene.effects:
         friction = scene.effects["seabed_friction"]
         values |= {"FrictionCoefficient": friction["kinetic"], "FricDamp": friction["damping"]}
@@ -249,28 +249,33 @@ def _table_file(path: Path, name: str) -> str:
     return f"{path.stem}-{name}-axial.txt"
 
 
-def _files(scene: Scene, parts: list[Stretch], path: Path) -> dict[str, str]:
-    """Text of the accompanying files, by name."""
-    found = {}
-    sea = scene.sea
-    bed = scene.effects.get("seabed")
+def _seafloor_file(scene: Scene, path: Path) -> str | None:
+    """Name of the file of depths; None for a seabed of one depth."""
+    if scene.effects.get("seabed", {}).get("bed_x") is None:
+        return None
+    return f"{path.stem}-seafloor.txt"
+
+
+def _files(scene: Scene, parts: list[Stretch], path: Path) -> Iterator[tuple[str, str]]:
+    """Name and text of each accompanying file."""
     for (_, table), name in line_types(parts).items():
         if table is not None:
             head = [f"--- axial law of {name} ---", "Strain Tension", "(-) (N)"]
-            found[_table_file(path, name)] = _rows_text(head, table).rstrip()  # MoorDyn rejects an empty last line
+            yield _table_file(path, name), _rows_text(head, table).rstrip()  # MoorDyn rejects an empty last line
+    sea = scene.sea
     if sea is not None and sea.waves is not None:
         amplitude, omega, phase, direction = np.broadcast_arrays(*wave_components(sea.waves, sea.depth, sea.gravity))
-        turn = 0.5 * np.pi - np.asarray(phase, float)
+        turn = 0.5 * np.pi - phase
         table = np.stack([omega, amplitude * np.cos(turn), amplitude * np.sin(turn), direction], axis=1)
-        found[FREQUENCIES] = _rows_text(["0.0 0.0 0.0 0.0"], table)
+        yield FREQUENCIES, _rows_text(["0.0 0.0 0.0 0.0"], table)
     if sea is not None and sea.current is not None:
-        found[CURRENT] = _current_text(sea.current, sea.depth)
-    if bed is not None and bed["bed_x"] is not None:
-        x = np.asarray(bed["bed_x"], float)
-        y = np.asarray(bed["bed_y"], float)
-        table = np.stack([np.repeat(x, len(y)), np.tile(y, len(x)), -np.asarray(bed["bed_depth"], float)], axis=1)
-        found[f"{path.stem}-seafloor.txt"] = _rows_text([f"{len(x)} {len(y)}", words_of(*x), words_of(*y)], table)
-    return found
+        yield CURRENT, _current_text(sea.current, sea.depth)
+    if seafloor := _seafloor_file(scene, path):
+        bed = scene.effects["seabed"]
+        x = bed["bed_x"]
+        y = bed["bed_y"]
+        table = np.stack([np.repeat(x, len(y)), np.tile(y, len(x)), -bed["bed_depth"]], axis=1)
+        yield seafloor, _rows_text([f"{len(x)} {len(y)}", words_of(*x), words_of(*y)], table)
 
 
 def _rows_text(head: list[str], rows: Iterable[Sequence[float]]) -> str:
@@ -279,9 +284,9 @@ def _rows_text(head: list[str], rows: Iterable[Sequence[float]]) -> str:
 
 def _current_text(spec: CurrentSpec, depth: float) -> str:
     """Text of the current file: a table unchanged, or a formula at heights that become dense towards the seabed."""
-    heights = depth * (np.linspace(0.0, 1.0, 61) ** 2 - 1.0)
-    if spec.heights is not None:
-        heights = np.asarray(spec.heights, float)
+    heights = spec.heights
+    if heights is None:
+        heights = depth * (np.linspace(0.0, 1.0, 61) ** 2 - 1.0)
     velocities = np.asarray(make_current(spec).profile(heights, depth), float)
     head = ["----- MoorDyn steady currents file -----", "z ux uy uz", "(m) (m/s) (m/s) (m/s)"]
     return _rows_text(head, np.column_stack([heights, velocities]))

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import refuse
-from dropper_jax.load.checks_water import SHALLOW_HEIGHT, mean_period, steepest_sea
+from dropper_jax.load.sea_warnings import SHALLOW_HEIGHT, mean_period, steepest_sea
 from dropper_jax.sea.make import make_sea
 from dropper_jax.sea.spec import SeaSpec
 from fitting.farm.site.case_lists import CaseLists

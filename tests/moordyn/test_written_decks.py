@@ -117,3 +117,8 @@ def test_two_decks_in_one_folder_do_not_share_a_sea_silently(tmp_path):
         write_moordyn(sloped, tmp_path / deck, force=True)
     assert (tmp_path / "a-seafloor.txt").read_text() != (tmp_path / "b-seafloor.txt").read_text()
     assert load_scene(tmp_path / "a.txt").effects["seabed"]["bed_depth"].tolist() == [20.0] * 4
+
+
+def test_a_deck_writes_its_output_as_often_as_the_run_is_saved(tmp_path):
+    write_moordyn(load_scene("paper-case-4").with_values({"run.save_interval": 0.25}), tmp_path / "deck.txt")
+    assert "\n0.25 dtOut\n" in (tmp_path / "deck.txt").read_text()

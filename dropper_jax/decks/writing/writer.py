@@ -204,7 +204,7 @@ def _options(scene: Scene, path: Path, dt: float | None, more: Values) -> Iterat
     run = scene.run
     sea = scene.sea
     bed = scene.effects.get("seabed")
-    values: Table = {"dtM": run.step, "dtOut": run.step * run.save_every, "g": scene.gravity, "rho": 0.0}
+    values: Table = {"dtM": run.step, "dtOut": run.interval, "g": scene.gravity, "rho": 0.0}
     if dt is not None:
         values["dtM"] = dt
     # a depth [m] that nothing reaches, for a scene without seabed

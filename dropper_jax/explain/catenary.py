@@ -80,6 +80,8 @@ def solve(line: Hanging) -> Shape | None:
     if line.on_bed and line.span + hanging <= line.length:
         force = line.weight * hanging
         return Shape(0.0, force, force, 0.0, line.length - hanging, None)
+    if line.span == 0.0 and line.length > line.rise:
+        return None  # a fold, whose horizontal force is 0
     found = root(partial(_rows, line), _start(line), jac=True, tol=1e-13)
     row, slope = _rows(line, found.x)
     if not np.max(np.abs(row)) <= MAX_ROW * line.length:

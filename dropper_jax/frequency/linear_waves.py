@@ -24,13 +24,12 @@ import jax.numpy as jnp
 from jax import Array
 from jax.scipy.sparse.linalg import gmres
 
-from dropper_jax.axial import STRETCHING_LAWS
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import SceneError
 from dropper_jax.frequency.linear_drag import dragging_effects, iterate_drag, linear_drag, no_drag
 from dropper_jax.model import Kinematics, Model, State
 from dropper_jax.sea.waves import Waves
-from dropper_jax.statics.rest_problem import rest
+from dropper_jax.statics.rest_problem import require_stretching_links, rest
 from dropper_jax.statics.search import outward
 from dropper_jax.statics.static_friction import with_static_seabed_friction
 from dropper_jax.statics.tangent import Linear, Tangent, solve_matrix
@@ -196,8 +195,7 @@ def tension_deviation(model: Model, pose: State) -> tuple[Array, Array]:
         SceneError: rigid links or bodies, or no irregular waves.
     """
     check_no_bodies(model)
-    if not model.line.axial.elastic:
-        raise SceneError(f"line.axial.law: 'rigid' has no axial stiffness; allowed: {STRETCHING_LAWS}")
+    require_stretching_links(model)
     waves = None if model.sea is None else model.sea.waves
     if waves is None or waves.size < 2:
         raise SceneError("sea.waves: is not an irregular linear sea. Use kind 'spectrum'")

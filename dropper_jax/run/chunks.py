@@ -20,7 +20,7 @@ from jax import Array
 
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.memory import available_memory, in_words
+from dropper_jax.base.machine import available_memory, in_words
 from dropper_jax.model import Model, State
 from dropper_jax.residual import Stepper
 from dropper_jax.run.end_of_run import Last, Row, last_row, name_leaves

@@ -19,8 +19,8 @@ from jax.flatten_util import ravel_pytree
 from dropper_jax.base.errors import SceneError
 from dropper_jax.model import Model, State, state
 from dropper_jax.residual import Unknowns, largest_row
-from dropper_jax.statics.body_moves import moves_of
 from dropper_jax.statics.descent import descend, unbalance
+from dropper_jax.statics.moves import moves_of
 from dropper_jax.statics.rest_problem import MIN_KAPPA, RestProblem, rest, rest_tolerance, soft_scale, system_tolerance
 from dropper_jax.statics.search import Equilibrium, given_loads, outward, search
 from dropper_jax.statics.static_friction import with_static_seabed_friction

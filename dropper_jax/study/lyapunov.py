@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -52,8 +51,13 @@ def lyapunov(model: Model, s: State, stepper: Stepper, dt: float | Array, steps:
     Returns:
         `Lyapunov(exponent, growth, converged)`. The exponent of a short run is a mean growth rate, not yet the limit.
 
+    Raises:
+        ValueError: fewer than 2 steps, which have no second half.
+
     Source: Benettin, Galgani, Giorgilli, Strelcyn, Meccanica 15 (1980) 9-20.
     """
+    if steps < 2:
+        raise ValueError(f"steps: {steps}; allowed: 2 or more")
     dt = jnp.asarray(dt, model.dtype)
     carry = begin(stepper, model, s).state
     dv = unit_perturbation(model, s, seed)
@@ -80,9 +84,7 @@ def lyapunov(model: Model, s: State, stepper: Stepper, dt: float | Array, steps:
 def unit_perturbation(model: Model, s: State, seed: int) -> Array:
     """A velocity (nodes, 3) [m/s] of size 1, drawn from `seed`, that does not stretch rigid links."""
     v = jax.random.normal(jax.random.key(seed), s.v.shape, model.dtype)
-    still = jax.tree.map(jnp.zeros_like, s.v)
-    change = partial(consistent_velocity, model)
-    dv = jax.jvp(lambda x: change(replace(s, v=x)), (still,), (v,))[1]
+    dv = jax.jvp(lambda x: consistent_velocity(model, replace(s, v=x)), (jnp.zeros_like(s.v),), (v,))[1]
     return dv / perturbation_size(model, jnp.zeros_like(dv), dv)
 
 

@@ -148,7 +148,7 @@ def tide(name: str, rows: Sequence[Table], path: str | Path) -> Path:
     water.plot(hours, series(rows, "level_m"), label="level [m]", **marks(1))
     moved.plot(hours, series(rows, "displacement_m"), **marks(0))
     moved.set_ylabel("moved [m]")
-    loads = series(rows, "held_load_n", dict)
+    loads = column(rows, "held_load_n")
     for i, point in enumerate(loads[0]):
         tension.plot(hours, np.linalg.norm([load[point] for load in loads], axis=1) / 1e3, label=point, **marks(i))
     tension.set(xlabel="time [h]", ylabel="force [kN]")
@@ -158,9 +158,9 @@ def tide(name: str, rows: Sequence[Table], path: str | Path) -> Path:
     return save_titled(figure, f"{name}: through the tide", path)
 
 
-def series(rows: Sequence[Table], key: str, dtype: type = float) -> np.ndarray:
+def series(rows: Sequence[Table], key: str) -> np.ndarray:
     """The values of a key in all rows (k,)."""
-    return np.array(column(rows, key), dtype)
+    return np.array(column(rows, key), float)
 
 
 def grouped(rows: Iterable[Table], key: Callable[[Table], Any]) -> dict[Any, list[Table]]:
@@ -186,8 +186,8 @@ def costs(report: Table, path: str | Path) -> Path:
     """Microseconds, operations and bytes per step of the scene without each of its effects, one bar each."""
     rows = report["rows"]
     figure = figures.new_figure(11.0, 1.6 + 0.42 * len(rows))
-    names = [row["name"] for row in rows]
-    colours = [{"whole scene": style.FIRST}.get(name, style.FAINT) for name in names]
+    names = column(rows, "name")
+    colours = [style.FIRST, *[style.FAINT] * len(rows)][: len(rows)]  # the whole scene comes first
     parts = (("us_per_step", "microseconds per step"), ("flops", "operations per step"), ("bytes", "bytes per step"))
     for axes, (key, label) in zip(figure.subplots(1, 3, sharey=True), parts, strict=True):
         values = [row[key] or 0.0 for row in rows]

@@ -17,10 +17,10 @@ class DampedRope(Rope):
     For comparisons: oscillations of slack lines then decay quickly, whereas those of a `Rope` chatter.
     """
 
-    # the rows of this damper, and its action on slack links too
-    with_tangent = AxialLaw.with_tangent
+    with_tangent = AxialLaw.with_tangent  # derivatives of its own rows
+    # the dashpot of a spring, which also acts on slack links
     _lengthening = Elastic._lengthening
-    _damper_over = Elastic._damper_over
+    _limit_damper = Elastic._limit_damper
 
     def residual(self, start: LinkStart, d1: Array, tension: Array, length: Array, h: Array) -> Array:
         step = StretchStep.of(self, start, length, h)
@@ -32,9 +32,3 @@ class DampedRope(Rope):
         if self.damping is not None:
             tension = tension - self.damping / length * stretching
         return self.at_rest(d, tension, length)
-
-    def _link_tension(self, size: Array, stretching: Array, length: Array) -> Array:
-        spring = self.spring(size, length)
-        if self.damping is None:
-            return spring
-        return spring + self.damping / length * stretching

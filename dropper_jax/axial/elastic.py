@@ -80,7 +80,8 @@ class Elastic(AxialLaw):
         step = StretchStep.of(self, start, length, h)
         size = self._size(d1, length)
         spring = self._spring_over(step, size)
-        return length / self.EA * (spring + self._damper_over(step, size, spring) - tension)
+        damper = self._limit_damper(self._dashpot(step, size), spring)
+        return length / self.EA * (spring + damper - tension)
 
     def at_rest(self, d: Array, tension: Array, length: Array) -> Array:
         return self._size(d, length) - length - length * tension / self.EA
@@ -121,9 +122,9 @@ class Elastic(AxialLaw):
             return jnp.zeros_like(size)
         return self.damping / step.length * self._lengthening(step, size) / step.h
 
-    def _damper_over(self, step: StretchStep, size: Array, spring: Array) -> Array:
-        """Damper tension (n,) [N] over a step, in addition to the spring tension."""
-        return self._dashpot(step, size)
+    def _limit_damper(self, dashpot: Array, spring: Array) -> Array:
+        """The part (n,) [N] of the tension of a dashpot that acts in addition to the spring tension."""
+        return dashpot
 
     def direction(self, d0: Array, d1: Array, mean: Array, length: Array) -> Array:
         """`d_mid / ((|d0| + |d1|)/2)`: only this direction gives exactly the work `T (|d1| - |d0|)`."""
@@ -163,7 +164,8 @@ class Elastic(AxialLaw):
         longer = size - step.size
         found = {AXIAL_RINGING: -jnp.sum((spring - self._mean(step, size)) * longer)}
         if self.damping is not None:
-            found[INTERNAL_DAMPING] = -jnp.sum(self._damper_over(step, size, spring) * longer)
+            damper = self._limit_damper(self._dashpot(step, size), spring)
+            found[INTERNAL_DAMPING] = -jnp.sum(damper * longer)
         return found
 
     def powers(self, d: Array, rate: Array, tension: Array, length: Array) -> dict[str, Array]:

@@ -91,14 +91,11 @@ class Rope(Elastic):
 
     def tension(self, d: Array, rate: Array, length: Array) -> Array:
         size = safe_norm(d)
-        return self.zero_broken(self._link_tension(size, dot(d, rate) / size, length))
-
-    def _link_tension(self, size: Array, stretching: Array, length: Array) -> Array:
-        """Tension (n,) [N] of links of length `size` that stretch at that rate (n,) [m/s]."""
-        spring = self.spring(size, length)
-        if self.damping is None:
-            return spring
-        return spring + never_more(self.damping / length * stretching, spring)
+        tension = self.spring(size, length)
+        if self.damping is not None:
+            stretching = dot(d, rate) / size
+            tension = tension + self._limit_damper(self.damping / length * stretching, tension)
+        return self.zero_broken(tension)
 
     def _damper(self, damping: Array, d: Array, stretching: Array, tension: Array, length: Array) -> Array:
         return tension - self.zero_broken(self.spring(safe_norm(d), length))
@@ -129,8 +126,8 @@ class Rope(Elastic):
         """That of the taut part: the dashpot does not act on slack links."""
         return self._elongation(size, step.length) - self._elongation(step.size, step.length)
 
-    def _damper_over(self, step: StretchStep, size: Array, spring: Array) -> Array:
-        return never_more(self._dashpot(step, size), spring)
+    def _limit_damper(self, dashpot: Array, spring: Array) -> Array:
+        return never_more(dashpot, spring)
 
 
 @component

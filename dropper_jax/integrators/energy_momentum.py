@@ -80,7 +80,7 @@ class MidpointProblem(StepProblem):
     has a different rate of stretch at their ends.
     """
 
-    def __init__(self, model: Model, s: State, h: Array, gamma: float | Array, alone: bool = True) -> None:
+    def __init__(self, model: Model, s: State, h: Array, gamma: float | Array, alone: bool) -> None:
         super().__init__(model, s, h)
         model = self.model
         self.gamma = gamma

@@ -144,8 +144,8 @@ class GeneralizedAlphaProblem(StepProblem):
 
     def _velocity(self, x: Array) -> Array:
         """v1 (nodes, 3) [m/s]."""
-        s = self.s
-        return s.v + self.h * ((1.0 - self.gamma) * s.acceleration + self.gamma * self._acceleration(x))
+        mean = (1.0 - self.gamma) * self.s.acceleration + self.gamma * self._acceleration(x)
+        return self.s.v + self.h * mean
 
     def _kinematics(self, x: Array, h: Array | None = None) -> Kinematics:
         """Positions and velocities at t_f; with h as an instant of the step."""

@@ -115,14 +115,13 @@ def _solve(stuck: _StuckJoints, v: Array, r: Array, t: Array) -> tuple[Unknowns,
 
 def _next_bounds(stuck: _StuckJoints, bounds: _Bounds, impulses: PerLaw) -> _Bounds:
     """The bounds, with those that these impulses (joints, c) of each law exceed."""
-    h = stuck.h
     reached = ()
     directions = ()
     of_laws = zip(stuck.model.laws, impulses, stuck.z, stuck.held, *bounds, strict=True)
     for law, p, q, is_held, was_reached, direction in of_laws:
-        beyond = is_held & ~was_reached & _beyond(law, p, q, h)
+        beyond = is_held & ~was_reached & _beyond(law, p, q, stuck.h)
         reached = (*reached, was_reached | beyond)
-        directions = (*directions, jnp.where(beyond, OUTWARDS * (p / h + q), direction))
+        directions = (*directions, jnp.where(beyond, OUTWARDS * (p / stuck.h + q), direction))
     return _Bounds(reached, directions)
 
 

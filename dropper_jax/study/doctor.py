@@ -92,7 +92,7 @@ class Installation:
     checks: list[Check]
 
 
-def examine(repeats: int = 400) -> Installation:
+def examine(repeats: int) -> Installation:
     """The installation, checked.
 
     Args:

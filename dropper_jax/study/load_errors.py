@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from dropper_jax.base.errors import Progress, SceneError, silent
+from dropper_jax.base.errors import Progress, SceneError
 from dropper_jax.base.read import Table
 from dropper_jax.evaluation.record import record
 from dropper_jax.load.scene import Scene
@@ -26,9 +26,9 @@ UNRESOLVED_ERROR = 0.05
 def load_errors(
     scene: Scene,
     run: Callable[[Scene], Samples],
-    skip: float = 0.0,
-    first: Samples | None = None,
-    progress: Progress = silent,
+    skip: float,
+    first: Samples,
+    progress: Progress,
 ) -> Table:
     """Loads of a run with an estimate of their error.
 
@@ -46,9 +46,9 @@ def load_errors(
     differences of single runs are random, and the error of the step is the whole difference for all loads.
 
     Args:
-        run: simulates a scene.
+        run: simulates a scene, here its variants.
         skip: time left out at the start [s].
-        first: the run of the scene itself, if available.
+        first: the run of the scene itself.
 
     Returns:
         `loads`: rows by line {line, at_m, and by quantity {value, step, links, chance, error, twice_damping,
@@ -59,16 +59,15 @@ def load_errors(
         SceneError: a failed run, or a record that is too short.
     """
     variants, left_out = _variants(scene)
-    base = run(scene) if first is None else first
-    _require_loads(base, "of the scene")
-    loads = {"base": line_loads(record(base, skip))}
+    _require_loads(first, "of the scene")
+    loads = {"base": line_loads(record(first, skip))}
     horizon = None
     for i, (name, variant) in enumerate(variants.items(), start=1):
         progress(i / (1 + len(variants)), name)
         solution = run(variant)
         if name == "finer":
             _require_loads(solution, "with half the step or a quarter of the accuracy")
-            horizon = time_of_divergence(base, solution)
+            horizon = time_of_divergence(first, solution)
         elif not has_loads(solution):
             left_out[name] = f"that run ends with {solution.failure}"
             continue
@@ -76,25 +75,22 @@ def load_errors(
     chaotic = horizon is not None
     factor = 1.0
     if horizon is None:
-        factor = error_factor(base, finer=True)
+        factor = error_factor(first, finer=True)
         horizon = scene.run.duration
     rows = []
+    not_resolved = []
     for i in range(len(loads["base"])):
-        of_line = {name: of_run[i] for name, of_run in loads.items()}
-        rows.append(_row(of_line, factor))
+        row = _row({name: of_run[i] for name, of_run in loads.items()}, factor)
+        rows.append(row)
+        if row["maximum"]["error"] > UNRESOLVED_ERROR * row["maximum"]["value"]:
+            not_resolved.append(row["line"])
     return {
         "loads": rows,
         "chaotic": chaotic,
         "horizon_s": horizon,
-        "not_resolved": [row["line"] for row in rows if _is_unresolved(row)],
+        "not_resolved": not_resolved,
         "left_out": left_out,
     }
-
-
-def _is_unresolved(row: Table) -> bool:
-    """Whether the error of the maximum tension of a line is too large."""
-    maximum = row["maximum"]
-    return maximum["error"] > UNRESOLVED_ERROR * maximum["value"]
 
 
 def _require_loads(solution: Samples, which: str) -> None:

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from operator import itemgetter
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from dropper_jax import plots
 from dropper_jax.base.markdown import first_names
@@ -21,6 +19,7 @@ from dropper_jax.run.samples import Samples
 from dropper_jax.scene import line_slices
 from dropper_jax.statics import Equilibrium
 from dropper_jax.statics.modes import Modes
+from dropper_jax.study.curves import grouped, marks, save_titled, series
 
 
 def pose(scene: Scene, found: Equilibrium, path: str | Path) -> Path:
@@ -158,29 +157,6 @@ def tide(name: str, rows: Sequence[Table], path: str | Path) -> Path:
     return save_titled(figure, f"{name}: through the tide", path)
 
 
-def series(rows: Sequence[Table], key: str) -> np.ndarray:
-    """The values of a key in all rows (k,)."""
-    return np.array(column(rows, key), float)
-
-
-def grouped(rows: Iterable[Table], key: Callable[[Table], Any]) -> dict[Any, list[Table]]:
-    """Rows by a key, in their order."""
-    found: dict[Any, list[Table]] = {}
-    for row in rows:
-        found.setdefault(key(row), []).append(row)
-    return found
-
-
-MARKERS = "osD^v<>PX*hp"
-
-
-def marks(index: int) -> Table:
-    """Colour, marker and dash of a series by number, all different."""
-    colours = style.CYCLE
-    dash = ("-", "--", ":")[index // len(colours) % 3]
-    return {"color": colours[index % len(colours)], "marker": MARKERS[index % len(MARKERS)], "ls": dash, "ms": 4}
-
-
 @style.plot_style()
 def costs(report: Table, path: str | Path) -> Path:
     """Microseconds, operations and bytes per step of the scene without each of its effects, one bar each."""
@@ -200,12 +176,6 @@ def costs(report: Table, path: str | Path) -> Path:
     return save_titled(
         figure, f"{report['scene']}: what each effect costs ({report['integrator']}, {report['solver']})", path
     )
-
-
-def save_titled(figure: Figure, text: str, path: str | Path) -> Path:
-    """Write a figure to a file, with a title."""
-    figures.title(figure, text)
-    return figures.save(figure, path)
 
 
 @style.plot_style()

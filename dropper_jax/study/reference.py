@@ -72,7 +72,7 @@ def trusted_span(model: Model, s: State, duration: float, dt: float, grid: float
     stepper = make_stepper(model)
     every = max(1, round(grid / dt))
     saves = max(2, int(duration / grid))
-    start = replace(s, v=s.v + nearby * unit_perturbation(model, s, seed=0))
+    start = replace(s, v=s.v + nearby * unit_perturbation(model, s))
     here = grid_run(stepper, model, s, grid, every, saves).rows
     there = grid_run(stepper, model, start, grid, every, saves).rows
     growth = np.log(np.asarray(_sizes(model, there.r - here.r, there.v - here.v)) / nearby)

@@ -32,8 +32,7 @@ def cycle_times(sea: Sea, count: int) -> np.ndarray:
     if periods:
         return np.linspace(0.0, max(periods), count)
     if times:
-        known = np.concatenate(times)
-        return np.linspace(known.min(), known.max(), count)
+        return np.linspace(min(map(np.min, times)), max(map(np.max, times)), count)
     raise SceneError(STEADY)
 
 

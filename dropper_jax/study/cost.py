@@ -16,7 +16,7 @@ from jax import Array
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, parameter
 from dropper_jax.base.read import Table
-from dropper_jax.base.records import names_of
+from dropper_jax.base.records import names_of, select_keys
 from dropper_jax.effects import EFFECTS
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Effect, Kinematics, Model, State, state
@@ -232,7 +232,7 @@ def proof(scene: Scene) -> Table:
         del EFFECTS[Unused.name]
     table = scene.to_dict()
     run = scene.run
-    kept = {name: values for name, values in table["effects"].items() if name == "weight"}
+    kept = select_keys(table["effects"], ("weight",))
     model, s = build(scene)
 
     def text_of(smaller: Model) -> str:

@@ -115,7 +115,7 @@ def line_facts(
     facts = LineFacts(
         name=line.name,
         length_m=length,
-        apart_m=np.linalg.norm(high - low),
+        apart_m=float(np.linalg.norm(high - low)),
         on_bed_m=on_bed,
         uplift_deg=angles[order[0]],
         lower_n=lower,

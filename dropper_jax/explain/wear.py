@@ -58,13 +58,13 @@ def wear_of_lines(scene: Scene, state: State) -> list[Wear]:
         by_equilibrium = None
         worn_use = None
         if again.status == "ok":
-            by_equilibrium = np.max(again.tension[links])
+            by_equilibrium = float(np.max(again.tension[links]))
             worn_use = _utilisation(again.tension[links], line.spec.breaking_load, WORN_DIAMETER**2)
         found.append(
             Wear(
                 name=line.name,
-                tension_n=np.max(tension[links]),
-                by_derivative_n=np.max(predicted[links]),
+                tension_n=float(np.max(tension[links])),
+                by_derivative_n=float(np.max(predicted[links])),
                 by_equilibrium_n=by_equilibrium,
                 use=_utilisation(tension[links], line.spec.breaking_load, 1.0),
                 worn_use=worn_use,
@@ -77,7 +77,7 @@ def _utilisation(tension: np.ndarray, breaking_load: np.ndarray | None, left: fl
     """Maximum tension over the share of the breaking load that is left; None without one."""
     if breaking_load is None:
         return None
-    return np.max(tension / (breaking_load * left))
+    return float(np.max(tension / (breaking_load * left)))
 
 
 def _worn_values(scene: Scene) -> Table:

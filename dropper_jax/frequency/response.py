@@ -33,6 +33,8 @@ from dropper_jax.statics.static_pose import equilibrium
 
 #: Largest error of the basis that stays below that of the linearisation.
 BASIS_ERROR = 0.02
+#: Standard deviations below which a mean tension is taken as one that does not stay positive.
+TAUT_DEVIATIONS = 3.0
 
 
 @dataclass(frozen=True)
@@ -154,7 +156,8 @@ def frequency_response(
     period = 2.0 * np.pi * deviation / np.maximum(rate, 1e-300)
     upcrossings = np.maximum(duration / np.maximum(period, 1e-300), 1.0)
     lines = whole_lines(scene)
-    slack = _slack_lines(lines, mean, solved.deviation)
+    low = mean < TAUT_DEVIATIONS * solved.deviation
+    slack = np.stack([np.any(low[:, line.links], axis=1) for line in lines], axis=1)
     linear = np.where(np.any(slack, axis=1), "not_linear", "ok")
     return FrequencyResponse(
         status=tuple(np.where(solved.change <= DRAG_TOLERANCE, linear, "not_converged").tolist()),
@@ -207,16 +210,6 @@ def _ends_of(lines: Sequence[WholeLine]) -> tuple[tuple[str, str], ...]:
         first, *_, last = line.stops.values()
         ends += [(line.name, first), (line.name, last)]
     return tuple(ends)
-
-
-#: Standard deviations below which a mean tension is taken as one that does not stay positive.
-TAUT_DEVIATIONS = 3.0
-
-
-def _slack_lines(lines: Sequence[WholeLine], mean: np.ndarray, deviation: np.ndarray) -> np.ndarray:
-    """Lines (states, lines) with a link that does not stay taut, by mean and deviation (states, n) [N] of tensions."""
-    low = mean < TAUT_DEVIATIONS * deviation
-    return np.stack([np.any(low[:, line.links], axis=1) for line in lines], axis=1)
 
 
 def _root_mean_square(amplitudes: np.ndarray) -> np.ndarray:

@@ -87,7 +87,9 @@ class Linearised:
                 raise SceneError(f"motion: {name!r} is not a fixed point; {nearest(name, self.held)}")
             vector = np.asarray(amplitude)
             if vector.shape != (3,) or not np.all(np.isfinite(vector)):
-                raise SceneError(f"motion.{name}: {short_text(amplitude)} is out of range; allowed: 3 finite numbers m")
+                raise SceneError(
+                    f"motion.{name}: {short_text(vector.tolist())} is out of range; allowed: 3 finite numbers m"
+                )
             moved[self.held.index(name)] = vector
         omega = np.atleast_1d(np.asarray(omega, float))
         if not np.all(np.isfinite(omega) & (omega >= 0.0)):

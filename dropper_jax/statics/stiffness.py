@@ -108,15 +108,14 @@ def _rows_by_name(model: Model, names: Sequence[str]) -> dict[str, np.ndarray]:
     rows: dict[str, np.ndarray] = {}
     for name in names:
         if isinstance(moves, BodyMoves) and name in bodies:
-            rows[name] = _rows_of_body(moves, name)
+            rows[name] = _rows_of_body(moves, bodies.index(name), name)
         else:
             rows[name] = _rows_of_point(moves, points.index(name))
     return rows
 
 
-def _rows_of_body(moves: BodyMoves, name: str) -> np.ndarray:
-    """Rows of K (6,) of a body."""
-    body = moves.constraint.names.index(name)
+def _rows_of_body(moves: BodyMoves, body: int, name: str) -> np.ndarray:
+    """Rows of K (6,) of the body of this number and name."""
     if moves.pinned[body]:
         raise SceneError(
             f"points: {name!r} is pinned and cannot be moved; allowed: free and fixed points, other bodies"

@@ -79,12 +79,11 @@ class _LoadRun:
     @classmethod
     def of(cls, scene: Scene, key: str, value: float) -> _LoadRun:
         """The run with an accuracy or equal steps."""
-        solution = simulate(scene, **{key: value})
+        accuracy = value if key == "accuracy" else None
+        step = value if key == "dt" else None
+        solution = simulate(scene, accuracy=accuracy, dt=step)
         if solution.status == "interrupted":  # the part that `simulate` keeps has no loads to compare
             raise KeyboardInterrupt
-        accuracy = None
-        if key == "accuracy":
-            accuracy = value
         evaluated = None
         if has_loads(solution):
             evaluated = record(solution)

@@ -104,23 +104,20 @@ def test_command_prints_writes_and_draws_the_curves(file, tmp_path, printed, jso
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (
-            ["--points", "midle", "--distance", "1"],
-            "points: 'midle' is not a point of the scene; did you mean 'middle'",
-        ),
-        (["--points", "end", "--distance", "1"], "points: 'end' is free"),
-        (["--points", "east,east", "--distance", "1"], "points: 'east' is given twice"),
-        (["--points", "east", "--distance", "5:0:1"], "--distance: '5:0:1' is an empty range"),
-        (["--points", "east", "--distance", "0:5:0"], "--distance: '0:5:0' is an empty range"),
-        (["--points", "east", "--distance", "nan"], "--distance: 'nan' is an empty range"),
-        (["--points", "east", "--distance", "0:5"], "--distance: '0:5' is not LO:HI:STEP"),
-        (["--points", "east", "--distance=-1:5:1"], "--distance: '-1:5:1' is below 0"),
-        (["--points", "east", "--distance", "0:5:1e-9"], "--distance: '0:5:1e-9' has too many values"),
-        (["--points", "east", "--distance", "1", "--direction", "x"], "--direction: 'x' is not LO:HI:STEP"),
+        ("--points midle --distance 1", "points: 'midle' is not a point of the scene; did you mean 'middle'"),
+        ("--points end --distance 1", "points: 'end' is free"),
+        ("--points east,east --distance 1", "points: 'east' is given twice"),
+        ("--points east --distance 5:0:1", "--distance: '5:0:1' is an empty range"),
+        ("--points east --distance 0:5:0", "--distance: '0:5:0' is an empty range"),
+        ("--points east --distance nan", "--distance: 'nan' is an empty range"),
+        ("--points east --distance 0:5", "--distance: '0:5' is not LO:HI:STEP"),
+        ("--points east --distance=-1:5:1", "--distance: '-1:5:1' is below 0"),
+        ("--points east --distance 0:5:1e-9", "--distance: '0:5:1e-9' has too many values"),
+        ("--points east --distance 1 --direction x", "--direction: 'x' is not LO:HI:STEP"),
     ],
 )
 def test_wrong_input_is_rejected_in_one_line(file, words, message, refused):
-    assert message in refused(["offset", file, "--quiet", *words])
+    assert message in refused(["offset", file, "--quiet", *words.split()])
 
 
 def test_range_includes_its_end_in_spite_of_rounding():

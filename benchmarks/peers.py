@@ -19,7 +19,7 @@ from study import RESULTS, Found, command, describe, say, store, versions
 
 from dropper_jax import Model, Scene, State, build, load_scene
 from dropper_jax.plots import figures, style
-from dropper_jax.study.pictures import marks
+from dropper_jax.study.curves import marks
 from dropper_jax.study.reference import Reference, reference
 from dropper_jax.study.schemes import Scheme, runnable
 from dropper_jax.study.work_precision import measure

@@ -116,10 +116,9 @@ def angles_to_links(
     The inverse of `link_angles`; `np.cumsum` of the result along the links gives the nodes relative to the first one.
     """
     read_text(zero, "zero", ZEROS)
-    if zero == "down":
-        down = np.asarray(polar, float)
-    else:
-        down = np.pi / 2 - np.asarray(polar, float)
+    down = np.asarray(polar, float)
+    if zero == "horizontal":
+        down = np.pi / 2 - down
     azimuth = np.asarray(azimuth, float)
     flat = np.sin(down)
     up = -np.cos(down)

@@ -5,10 +5,9 @@ from __future__ import annotations
 from jax import Array
 
 from dropper_jax.axial.elastic import Elastic, StretchStep
-from dropper_jax.axial.law import LinkStart
+from dropper_jax.axial.law import AxialLaw, LinkStart
 from dropper_jax.axial.rope import Rope
 from dropper_jax.base.fields import component
-from dropper_jax.base.numerics import safe_norm
 
 
 @component
@@ -18,23 +17,18 @@ class DampedRope(Rope):
     For comparisons: oscillations of slack lines then decay quickly, whereas those of a `Rope` chatter.
     """
 
+    with_tangent = AxialLaw.with_tangent  # derivatives of its own rows
+    # the dashpot of a spring, which also acts on slack links
+    _lengthening = Elastic._lengthening
+    _limit_damper = Elastic._limit_damper
+
     def residual(self, start: LinkStart, d1: Array, tension: Array, length: Array, h: Array) -> Array:
         step = StretchStep.of(self, start, length, h)
-        size = safe_norm(self.unstretch_broken(d1, length))
-        damper = self._damper_over(step, size, size)
+        damper = self._dashpot(step, self._size(d1, length))
         return self._taut_or_slack(lambda x: self._unclipped_spring(step, x), d1, tension - damper, length)
 
     def instant(self, d: Array, rate: Array, tension: Array, length: Array) -> Array:
-        d, stretching = self._stretching(d, rate, length)
+        _, stretching = self._stretching(d, rate, length)
         if self.damping is not None:
             tension = tension - self.damping / length * stretching
         return self.at_rest(d, tension, length)
-
-    def _link_tension(self, size: Array, stretching: Array, length: Array) -> Array:
-        spring = self.spring(size, length)
-        if self.damping is None:
-            return spring
-        return spring + self.damping / length * stretching
-
-    def _damper_over(self, step: StretchStep, size: Array, spring: Array) -> Array:
-        return Elastic._damper_over(self, step, size, spring)  # of slack links too

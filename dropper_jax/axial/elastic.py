@@ -78,12 +78,17 @@ class Elastic(AxialLaw):
         `S (|d1| - |d0|)` is the change of the stored energy. The rigid limit is EA -> infinity.
         """
         step = StretchStep.of(self, start, length, h)
-        size = safe_norm(self.unstretch_broken(d1, length))
+        size = self._size(d1, length)
         spring = self._spring_over(step, size)
-        return length / self.EA * (spring + self._damper_over(step, size, spring) - tension)
+        damper = self._limit_damper(self._dashpot(step, size), spring)
+        return length / self.EA * (spring + damper - tension)
 
     def at_rest(self, d: Array, tension: Array, length: Array) -> Array:
-        return safe_norm(self.unstretch_broken(d, length)) - length - length * tension / self.EA
+        return self._size(d, length) - length - length * tension / self.EA
+
+    def _size(self, d: Array, length: Array) -> Array:
+        """Lengths (n,) [m] of link vectors d (n, 3) [m] as the law uses them."""
+        return safe_norm(self.unstretch_broken(d, length))
 
     def _mean(self, step: StretchStep, size: Array) -> Array:
         """Tension (n,) [N] whose work over a step is exactly the change of the stored energy."""
@@ -107,11 +112,19 @@ class Elastic(AxialLaw):
         inertia = 2.0 * RINGING_INERTIA * (size - step.expected)
         return self._stiffness(step) * step.weight * (inertia + RINGING_MEMORY * step.memory)
 
-    def _damper_over(self, step: StretchStep, size: Array, spring: Array) -> Array:
-        """Damper tension (n,) [N] over a step, in addition to the spring tension."""
+    def _lengthening(self, step: StretchStep, size: Array) -> Array:
+        """Lengthening (n,) [m] over a step that acts on the dashpot."""
+        return size - step.size
+
+    def _dashpot(self, step: StretchStep, size: Array) -> Array:
+        """Tension (n,) [N] of the dashpot alone over a step."""
         if self.damping is None:
-            return jnp.zeros_like(spring)
-        return self.damping / step.length * (size - step.size) / step.h
+            return jnp.zeros_like(size)
+        return self.damping / step.length * self._lengthening(step, size) / step.h
+
+    def _limit_damper(self, dashpot: Array, spring: Array) -> Array:
+        """The part (n,) [N] of the tension of a dashpot that acts in addition to the spring tension."""
+        return dashpot
 
     def direction(self, d0: Array, d1: Array, mean: Array, length: Array) -> Array:
         """`d_mid / ((|d0| + |d1|)/2)`: only this direction gives exactly the work `T (|d1| - |d0|)`."""
@@ -125,11 +138,10 @@ class Elastic(AxialLaw):
         return self.zero_broken(tension)
 
     def instant(self, d: Array, rate: Array, tension: Array, length: Array) -> Array:
-        d, stretching = self._stretching(d, rate, length)
-        law = safe_norm(d) - length - length * tension / self.EA
+        law = self.at_rest(d, tension, length)
         if self.damping is None:
             return law
-        return law + self.damping / self.EA * stretching
+        return law + self.damping / self.EA * self._stretching(d, rate, length)[1]
 
     def _stretching(self, d: Array, rate: Array, length: Array) -> tuple[Array, Array]:
         """Link vectors as the law uses them, and rates of length (n,) [m/s]."""
@@ -137,7 +149,7 @@ class Elastic(AxialLaw):
 
     def energy(self, d: Array, length: Array) -> Array:
         """Stored energy, scalar [J]: `EA (|d| - L)^2 / (2 L)`."""
-        return jnp.sum(self._stored_energy(safe_norm(self.unstretch_broken(d, length)), length))
+        return jnp.sum(self._stored_energy(self._size(d, length), length))
 
     def _stored_energy(self, size: Array, length: Array) -> Array:
         """Stored energy of each link (n,) [J]."""
@@ -147,12 +159,13 @@ class Elastic(AxialLaw):
         """Work over a step by name, scalars [J]: of the damper, never positive, and of the ringing force, which also
         stores and returns energy."""
         step = StretchStep.of(self, start, length, h)
-        size = safe_norm(self.unstretch_broken(d1, length))
+        size = self._size(d1, length)
         spring = self._spring_over(step, size)
         longer = size - step.size
         found = {AXIAL_RINGING: -jnp.sum((spring - self._mean(step, size)) * longer)}
         if self.damping is not None:
-            found[INTERNAL_DAMPING] = -jnp.sum(self._damper_over(step, size, spring) * longer)
+            damper = self._limit_damper(self._dashpot(step, size), spring)
+            found[INTERNAL_DAMPING] = -jnp.sum(damper * longer)
         return found
 
     def powers(self, d: Array, rate: Array, tension: Array, length: Array) -> dict[str, Array]:

@@ -43,11 +43,11 @@ class Rope(Elastic):
     pushes, a slack rope carries no force, and the damper only takes energy. A link that is taut and vibrates with less
     than its mean stretch has the damping of `elastic`. For MoorDyn's damper, which also acts in slack lines, see
     `damped_rope`.
+
+    A subclass whose slack rows differ from these keeps its own derivatives: its `with_tangent` is that of `AxialLaw`.
     """
 
     def with_tangent(self, tangent: SlackTangent) -> AxialLaw:
-        if type(self) is not Rope:  # the tangent is that of this law; others keep their derivatives
-            return self
         return TangentRope(EA=self.EA, damping=self.damping, intact=self.intact, tangent=tangent)
 
     def spring(self, size: Array, length: Array) -> Array:
@@ -66,13 +66,13 @@ class Rope(Elastic):
 
         def tension_of(size: Array) -> Array:
             spring = self._unclipped_spring(step, size)
-            return spring + jnp.minimum(self._damper_of(step, size), spring)
+            return spring + jnp.minimum(self._dashpot(step, size), spring)
 
         return self._taut_or_slack(tension_of, d1, tension, length)
 
     def _taut_or_slack(self, tension_of: Callable[[Array], Array], d: Array, tension: Array, length: Array) -> Array:
         """`max(tension_of(size), 0) = T` of links d, as elongations (n,) [m]."""
-        size = safe_norm(self.unstretch_broken(d, length))
+        size = self._size(d, length)
         elongation = length * tension / self.EA
         return taut_or_slack(lambda x: length / self.EA * tension_of(x), size, self._slack(length), elongation)
 
@@ -91,14 +91,11 @@ class Rope(Elastic):
 
     def tension(self, d: Array, rate: Array, length: Array) -> Array:
         size = safe_norm(d)
-        return self.zero_broken(self._link_tension(size, dot(d, rate) / size, length))
-
-    def _link_tension(self, size: Array, stretching: Array, length: Array) -> Array:
-        """Tension (n,) [N] of links of length `size` that stretch at that rate (n,) [m/s]."""
-        spring = self.spring(size, length)
-        if self.damping is None:
-            return spring
-        return spring + never_more(self.damping / length * stretching, spring)
+        tension = self.spring(size, length)
+        if self.damping is not None:
+            stretching = dot(d, rate) / size
+            tension = tension + self._limit_damper(self.damping / length * stretching, tension)
+        return self.zero_broken(tension)
 
     def _damper(self, damping: Array, d: Array, stretching: Array, tension: Array, length: Array) -> Array:
         return tension - self.zero_broken(self.spring(safe_norm(d), length))
@@ -125,15 +122,12 @@ class Rope(Elastic):
     def _spring_over(self, step: StretchStep, size: Array) -> Array:
         return jnp.maximum(self._unclipped_spring(step, size), 0.0)
 
-    def _damper_of(self, step: StretchStep, size: Array) -> Array:
-        """Tension (n,) [N] of a dashpot alone; it acts on taut links."""
-        if self.damping is None:
-            return jnp.zeros_like(size)
-        longer = self._elongation(size, step.length) - self._elongation(step.size, step.length)
-        return self.damping / step.length * longer / step.h
+    def _lengthening(self, step: StretchStep, size: Array) -> Array:
+        """That of the taut part: the dashpot does not act on slack links."""
+        return self._elongation(size, step.length) - self._elongation(step.size, step.length)
 
-    def _damper_over(self, step: StretchStep, size: Array, spring: Array) -> Array:
-        return never_more(self._damper_of(step, size), spring)
+    def _limit_damper(self, dashpot: Array, spring: Array) -> Array:
+        return never_more(dashpot, spring)
 
 
 @component
@@ -143,8 +137,8 @@ class TangentRope(Rope):
     tangent: SlackTangent = option("law of derivatives", default=SlackTangent())
 
     def residual(self, start: LinkStart, d1: Array, tension: Array, length: Array, h: Array) -> Array:
-        before = safe_norm(self.unstretch_broken(start.d, length))
-        size = safe_norm(self.unstretch_broken(d1, length))
+        before = self._size(start.d, length)
+        size = self._size(d1, length)
         elongation = 0.5 * (before + size) - length + self.tangent.time * (size - before) / h
         soft = self.tangent.stiffness * elongation - length * tension / self.EA
         return jnp.where(size <= length, soft, super().residual(start, d1, tension, length, h))

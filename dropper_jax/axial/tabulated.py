@@ -35,6 +35,8 @@ class Tabulated(Rope):
     force: Array = dataclasses.field(kw_only=True)  # (n, k) [N]
     slope: Array = dataclasses.field(kw_only=True)  # (n, k) [N]
 
+    with_tangent = AxialLaw.with_tangent  # the derivatives of its own curve
+
     def soften(self, share: float) -> AxialLaw:
         return dataclasses.replace(self, EA=share * self.EA, force=share * self.force, slope=share * self.slope)
 

@@ -23,7 +23,7 @@ class DeferredErrorFile(io.RawIOBase):
         refused: the error of the disk; None if there was none.
     """
 
-    def __init__(self, file: BinaryIO, release: Callable[[], None] = lambda: None) -> None:
+    def __init__(self, file: BinaryIO, release: Callable[[], None]) -> None:
         file.flush()
         self._file = file.fileno()
         self._position = 0

@@ -89,7 +89,7 @@ def nearest(word: str, candidates: Iterable[str]) -> str:
     return f"known: {', '.join(candidates)}"
 
 
-def require_positive(option: str, value: float, unit: str = "") -> None:
+def require_positive(option: str, value: float, unit: str) -> None:
     """Reject a number that is not above 0 and finite.
 
     Args:

@@ -114,7 +114,7 @@ def part_prefix(path: Path) -> str:
 
 
 def remove_leftovers(path: Path) -> None:
-    """Remove the unfinished files and folders that ended processes left for `path`."""
+    """Remove the `leftovers` of a path."""
     for item in leftovers(path):
         remove(item)
 

@@ -38,10 +38,8 @@ def scatter_add(where: np.ndarray, values: Array | np.ndarray, size: int) -> Arr
         found = np.zeros((size, *values.shape[1:]), values.dtype)
         np.add.at(found, where, values)
         return jnp.asarray(found, values.dtype)
-    if not len(where):
-        return jnp.zeros((size, *values.shape[1:]), values.dtype)
-    if len(where) == size and counts.max() == 1:
-        if (where == np.arange(size)).all():
+    if np.all(counts == 1):
+        if np.array_equal(where, np.arange(size)):
             return values
         return values[np.argsort(where)]
     order = np.argsort(where, kind="stable")
@@ -54,7 +52,6 @@ MAX_GATHERS = 8
 
 def scatter_add_many(where: np.ndarray, values: Array, size: int) -> Array:
     """`scatter_add`, using a scatter if many values meet at one row, as in contact between all pairs of links."""
-    where = np.asarray(where)
-    if not len(where) or np.bincount(where, minlength=size).max() <= MAX_GATHERS:
+    if np.bincount(where, minlength=size).max(initial=0) <= MAX_GATHERS:
         return scatter_add(where, values, size)
     return jnp.zeros((size, *values.shape[1:]), values.dtype).at[where].add(values)

@@ -5,11 +5,11 @@ A compiled run does not hold Python's lock, so that threads suffice, and they sh
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
 
-from dropper_jax.base.memory import available_cores
+from dropper_jax.base.machine import available_cores
 
 A = TypeVar("A")
 B = TypeVar("B")
@@ -30,11 +30,15 @@ def run_parallel(
     """
     found: list[B] = []
     with ThreadPoolExecutor(workers or available_cores()) as pool:
+
+        def results() -> Iterator[B]:
+            yield from map(one, items[:alone])
+            yield from pool.map(one, items[alone:])
+
         try:
-            for run, part in ((map, items[:alone]), (pool.map, items[alone:])):
-                for value in run(one, part):
-                    found.append(value)
-                    say(len(found))
+            for value in results():
+                found.append(value)
+                say(len(found))
         except BaseException:
             pool.shutdown(cancel_futures=True)
             raise

@@ -8,14 +8,14 @@ from __future__ import annotations
 import dataclasses
 import math
 import numbers
-from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from contextlib import suppress
 from functools import partial
-from typing import Any, ClassVar, Protocol, Self, TypeVar, overload
+from typing import Any, Self, TypeVar, overload
 
 import numpy as np
 
-from dropper_jax.base.errors import Check, SceneError, nearest, raise_first, raises_first
+from dropper_jax.base.errors import Check, SceneError, nearest, raise_first
 
 Item = TypeVar("Item")
 
@@ -39,12 +39,6 @@ Values = Mapping[str, Any]
 
 #: Maximum of any count: counts in compiled programs have 32 bits.
 MAX_COUNT = 2**31 - 1
-
-
-class Declared(Protocol):
-    """A dataclass with declared fields."""
-
-    __dataclass_fields__: ClassVar[dict[str, dataclasses.Field]]
 
 
 def refuse(path: str, value: Plain, reason: str, allowed: str) -> SceneError:
@@ -94,12 +88,11 @@ def check_keys(table: Values, allowed: Iterable[str], path: str) -> None:
             raise SceneError(f"{join(path, name)}: unknown key; {nearest(name, allowed)}")
 
 
-@raises_first
-def check_kind_keys(table: Values, kind: str, keys: Mapping[str, Sequence[str]], path: str) -> Iterator[Check]:
+def check_kind_keys(table: Values, kind: str, keys: Mapping[str, Sequence[str]], path: str) -> None:
     """Reject keys of a table that its `kind` does not take."""
     for key in table:
-        takes = f"not used by kind {kind!r}, which takes {', '.join(keys[kind])}"
-        yield key not in ("kind", *keys[kind]), f"{path}.{key}: {takes}"
+        if key not in ("kind", *keys[kind]):
+            raise SceneError(f"{path}.{key}: not used by kind {kind!r}, which takes {', '.join(keys[kind])}")
 
 
 def join(path: str, key: str) -> str:
@@ -402,9 +395,9 @@ def items(cls: type[DeclaredSection]) -> Callable[[Plain, str], tuple[DeclaredSe
 
 def read_positions(value: Plain, path: str) -> dict[str, np.ndarray]:
     """Positions (3,) [m] by name."""
+    vector = {"unit": "m", "shape": "vector"}
     found = {}
     for name, position in read_table(value, path).items():
-        vector = {"unit": "m", "shape": "vector"}
         found[read_text(name, path)] = read_parameter(position, f"{path}.{name}", vector, {})
     return found
 
@@ -419,16 +412,14 @@ def section_keys(cls: type) -> list[str]:
     return [*declared_fields(cls), *declared_fields(cls, "part")]
 
 
-def as_table(spec: Declared) -> Table:
+def as_table(spec: object) -> Table:
     """The given values of a section as plain values; None values and empty parts are omitted."""
+    parts = declared_fields(type(spec), "part")
     found = {}
-    for key, field in declared_fields(type(spec)).items():
+    for key, field in (declared_fields(type(spec)) | parts).items():
         value = plain(getattr(spec, field.name))
-        if value is not None:
-            found[key] = value
-    for key, field in declared_fields(type(spec), "part").items():
-        value = plain(getattr(spec, field.name))
-        if value:
+        is_empty_part = key in parts and not value
+        if value is not None and not is_empty_part:
             found[key] = value
     return found
 

@@ -140,8 +140,8 @@ def flat_items(value: Plain, path: str = "") -> Iterator[tuple[str, Plain]]:
 
 
 def _short(value: Plain) -> str:
-    if not isinstance(value, list) or len(value) <= 3:
-        if value is None:
-            return "nothing"
-        return f"{value}"
-    return f"[{value[0]}, {value[1]}, ... {value[-1]}] ({len(value)} values)"
+    if value is None:
+        return "nothing"
+    if isinstance(value, list) and len(value) > 3:
+        return f"[{value[0]}, {value[1]}, ... {value[-1]}] ({len(value)} values)"
+    return str(value)

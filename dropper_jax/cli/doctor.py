@@ -6,7 +6,7 @@ from argparse import ArgumentParser, Namespace
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
-from dropper_jax.base.memory import in_words
+from dropper_jax.base.machine import in_words
 from dropper_jax.cli.given import positive_integer
 from dropper_jax.cli.options import add_examples, add_json
 from dropper_jax.cli.printing import done_object, listing, print_result

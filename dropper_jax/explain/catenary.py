@@ -80,6 +80,8 @@ def solve(line: Hanging) -> Shape | None:
     if line.on_bed and line.span + hanging <= line.length:
         force = line.weight * hanging
         return Shape(0.0, force, force, 0.0, line.length - hanging, None)
+    if line.span == 0.0 and line.length > line.rise:
+        return None  # a fold, whose horizontal force is 0
     found = root(partial(_rows, line), _start(line), jac=True, tol=1e-13)
     row, slope = _rows(line, found.x)
     if not np.max(np.abs(row)) <= MAX_ROW * line.length:
@@ -138,11 +140,13 @@ def _span_and_rise(x: Array, line: Hanging, rests: bool) -> Array:
     upper = v / h
     lower = jnp.where(rests, 0.0, upper - total / h)
     part = upper - lower
-    roots = jnp.hypot(1.0, upper), jnp.hypot(1.0, lower)
-    rise = part * (upper + lower) / (roots[0] + roots[1])
-    inverse = jnp.where(lower > 0.0, 1.0 / (lower + roots[1]), roots[1] - lower)
+    upper_root = jnp.hypot(1.0, upper)
+    lower_root = jnp.hypot(1.0, lower)
+    roots = upper_root + lower_root
+    rise = part * (upper + lower) / roots
+    inverse = jnp.where(lower > 0.0, 1.0 / (lower + lower_root), lower_root - lower)
     across = h / line.weight * jnp.log1p((part + rise) * inverse) + h * line.length / line.EA
-    up = h / line.weight * rise * (1.0 + 0.5 * h * (roots[0] + roots[1]) / line.EA)
+    up = h / line.weight * rise * (1.0 + 0.5 * h * roots / line.EA)
     bed = jnp.where(rests, line.length - v / line.weight, 0.0)
     return jnp.stack([bed + across, up])
 

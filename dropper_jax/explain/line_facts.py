@@ -161,12 +161,14 @@ def _closed_form(hanging: Hanging | None, weight: float) -> _ClosedForm:
     shape = solve(hanging)
     if shape is None:
         return _ClosedForm(reserve=reserve, excess=excess)
+    lower = shape.lower
+    upper = shape.upper
+    if weight < 0.0:
+        lower, upper = upper, lower
     stiffness = None
     if shape.stiffness is not None:
         stiffness = shape.stiffness[0, 0]
-    if weight < 0.0:
-        return _ClosedForm(shape.upper, shape.lower, reserve, excess, stiffness, shape)
-    return _ClosedForm(shape.lower, shape.upper, reserve, excess, stiffness, shape)
+    return _ClosedForm(lower, upper, reserve, excess, stiffness, shape)
 
 
 def _hanging(

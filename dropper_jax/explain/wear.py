@@ -54,28 +54,30 @@ def wear_of_lines(scene: Scene, state: State) -> list[Wear]:
     again = equilibrium(worn)
     found = []
     for line in whole_lines(scene):
-        now = tension[line.links]
-        load = line.spec.breaking_load
-        exact = None
-        use = None
+        links = line.links
+        by_equilibrium = None
         worn_use = None
         if again.status == "ok":
-            exact = float(np.max(again.tension[line.links]))
-        if load is not None:
-            use = float(np.max(now / load))
-            if exact is not None:
-                worn_use = float(np.max(again.tension[line.links] / (load * WORN_DIAMETER**2)))
+            by_equilibrium = float(np.max(again.tension[links]))
+            worn_use = _utilisation(again.tension[links], line.spec.breaking_load, WORN_DIAMETER**2)
         found.append(
             Wear(
                 name=line.name,
-                tension_n=float(np.max(now)),
-                by_derivative_n=float(np.max(predicted[line.links])),
-                by_equilibrium_n=exact,
-                use=use,
+                tension_n=float(np.max(tension[links])),
+                by_derivative_n=float(np.max(predicted[links])),
+                by_equilibrium_n=by_equilibrium,
+                use=_utilisation(tension[links], line.spec.breaking_load, 1.0),
                 worn_use=worn_use,
             )
         )
     return found
+
+
+def _utilisation(tension: np.ndarray, breaking_load: np.ndarray | None, left: float) -> float | None:
+    """Maximum tension over the share of the breaking load that is left; None without one."""
+    if breaking_load is None:
+        return None
+    return float(np.max(tension / (breaking_load * left)))
 
 
 def _worn_values(scene: Scene) -> Table:

@@ -22,7 +22,6 @@ import numpy as np
 from jax import Array
 from jax.scipy.linalg import solve_triangular
 
-from dropper_jax.base.records import names_of
 from dropper_jax.effects.seabed import Seabed
 from dropper_jax.model import Model, State
 from dropper_jax.model.slots import Prepared
@@ -43,14 +42,10 @@ def _normal_points() -> tuple[np.ndarray, np.ndarray]:
 
 def dragging_effects(still: Model) -> tuple[Model, Model]:
     """The model with the effects of the water, without contact, and with those that do not know the waves."""
-    bed = set(names_of(still.having(Seabed)))
-    prepared = set(names_of(still.having(Prepared)))
     wet = []
     other = []
-    for effect in still.effects:
-        if effect.name in bed:
-            continue
-        if effect.needs_water or effect.name in prepared:
+    for effect in still.without_slot(Seabed).effects:
+        if effect.needs_water or isinstance(effect, Prepared):
             wet.append(effect)
         else:
             other.append(effect)

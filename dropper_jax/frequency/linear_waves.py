@@ -24,13 +24,12 @@ import jax.numpy as jnp
 from jax import Array
 from jax.scipy.sparse.linalg import gmres
 
-from dropper_jax.axial import STRETCHING_LAWS
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import SceneError
 from dropper_jax.frequency.linear_drag import dragging_effects, iterate_drag, linear_drag, no_drag
 from dropper_jax.model import Kinematics, Model, State
 from dropper_jax.sea.waves import Waves
-from dropper_jax.statics.rest_problem import rest
+from dropper_jax.statics.rest_problem import require_stretching_links, rest
 from dropper_jax.statics.search import outward
 from dropper_jax.statics.static_friction import with_static_seabed_friction
 from dropper_jax.statics.tangent import Linear, Tangent, solve_matrix
@@ -119,25 +118,29 @@ def _components(waves: Waves, together: bool) -> Waves:
 
 def wave_loads(model: Model, pose: State, waves: Waves) -> WaveLoads:
     """The loads of all components; the model is without waves."""
-    still = jnp.zeros_like(pose.r)
-
-    def by_amplitude(component: Waves, phase_shift: Array) -> tuple[Array, ...]:
-        def loads(amplitude: Array) -> tuple[Array, ...]:
-            shifted = replace(component, amplitude=amplitude, phase=component.phase + phase_shift)
-            sea = replace(model.sea, waves=shifted)
-            moved = replace(model, sea=sea)
-            k = moved.instant(pose.r, still, pose.t)
-            tension = moved.tension_by_law(k)
-            inertia = moved.inertia(k, still, moved.end_acceleration(pose.t))
-            return _force(moved, k, tension) - inertia, tension, sea.at(pose.r, pose.t).velocity
-
-        return jax.jvp(loads, (jnp.zeros_like(component.amplitude),), (component.amplitude,))[1]
-
     # effects that know every component of the waves
     each = _components(replace(waves, ramp=None), model.effect("vessel_motion") is not None)
+    of_components = jax.vmap(partial(_loads_at_phase, model, pose), (0, None))
     # a quarter period later by the phase: Re(H exp(i w t)) there is -Im(H)
-    both = jax.vmap(jax.vmap(by_amplitude, (0, None)), (None, 0))(each, jnp.array([0.0, -0.5 * jnp.pi]))
+    both = jax.vmap(of_components, (None, 0))(each, jnp.array([0.0, -0.5 * jnp.pi]))
     return WaveLoads(*(now - 1j * later for now, later in both))
+
+
+def _loads_at_phase(model: Model, pose: State, component: Waves, phase_shift: Array) -> tuple[Array, ...]:
+    """Forces (free, 3) [N], tensions (n,) [N] and velocities of the water (free, 3) [m/s] at one instant, linear in the
+    amplitude of a component, whose phase is shifted."""
+    still = jnp.zeros_like(pose.r)
+
+    def loads(amplitude: Array) -> tuple[Array, ...]:
+        shifted = replace(component, amplitude=amplitude, phase=component.phase + phase_shift)
+        sea = replace(model.sea, waves=shifted)
+        moved = replace(model, sea=sea)
+        k = moved.instant(pose.r, still, pose.t)
+        tension = moved.tension_by_law(k)
+        inertia = moved.inertia(k, still, moved.end_acceleration(pose.t))
+        return _force(moved, k, tension) - inertia, tension, sea.at(pose.r, pose.t).velocity
+
+    return jax.jvp(loads, (jnp.zeros_like(component.amplitude),), (component.amplitude,))[1]
 
 
 def tension_changes(model: Model, linear: LinearMotion, x: Array, v: Array) -> Array:
@@ -196,8 +199,7 @@ def tension_deviation(model: Model, pose: State) -> tuple[Array, Array]:
         SceneError: rigid links or bodies, or no irregular waves.
     """
     check_no_bodies(model)
-    if not model.line.axial.elastic:
-        raise SceneError(f"line.axial.law: 'rigid' has no axial stiffness; allowed: {STRETCHING_LAWS}")
+    require_stretching_links(model)
     waves = None if model.sea is None else model.sea.waves
     if waves is None or waves.size < 2:
         raise SceneError("sea.waves: is not an irregular linear sea. Use kind 'spectrum'")

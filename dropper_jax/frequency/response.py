@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import Array
 from numpy.typing import ArrayLike
 
-from dropper_jax.base.errors import SceneError
+from dropper_jax.base.errors import SceneError, require_positive
 from dropper_jax.base.markdown import first_names
 from dropper_jax.base.records import names_of
 from dropper_jax.frequency.linear_waves import check_no_bodies, still_model
@@ -21,17 +21,20 @@ from dropper_jax.model.slots import Displacement
 from dropper_jax.run.build import SceneLike, build_model
 from dropper_jax.run.scene_model import static_pose
 from dropper_jax.run.simulate import simulate
-from dropper_jax.scene import whole_lines
+from dropper_jax.scene import WholeLine, whole_lines
 from dropper_jax.sea.make import make_current, waves_of
 from dropper_jax.sea.spec import SeaSpec
 from dropper_jax.sea.wave_spec import WaveSpec
 from dropper_jax.sea.waves import Waves
+from dropper_jax.statics.descent import with_springs
 from dropper_jax.statics.loads import release_loads
 from dropper_jax.statics.search import Equilibrium
 from dropper_jax.statics.static_pose import equilibrium
 
 #: Largest error of the basis that stays below that of the linearisation.
 BASIS_ERROR = 0.02
+#: Standard deviations below which a mean tension is taken as one that does not stay positive.
+TAUT_DEVIATIONS = 3.0
 
 
 @dataclass(frozen=True)
@@ -127,62 +130,47 @@ def frequency_response(
 
     Raises:
         SceneError: no sea or waves, regular waves, no equilibrium, rigid bodies, an end that moves by itself, a wave
-            that a current stops, a direction that is not finite, less than one frequency.
+            that a current stops, a direction that is not finite, less than one frequency, a duration that is not
+            positive.
     """
     if frequencies < 1:
         raise SceneError(f"frequencies: {frequencies} is out of range; allowed: 1 or more")
     if direction is not None and not np.isfinite(direction):
         raise SceneError(f"direction: {direction:g} is not finite; allowed: a finite angle")
+    require_positive("duration", duration, " s")
     scene = load_scene(scene)
     sea = _sea_of(scene)
     model = build_model(scene, "float64")
-    check_no_bodies(model)
-    for effect in model.having(Displacement):
-        if not effect.needs_sea:
-            raise SceneError(f"effects.{effect.name}: its motion does not come from the sea. Use a run in time")
-    if sea_states is not None and model.effect("vessel_motion") is not None:
-        raise SceneError(
-            "vessel: has factors at the frequencies of the scene's own waves only. Use it without sea states"
-        )
+    _check_linear(model, sea_states is not None)
     states, waves = _waves(sea, sea_states, direction, frequencies)
-    pose = static_pose(scene, model)
-    if pose.status == "ok" and not model.line.axial.elastic:
-        model, pose = _with_springs(model, pose, release_loads(model, scene.start))
-    if pose.status != "ok":
-        raise SceneError(f"start: {pose.message}")
-    still = still_model(model, pose.state)
-    lines = whole_lines(scene)
+    model, pose = _stretching_pose(scene, model)
     links = _end_links(scene)
-    ends: list[tuple[str, str]] = []
-    for line in lines:
-        first, *_, last = line.stops.values()
-        ends += [(line.name, first), (line.name, last)]
-    points = [i for i, point in enumerate(scene.points) if point.is_free]
-    nodes = np.array(list(map(model.geometry.node_of_point, points)), int)
-    solved, error = solve_states(still, pose.state, waves, links, nodes)
+    points = [point for point in scene.points if point.is_free]
+    nodes = [model.geometry.node_of_point(i) for i, point in enumerate(scene.points) if point.is_free]
+    solved, error = solve_states(still_model(model, pose.state), pose.state, waves, links, np.array(nodes, int))
     static = np.asarray(pose.tension)
     mean = static + solved.shift
     omega = np.asarray(waves.omega)
-    rate = _root_mean_square(omega[:, :, None] * solved.tension)
     deviation = solved.deviation[:, links]
+    rate = _root_mean_square(omega[:, :, None] * solved.tension)
     period = 2.0 * np.pi * deviation / np.maximum(rate, 1e-300)
-    peak = np.sqrt(2.0 * np.log(np.maximum(duration / np.maximum(period, 1e-300), 1.0)))
-    # standard deviations below which a mean tension is taken as one that does not stay positive
-    low = mean < 3.0 * solved.deviation
+    upcrossings = np.maximum(duration / np.maximum(period, 1e-300), 1.0)
+    lines = whole_lines(scene)
+    low = mean < TAUT_DEVIATIONS * solved.deviation
     slack = np.stack([np.any(low[:, line.links], axis=1) for line in lines], axis=1)
-    words = np.where(np.any(slack, axis=1), "not_linear", "ok")
+    linear = np.where(np.any(slack, axis=1), "not_linear", "ok")
     return FrequencyResponse(
-        status=tuple(np.where(solved.change <= DRAG_TOLERANCE, words, "not_converged").tolist()),
+        status=tuple(np.where(solved.change <= DRAG_TOLERANCE, linear, "not_converged").tolist()),
         sea_states=states,
         omega=omega,
-        ends=tuple(ends),
-        points=tuple(scene.points[i].name for i in points),
+        ends=_ends_of(lines),
+        points=tuple(names_of(points)),
         lines=tuple(names_of(lines)),
         static_tension=static[links],
         mean_tension=mean[:, links],
         tension_deviation=deviation,
         tension_period=period,
-        maximum_tension=mean[:, links] + peak * deviation,
+        maximum_tension=mean[:, links] + np.sqrt(2.0 * np.log(upcrossings)) * deviation,
         motion_deviation=_root_mean_square(solved.motion),
         tension=solved.tension,
         motion=solved.motion,
@@ -192,9 +180,48 @@ def frequency_response(
     )
 
 
+def _check_linear(model: Model, has_sea_states: bool) -> None:
+    """Reject what the frequency domain does not describe."""
+    check_no_bodies(model)
+    for effect in model.having(Displacement):
+        if not effect.needs_sea:
+            raise SceneError(f"effects.{effect.name}: its motion does not come from the sea. Use a run in time")
+    if has_sea_states and model.effect("vessel_motion") is not None:
+        raise SceneError(
+            "vessel: has factors at the frequencies of the scene's own waves only. Use it without sea states"
+        )
+
+
+def _stretching_pose(scene: Scene, model: Model) -> tuple[Model, Equilibrium]:
+    """The equilibrium, with springs for rigid links that stretch by 0.01 % under the maximum tension; and its model."""
+    pose = static_pose(scene, model)
+    if pose.status == "ok" and not model.line.axial.elastic:
+        model = with_springs(model, jnp.max(jnp.asarray(pose.tension)))
+        pose = equilibrium(model, release_loads(model, scene.start), near=pose.state)
+    if pose.status != "ok":
+        raise SceneError(f"start: {pose.message}")
+    return model, pose
+
+
+def _ends_of(lines: Sequence[WholeLine]) -> tuple[tuple[str, str], ...]:
+    """Line and point of each end of a line, in the order of `_end_links`."""
+    ends = []
+    for line in lines:
+        first, *_, last = line.stops.values()
+        ends += [(line.name, first), (line.name, last)]
+    return tuple(ends)
+
+
 def _root_mean_square(amplitudes: np.ndarray) -> np.ndarray:
     """Of sums of components with complex amplitudes (states, c, ...)."""
     return np.sqrt(0.5 * np.sum(np.abs(amplitudes) ** 2, axis=1))
+
+
+#: Time [s] before the evaluated part of a run, and its minimum in peak periods: the transients of the start decay.
+SETTLING_TIME = 100.0
+SETTLING_PERIODS = 10.0
+#: Ramp of the waves [s] of a scene without its own.
+DEFAULT_RAMP = 15.0
 
 
 def run_in_time(
@@ -222,10 +249,12 @@ def run_in_time(
     scene = load_scene(scene)
     sea = _sea_of(scene)
     hs, tp = sea_state
-    # time before the evaluated part [s]
-    start = max(100.0, 10.0 * tp)
+    start = max(SETTLING_TIME, SETTLING_PERIODS * tp)
     waves = replace(_spectrum(sea, direction, frequencies), hs=hs, tp=tp)
-    scene = replace(scene, sea=replace(sea, waves=waves, ramp=15.0 if sea.ramp is None else sea.ramp))
+    ramp = sea.ramp
+    if ramp is None:
+        ramp = DEFAULT_RAMP
+    scene = replace(scene, sea=replace(sea, waves=waves, ramp=ramp))
     duration = start + frequencies / 3.5 * tp  # the components are between 0.5 and 4 peak frequencies
     solution = simulate(scene.with_equal_steps(), duration=duration, save_every=4, throw=True)
     tension = solution.tension[solution.t_tension > start][:, _end_links(scene)]
@@ -242,17 +271,6 @@ def _end_links(scene: Scene) -> np.ndarray:
     """The first and last link of each line."""
     ends = [(line.links.start, line.links.stop - 1) for line in whole_lines(scene)]
     return np.ravel(ends)
-
-
-#: Stretch of these springs under the largest static tension: 0.01 %.
-SPRING_STRETCH = 1e-4
-
-
-def _with_springs(model: Model, pose: Equilibrium, loads: Array) -> tuple[Model, Equilibrium]:
-    """The model with springs for rigid links, and its equilibrium."""
-    stiffness = jnp.full(pose.tension.shape, jnp.max(jnp.asarray(pose.tension)) / SPRING_STRETCH)
-    model = model.with_axial(model.line.axial.springs(stiffness))
-    return model, equilibrium(model, loads, near=pose.state)
 
 
 def _waves(

@@ -98,7 +98,7 @@ def make_consistent(k: Kinematics, added: bool = False, stretch_rate: Array | No
     return k.v + change, impulse
 
 
-def solve_instant(k: Kinematics, end_acceleration: Array | None = None) -> tuple[Array, Array]:
+def solve_instant(k: Kinematics, end_acceleration: Array | None) -> tuple[Array, Array]:
     """Accelerations (nodes, 3) [m/s^2] and tensions (n,) [N] at one instant, without laws that have their own unknowns.
 
     Args:

@@ -80,7 +80,7 @@ class MidpointProblem(StepProblem):
     has a different rate of stretch at their ends.
     """
 
-    def __init__(self, model: Model, s: State, h: Array, gamma: float | Array, alone: bool = True) -> None:
+    def __init__(self, model: Model, s: State, h: Array, gamma: float | Array, alone: bool) -> None:
         super().__init__(model, s, h)
         model = self.model
         self.gamma = gamma
@@ -105,13 +105,12 @@ class MidpointProblem(StepProblem):
     def _link_start(self) -> LinkStart:
         """The links at the start of the step, with what the laws of those that stretch need of them."""
         model = self.model
-        s = self.s
         if model.line.axial.rigid(model.line.links).all():
             return LinkStart(self.links0, None)
-        rate = model.rates(s.v, self.ends0)
+        rate = model.rates(self.s.v, self.ends0)
         if not self.alone:  # the last step has another length, and may go backwards
             return LinkStart(self.links0, rate)
-        acceleration = model.geometry.differences(s.acceleration, self.end_acceleration)
+        acceleration = model.geometry.differences(self.s.acceleration, self.end_acceleration)
         return LinkStart(self.links0, rate, acceleration, model.link_lightness)
 
     def guess(self) -> Unknowns:
@@ -135,8 +134,7 @@ class MidpointProblem(StepProblem):
         return force - of_unknowns, rows
 
     def link_vectors(self, x: Array) -> Array:
-        s = self.s
-        return self.model.links(s.r + (self.h * s.v + x), self.ends1)
+        return self.model.links(self.s.r + (self.h * self.s.v + x), self.ends1)
 
     def _directions(self, links1: Array) -> Array:
         """Directions (n, 3) of the tension forces over the step, whose end has the links (n, 3) [m]."""
@@ -164,9 +162,8 @@ class MidpointProblem(StepProblem):
         return y[:, None] * self._directions(d), line.axial.residual(self.start, d, y, line.length, self.h)
 
     def finish(self, u: Unknowns) -> State:
-        s = self.s
         h = self.h
-        r1 = s.r + (h * s.v + u.x)
+        r1 = self.s.r + (h * self.s.v + u.x)
         v1, stopped = self._end_velocity(u, r1)
         v1, impulse, struck = self._after_jumps(r1, v1)
         tension = u.y
@@ -183,14 +180,13 @@ class MidpointProblem(StepProblem):
 
     def _end_velocity(self, u: Unknowns, r1: Array) -> tuple[Array, Works]:
         """Velocity (nodes, 3) [m/s] at the end, and the energy taken by stopping stuck joints or nodes, by name [J]."""
-        s = self.s
         h = self.h
         model = self.model
-        v1 = s.v + u.x / (self.gamma * h)
+        v1 = self.s.v + u.x / (self.gamma * h)
         if not model.laws:
             return v1, {}
         middle = self.instant(u.x)
-        after = model.kinematics(r1, v1, s.t + h, self.ends1, prepared=self.prepared)
+        after = model.kinematics(r1, v1, self.s.t + h, self.ends1, prepared=self.prepared)
         stop = stop_stuck_joints
         if all(law.node_local for law in model.laws):
             stop = stop_stuck_nodes
@@ -237,7 +233,7 @@ class MidpointProblem(StepProblem):
     def _work(self, u: Unknowns, stopped: Works, struck: Works) -> Array:
         """Work (k,) [J] over the step, in the order of `work_names`."""
         model = self.model
-        line = self.model.line
+        line = model.line
         h = self.h
         k = self.instant(u.x)
         links1 = self.link_vectors(u.x)

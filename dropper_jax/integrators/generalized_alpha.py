@@ -124,8 +124,7 @@ class GeneralizedAlphaProblem(StepProblem):
         at_f = model.ends(self.t_f)
         # fixed ends on the straight line between their positions, as for all nodes, so that links are blends of links
         before = self.ends0.positions
-        after = self.ends1.positions
-        self.ends = Ends(before + self.new_f * (after - before), at_f.velocities)
+        self.ends = Ends(before + self.new_f * (self.ends1.positions - before), at_f.velocities)
         self.end_acceleration = model.end_acceleration(s.t + self.new_a * h)
         zero = jnp.zeros_like(s.r)
         self.prepared: dict[str, Frozen] = {}
@@ -145,8 +144,8 @@ class GeneralizedAlphaProblem(StepProblem):
 
     def _velocity(self, x: Array) -> Array:
         """v1 (nodes, 3) [m/s]."""
-        s = self.s
-        return s.v + self.h * ((1.0 - self.gamma) * s.acceleration + self.gamma * self._acceleration(x))
+        mean = (1.0 - self.gamma) * self.s.acceleration + self.gamma * self._acceleration(x)
+        return self.s.v + self.h * mean
 
     def _kinematics(self, x: Array, h: Array | None = None) -> Kinematics:
         """Positions and velocities at t_f; with h as an instant of the step."""
@@ -181,9 +180,8 @@ class GeneralizedAlphaProblem(StepProblem):
         return (y / safe_norm(d))[:, None] * d, line.axial.instant(d, rate, y, line.length)
 
     def finish(self, u: Unknowns) -> State:
-        s = self.s
         h = self.h
-        r1 = s.r + (h * s.v + u.x)
+        r1 = self.s.r + (h * self.s.v + u.x)
         v1 = self._velocity(u.x)
         a1 = self._acceleration(u.x)
         v1, a1, stopped = self._stop_stuck(u, r1, v1, a1)

@@ -45,8 +45,7 @@ class RattleProblem(SpeedProblem):
         return Unknowns(self.s.v + 0.5 * self.h * self.s.acceleration, self.s.tension)
 
     def _start_kinematics(self, v: Array) -> Kinematics:
-        s = self.s
-        return self.model.kinematics(s.r, v, s.t, self.ends0, prepared=self.prepared)
+        return self.model.kinematics(self.s.r, v, self.s.t, self.ends0, prepared=self.prepared)
 
     def node_rows(self, x: Array, z: PerLaw) -> NodeRows:
         return (2 / self.h) * self.mass[:, None] * (x - self.s.v) - self.model.force(self._start_kinematics(x)), ()

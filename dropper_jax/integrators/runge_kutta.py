@@ -40,7 +40,6 @@ def rates(model: Model, r: Array, v: Array, t: Array, track: bool) -> tuple[Rate
 def accelerations(model: Model, k: Kinematics, force: Array, t: Array) -> Array:
     """Accelerations (nodes, 3) [m/s^2] under nodal forces (nodes, 3) [N]; not where `couples_inertia`."""
     line = model.line
-    free = model.free_nodes
     if model.having(AddedMass):  # each node has its own mass matrix
         blocks = local_jacobian(lambda a: model.inertia(k, a), jnp.zeros_like(force))
         return apply(inverse(blocks), force)
@@ -49,7 +48,7 @@ def accelerations(model: Model, k: Kinematics, force: Array, t: Array) -> Array:
         return force / diagonal[:, None]
     if model.moving:
         force = force - model.nodal_inertia(jnp.zeros_like(force), model.end_acceleration(t))
-    off = line.blocks()[1][1:free]
+    off = line.blocks()[1][1 : model.free_nodes]
     zero = jnp.zeros_like(diagonal[:1])
     return solve_tridiagonal(jnp.concatenate([zero, off]), diagonal, jnp.concatenate([off, zero]), force)
 

@@ -18,15 +18,7 @@ from jax import Array
 
 from dropper_jax.integrators.runge_kutta import combine, rates
 from dropper_jax.model import Model, State, book_works
-from dropper_jax.residual import (
-    Explicit,
-    Implicit,
-    Integrator,
-    NodeRows,
-    PerLaw,
-    SpeedProblem,
-    Unknowns,
-)
+from dropper_jax.residual import Explicit, Implicit, Integrator, NodeRows, PerLaw, SpeedProblem, Unknowns
 
 
 @dataclass(frozen=True)
@@ -74,13 +66,11 @@ class SemiImplicitProblem(SpeedProblem):
         return self.mass[:, None] * (x - self.s.v) / self.h - self.force0, ()
 
     def finish(self, u: Unknowns) -> State:
-        s = self.s
-        h = self.h
         return self.end_state(
-            r=s.r + h * u.x,
+            r=self.s.r + self.h * u.x,
             v=u.x,
             tension=u.y,
-            acceleration=jax.lax.stop_gradient((u.x - s.v) / h),
+            acceleration=jax.lax.stop_gradient((u.x - self.s.v) / self.h),
             work=lambda: self._work(u),
         )
 

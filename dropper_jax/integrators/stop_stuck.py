@@ -13,7 +13,7 @@ that it takes is work of the law. If the bound is reached, the impulse stays on 
 from __future__ import annotations
 
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -34,6 +34,27 @@ BEYOND_ROUNDING = 1e-9
 OUTWARDS = 2.0
 
 
+class _StuckJoints(NamedTuple):
+    """Joints that were stuck over a step h [s].
+
+    Attributes:
+        held: which of the joints of each law are stuck (joints, 1).
+        z: the laws' unknowns over the step.
+    """
+
+    model: Model
+    held: PerLaw
+    z: PerLaw
+    h: Array
+
+
+class _Bounds(NamedTuple):
+    """Impulses on their bounds: of which joints of each law (joints, 1), and their directions."""
+
+    reached: PerLaw
+    directions: PerLaw
+
+
 def stop_stuck_joints(model: Model, z: PerLaw, middle: Kinematics, after: Kinematics, h: Array) -> tuple[Array, Array]:
     """End velocities (nodes, 3) [m/s] with stuck joints at rest, and the work of that (<= 0) [J].
 
@@ -45,19 +66,19 @@ def stop_stuck_joints(model: Model, z: PerLaw, middle: Kinematics, after: Kinema
     held = tuple(law.holding(middle, torque, h) for law, torque in zip(model.laws, z, strict=True))
     any_held = jnp.any(jnp.stack(list(map(jnp.any, held))))
     # a copy of the end: what the branch computes must not be kept for uses outside of it
-    stopped = partial(_stop_nodes, model, held, z, after.with_velocity(after.v), h)
+    stopped = partial(_stop_nodes, _StuckJoints(model, held, z, h), after.with_velocity(after.v))
     # most steps have no stuck joint, and then none of this is executed
     return jax.lax.cond(any_held, stopped, lambda: (after.v, jnp.zeros((), after.v.dtype)))
 
 
-def _stop_nodes(model: Model, held: PerLaw, z: PerLaw, after: Kinematics, h: Array) -> tuple[Array, Array]:
-    """The results of `stop_stuck_joints` where a joint is stuck; `held` are these of each law (joints, 1)."""
+def _stop_nodes(stuck: _StuckJoints, after: Kinematics) -> tuple[Array, Array]:
+    """The results of `stop_stuck_joints` where a joint is stuck."""
     # neither solution nor factors are differentiated: one more correction with differentiated rows has the exact
     # derivative of the solution, at the cost of a few operations
-    u, factor, at_bound, directions = _solve(*jax.lax.stop_gradient((model, held, after.v, after.r, after.t, z, h)))
-    rows = ravel_pytree(_rows(model, held, after, z, h, at_bound, directions, u))[0]
+    u, factor, bounds = _solve(*jax.lax.stop_gradient((stuck, after.v, after.r, after.t)))
+    rows = ravel_pytree(_rows(stuck, after, bounds, u))[0]
     flat, unravel = ravel_pytree(u)
-    return _with_least_energy(model, after, unravel(flat - lu_solve(factor, rows)).x)
+    return _with_least_energy(stuck.model, after, unravel(flat - lu_solve(factor, rows)).x)
 
 
 def stop_stuck_nodes(model: Model, z: PerLaw, middle: Kinematics, after: Kinematics, h: Array) -> tuple[Array, Array]:
@@ -69,37 +90,39 @@ def stop_stuck_nodes(model: Model, z: PerLaw, middle: Kinematics, after: Kinemat
 
 
 @jax.jit  # traced once, not at each of the half dozen positions of a differentiated step
-def _solve(
-    model: Model, held: PerLaw, v: Array, r: Array, t: Array, z: PerLaw, h: Array
-) -> tuple[Unknowns, PerLaw, PerLaw, PerLaw]:
-    """Unknowns, factors of their matrix, the joints whose impulse is on its bound, and the direction of their
-    impulses."""
+def _solve(stuck: _StuckJoints, v: Array, r: Array, t: Array) -> tuple[Unknowns, PerLaw, _Bounds]:
+    """Unknowns, factors of their matrix, and the impulses that are on their bounds."""
+    model = stuck.model
     after = model.kinematics(r, v, t)
-    zero = Unknowns(jnp.zeros_like(v), jnp.zeros_like(model.line.length), tuple(map(jnp.zeros_like, z)))
+    zero = Unknowns(jnp.zeros_like(v), jnp.zeros_like(model.line.length), tuple(map(jnp.zeros_like, stuck.z)))
     flat, unravel = ravel_pytree(zero)
 
     def correct(carry: tuple[Any, ...], _: None) -> tuple[tuple[Any, ...], None]:
-        x, _, at_bound, directions = carry
+        x, _, bounds = carry
 
         def rows(x: Array) -> Array:
-            return ravel_pytree(_rows(model, held, after, z, h, at_bound, directions, unravel(x)))[0]
+            return ravel_pytree(_rows(stuck, after, bounds, unravel(x)))[0]
 
         factor = lu_factor(jax.jacfwd(rows)(x))
         x = x - lu_solve(factor, rows(x))
-        now_at_bound = ()
-        now_directions = ()
-        for law, p, q, is_held, was_at_bound, direction in zip(
-            model.laws, unravel(x).z, z, held, at_bound, directions, strict=True
-        ):
-            beyond = is_held & ~was_at_bound & _beyond(law, p, q, h)
-            now_at_bound = (*now_at_bound, was_at_bound | beyond)
-            now_directions = (*now_directions, jnp.where(beyond, OUTWARDS * (p / h + q), direction))
-        return (x, factor, now_at_bound, now_directions), None
+        return (x, factor, _next_bounds(stuck, bounds, unravel(x).z)), None
 
-    nothing = tuple(map(jnp.zeros_like, held))
-    start = flat, lu_factor(jnp.eye(len(flat), dtype=flat.dtype)), nothing, zero.z
-    x, factor, at_bound, directions = jax.lax.scan(correct, start, None, length=CORRECTIONS)[0]
-    return unravel(x), factor, at_bound, directions
+    none_reached = _Bounds(tuple(map(jnp.zeros_like, stuck.held)), zero.z)
+    start = flat, lu_factor(jnp.eye(len(flat), dtype=flat.dtype)), none_reached
+    x, factor, bounds = jax.lax.scan(correct, start, None, length=CORRECTIONS)[0]
+    return unravel(x), factor, bounds
+
+
+def _next_bounds(stuck: _StuckJoints, bounds: _Bounds, impulses: PerLaw) -> _Bounds:
+    """The bounds, with those that these impulses (joints, c) of each law exceed."""
+    reached = ()
+    directions = ()
+    of_laws = zip(stuck.model.laws, impulses, stuck.z, stuck.held, *bounds, strict=True)
+    for law, p, q, is_held, was_reached, direction in of_laws:
+        beyond = is_held & ~was_reached & _beyond(law, p, q, stuck.h)
+        reached = (*reached, was_reached | beyond)
+        directions = (*directions, jnp.where(beyond, OUTWARDS * (p / stuck.h + q), direction))
+    return _Bounds(reached, directions)
 
 
 def _beyond(law: Law, p: Array, q: Array, h: Array) -> Array:
@@ -118,27 +141,19 @@ def _beyond(law: Law, p: Array, q: Array, h: Array) -> Array:
 IMPULSE_COMPLIANCE = 1e-10
 
 
-def _rows(
-    model: Model,
-    held: PerLaw,
-    after: Kinematics,
-    z: PerLaw,
-    h: Array,
-    at_bound: PerLaw,
-    directions: PerLaw,
-    u: Unknowns,
-) -> Unknowns:
+def _rows(stuck: _StuckJoints, after: Kinematics, bounds: _Bounds, u: Unknowns) -> Unknowns:
     """Rows of the system above for velocity changes, impulses of tensions and of joints.
 
     An impulse that exceeds its bound stays on it and keeps its direction. Otherwise all points of the bound would be
     solutions, and a row with free direction would be singular.
     """
+    model, held, z, h = stuck
     line = model.line
     scale = jnp.mean(line.mass * line.length**2)
     moved = after.with_velocity(after.v + u.x)
     force = model.inertia(after, u.x) - model.tension_force(u.y, after.tangents)
     joints = ()
-    for law, p, q, is_held, is_at_bound, direction in zip(model.laws, u.z, z, held, at_bound, directions, strict=True):
+    for law, p, q, is_held, is_at_bound, direction in zip(model.laws, u.z, z, held, *bounds, strict=True):
         force = force - law.law_force(after, p)
         at_rest = scale * law.rates(moved) + IMPULSE_COMPLIANCE * p
         on_bound = p - h * (law.admissible(direction) - q)

@@ -89,11 +89,14 @@ def _unit(theta: Array, phi: Array) -> Array:
     return jnp.stack([jnp.cos(theta) * jnp.cos(phi), jnp.cos(theta) * jnp.sin(phi), -jnp.sin(theta)], -1)
 
 
-class Motion(NamedTuple):
+class AnglesInstant(NamedTuple):
     """One instant of the scheme.
 
-    Kinematics, the last link's end (3,) [m], centripetal and Coriolis accelerations (n, 3) [m/s^2] of the links' ends,
-    forces with tensions (nodes, 3) [N].
+    Attributes:
+        k: positions and velocities.
+        end: the last link's end (3,) [m].
+        bend: centripetal and Coriolis accelerations (n, 3) [m/s^2] of the links' ends.
+        force: with tensions (nodes, 3) [N].
     """
 
     k: Kinematics
@@ -111,18 +114,18 @@ class AnglesProblem(StepProblem):
     def __init__(self, model: Model, s: State, h: Array, gamma: float | Array) -> None:
         super().__init__(model, s, h)
         self.gamma = gamma
-        self.angles = angles_of_state(model, s)
-        self.ends0 = model.ends(s.t)
+        #: x at the start of the step.
+        self.x0 = jnp.stack(angles_of_state(model, s), -1)
         self.ends1 = model.ends(s.t + h)
         self.mass = model.line.mass[: model.free_nodes, None]
-        self.old = self._motion(jnp.stack(self.angles, -1), s.t, self.ends0, s.tension)
+        self.old = self._instant(self.x0, s.t, model.ends(s.t), s.tension)
 
     def guess(self) -> Unknowns:
-        old = jnp.stack(self.angles, -1)
-        moved = jnp.concatenate([old[:, :2] + self.h * old[:, 2:], old[:, 2:]], axis=1)
-        return Unknowns(moved, self.s.tension)
+        angles = self.x0[:, :2]
+        rates = self.x0[:, 2:]
+        return Unknowns(jnp.concatenate([angles + self.h * rates, rates], axis=1), self.s.tension)
 
-    def _motion(self, x: Array, t: Array, ends: Ends, tension: Array) -> Motion:
+    def _instant(self, x: Array, t: Array, ends: Ends, tension: Array) -> AnglesInstant:
         """The instant of angles and rates x (n, 4) and tensions (n,) [N]."""
         length = self.model.line.length[:, None]
         theta, phi, *rate = x.T
@@ -136,24 +139,25 @@ class AnglesProblem(StepProblem):
         r = ends.start + jnp.cumsum(length * unit, axis=0)
         free = self.model.free_nodes
         k = self.model.instant(r[:free], v[:free], t, ends)
-        return Motion(k, r[-1], b, self.model.force(k) + self.model.tension_force(tension, unit))
+        return AnglesInstant(k, r[-1], b, self.model.force(k) + self.model.tension_force(tension, unit))
 
     def residual(self, u: Unknowns) -> Unknowns:
-        model = self.model
-        s = self.s
         h = self.h
         gamma = self.gamma
-        free = model.free_nodes
-        old = jnp.stack(self.angles, -1)
-        kinematic = (u.x[:, :2] - old[:, :2]) / h - gamma * u.x[:, 2:] - (1 - gamma) * old[:, 2:]
-        new = self._motion(u.x, s.t + h, self.ends1, u.y)
-        a = jax.jvp(_unit, (u.x[:, 0], u.x[:, 1]), tuple(((u.x[:, 2:] - old[:, 2:]) / h).T))[1]
-        a = jnp.cumsum(model.line.length[:, None] * a, axis=0)
+        length = self.model.line.length
+        angles = u.x[:, :2]
+        rates = u.x[:, 2:]
+        old_rates = self.x0[:, 2:]
+        kinematic = (angles - self.x0[:, :2]) / h - gamma * rates - (1 - gamma) * old_rates
+        new = self._instant(u.x, self.s.t + h, self.ends1, u.y)
+        a = jax.jvp(_unit, tuple(angles.T), tuple(((rates - old_rates) / h).T))[1]
+        a = jnp.cumsum(length[:, None] * a, axis=0)
         b = gamma * new.bend + (1 - gamma) * self.old.bend
-        rows = self.mass * (a + b)[:free] - gamma * new.force - (1 - gamma) * self.old.force
+        inertia = self.mass * (a + b)[: self.model.free_nodes]
+        rows = inertia - gamma * new.force - (1 - gamma) * self.old.force
         end = self.ends1.end
         if end is not None:
-            rows = jnp.concatenate([rows, (new.end - end)[None] * (self._force()[-1] / model.line.length[-1])])
+            rows = jnp.concatenate([rows, (new.end - end)[None] * (self._force()[-1] / length[-1])])
         # kinematic rows are rates times the ratio of the force scale to a rate, so that one tolerance serves all rows
         return Unknowns(jnp.concatenate([kinematic * h * self._force(), rows[:, :2]], 1), rows[:, 2])
 
@@ -171,7 +175,7 @@ class AnglesProblem(StepProblem):
         return Unknowns(jnp.stack([jnp.ones_like(rate), jnp.ones_like(rate), rate, rate]), self._force()[:, 0])
 
     def finish(self, u: Unknowns) -> State:
-        after = self._motion(u.x, self.s.t + self.h, self.ends1, u.y).k
+        after = self._instant(u.x, self.s.t + self.h, self.ends1, u.y).k
         angles = None
         if self.s.angles is not None:
             angles = tuple(u.x.T)

@@ -62,9 +62,8 @@ class ThetaProblem(SpeedProblem):
 
     def _end_kinematics(self, x: Array) -> Kinematics:
         s = self.s
-        h = self.h
-        r1 = s.r + h * (s.v + self.gamma * x)
-        return self.model.kinematics(r1, s.v + x, s.t + h, self.ends1, prepared=self.prepared)
+        r1 = s.r + self.h * (s.v + self.gamma * x)
+        return self.model.kinematics(r1, s.v + x, s.t + self.h, self.ends1, prepared=self.prepared)
 
     def node_rows(self, x: Array, z: PerLaw) -> NodeRows:
         rows = self.mass[:, None] * x / self.h - (1 - self.gamma) * self.force0
@@ -75,11 +74,10 @@ class ThetaProblem(SpeedProblem):
     def link_rows(self, d: Array, y: Array) -> tuple[Array, Array]:
         line = self.model.line
         gamma = self.gamma
-        h = self.h
         if self.explicit:
             speed = dot(self.unit_forces(self.coasting.links), self.coasting.link_velocities + d)
-            return y[:, None] * self.pull0, h * speed
-        links1 = self.coasting.links + gamma * h * d
+            return y[:, None] * self.pull0, self.h * speed
+        links1 = self.coasting.links + gamma * self.h * d
         before = (1 - gamma) * self.s.tension[:, None] * self.pull0
         return gamma * y[:, None] * self.unit_forces(links1) + before, line.axial.at_rest(links1, y, line.length)
 

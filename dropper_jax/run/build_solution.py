@@ -9,7 +9,7 @@ from typing import NamedTuple
 import jax
 import numpy as np
 
-from dropper_jax.base.memory import versions
+from dropper_jax.base.machine import versions
 from dropper_jax.base.read import Table
 from dropper_jax.integrators import OPTIONS
 from dropper_jax.load.scene import Scene

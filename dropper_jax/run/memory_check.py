@@ -10,7 +10,7 @@ import jax
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.memory import available_memory, in_words
+from dropper_jax.base.machine import available_memory, in_words
 from dropper_jax.model import Model
 from dropper_jax.run.end_of_run import Row
 from dropper_jax.scene import RunSpec

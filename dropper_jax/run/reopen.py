@@ -11,7 +11,7 @@ from typing import BinaryIO
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.memory import available_memory, in_words
+from dropper_jax.base.machine import available_memory, in_words
 from dropper_jax.base.read import Plain, Table, Values
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.end_links import loaded_fixed_points

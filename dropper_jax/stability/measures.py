@@ -206,10 +206,10 @@ def _ropes_pass_through(case: Case, run: Solution) -> float:
     through it.
     """
     low, left, right = (run.positions[:, line.nodes] for line in run.lines)
-    before = None
+    before = np.zeros(0)
     for first, second, below in zip(left, right, low, strict=True):
         heights = _heights_above(np.concatenate([first, second[1:]]), below)
-        if heights.size and before is not None and before.size:
+        if heights.size and before.size:
             fell = np.min(before) > 0.0 > np.max(heights)
             rose = np.min(heights) > 0.0 > np.max(before)
             if fell or rose:

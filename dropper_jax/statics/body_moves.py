@@ -22,13 +22,12 @@ from dropper_jax.base.indexed_sums import scatter_add
 from dropper_jax.base.numerics import cross, dot
 from dropper_jax.model import HolonomicConstraint, Model, State, state
 from dropper_jax.statics.rest_problem import balanced, unbalanced
-from dropper_jax.statics.tangent import DenseTangent, NodeMoves
+from dropper_jax.statics.tangent import DenseTangent
 
 
 @dataclass(frozen=True)
 class BodyMoves:
-    """Coordinates x = q times `lever_arms` [m] as the unknowns of an equilibrium, and forces [N] along them (see
-    `NodeMoves`).
+    """Coordinates x = q times `lever_arms` [m], and forces [N] along them.
 
     q (size,) are the displacements of nodes that are not on bodies (`retained_nodes`), then displacements and rotations
     of bodies. Pinned bodies (bodies,) have no displacements.
@@ -125,16 +124,3 @@ class BodyMoves:
     def move_pose(self, s: State, loads: Array, x: Array) -> State:
         """The configuration at the coordinates x from s."""
         return balanced(self.model, state(self.model, self.positions(s.r, x / self.lever_arms), t=s.t), loads)
-
-
-def moves_of(model: Model) -> NodeMoves | BodyMoves:
-    """The unknowns of the equilibrium of the model."""
-    if model.constraints:
-        return BodyMoves(model)
-    return NodeMoves(model)
-
-
-def stiffness_matrix(moves: NodeMoves | BodyMoves, s: State, loads: Array) -> Array:
-    """K at a configuration in the form of its unknowns: blocks, or one matrix."""
-    _, linear = jax.linearize(partial(moves.rows, s, loads), moves.zero_displacement)
-    return moves.tangent.matrix(linear, moves.zero_displacement)

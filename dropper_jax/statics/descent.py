@@ -23,9 +23,8 @@ from dropper_jax.base.numerics import safe_norm
 from dropper_jax.effects.bending import CRUSHED_LENGTH
 from dropper_jax.model import Model, State, state
 from dropper_jax.residual import Unknowns
-from dropper_jax.statics.body_moves import BodyMoves, moves_of
+from dropper_jax.statics.moves import Moves, moves_of
 from dropper_jax.statics.rest_problem import MIN_KAPPA, RestProblem, balanced, force_scale, name_of, soft_scale
-from dropper_jax.statics.tangent import NodeMoves
 
 #: Maximum number of corrections of a descent.
 MAX_CORRECTIONS = 1000
@@ -42,9 +41,7 @@ SHORT_FACTOR = 4.0
 SHORT_FLOOR = 1e-2
 
 
-def correct_pose(
-    moves: NodeMoves | BodyMoves, s: State, loads: Array, kappa: Array
-) -> tuple[State, Array, Array, Array]:
+def correct_pose(moves: Moves, s: State, loads: Array, kappa: Array) -> tuple[State, Array, Array, Array]:
     """One correction of the configuration s: the next one, its maximum unbalanced force [N], that of s, the next
     kappa."""
     soft = soft_scale(moves.model)
@@ -210,10 +207,17 @@ def find_softened(model: Model, s: State, loads: Array, tolerance: float) -> tup
 SPRING_STRETCH = 1e-4
 
 
-def with_springs(model: Model, pushes: bool = False) -> Model:
-    """The model with stiff ropes, or springs that also push, instead of rigid links; they stretch by about 0.01 %."""
-    weight = force_scale(model) * model.line.links / SPRING_STRETCH
-    return model.with_axial(model.line.axial.springs(jnp.broadcast_to(weight, model.line.length.shape), pushes))
+def with_springs(model: Model, tension: Array | None = None, pushes: bool = False) -> Model:
+    """The model with stiff ropes instead of rigid links.
+
+    Args:
+        tension: that under which they stretch by `SPRING_STRETCH`, a scalar [N]; default: the weight of all links.
+        pushes: whether they are springs that also push.
+    """
+    if tension is None:
+        tension = force_scale(model) * model.line.links
+    stiffness = jnp.broadcast_to(tension / SPRING_STRETCH, model.line.length.shape)
+    return model.with_axial(model.line.axial.springs(stiffness, pushes))
 
 
 def describe_unbalance(model: Model, s: State, loads: Array, residual: float, extent: str) -> str:

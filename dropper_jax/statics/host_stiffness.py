@@ -10,13 +10,15 @@ from jax import Array
 
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.model import Model, State
-from dropper_jax.statics.body_moves import stiffness_matrix
+from dropper_jax.statics.moves import NodeMoves, stiffness_matrix
 from dropper_jax.statics.rest_problem import MIN_KAPPA, name_of, rest, soft_scale
-from dropper_jax.statics.tangent import UNSOLVABLE, NodeMoves, Tangent
+from dropper_jax.statics.tangent import UNSOLVABLE, Tangent
 
 if TYPE_CHECKING:
     from scipy.sparse import csc_array
     from scipy.sparse.linalg import SuperLU
+
+Tree = TypeVar("Tree")
 
 
 @cached_jit()
@@ -61,9 +63,6 @@ def free_motion(model: Model, s: State, loads: Array) -> str:
     node = int(np.argmax(np.max(np.abs(motion), axis=1)))
     along = ", ".join(f"{x:.2f}" for x in motion[node])
     return f"{name_of(model, node)} is unconstrained along ({along}), with a stiffness of {softest:.1e} N/m"
-
-
-Tree = TypeVar("Tree")
 
 
 def follow_parameters(

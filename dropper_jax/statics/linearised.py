@@ -23,11 +23,11 @@ import numpy as np
 from jax import Array
 from numpy.typing import ArrayLike
 
-from dropper_jax.axial import STRETCHING_LAWS
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.read import short_text
 from dropper_jax.model import Ends, Model, State
-from dropper_jax.statics.rest_problem import rest
+from dropper_jax.statics.rest_problem import held_names, require_stretching_links, rest
 from dropper_jax.statics.stiffness import verges
 
 
@@ -79,13 +79,18 @@ class Linearised:
             omega: angular frequencies (k,) [rad/s].
 
         Raises:
-            SceneError: a name that is not a fixed point.
+            SceneError: a name that is not a fixed point, or amplitudes that are not three finite numbers.
         """
         moved = np.zeros((len(self.held), 3), complex)
         for name, amplitude in motion.items():
             if name not in self.held:
                 raise SceneError(f"motion: {name!r} is not a fixed point; {nearest(name, self.held)}")
-            moved[self.held.index(name)] = np.asarray(amplitude)
+            vector = np.asarray(amplitude)
+            if vector.shape != (3,) or not np.all(np.isfinite(vector)):
+                raise SceneError(
+                    f"motion.{name}: {short_text(vector.tolist())} is out of range; allowed: 3 finite numbers m"
+                )
+            moved[self.held.index(name)] = vector
         omega = np.atleast_1d(np.asarray(omega, float))
         if not np.all(np.isfinite(omega) & (omega >= 0.0)):
             raise SceneError("omega: is out of range; allowed: angular frequencies of at least 0 rad/s")
@@ -115,8 +120,7 @@ def linearised_about(model: Model, pose: State) -> Linearised:
     Raises:
         SceneError: rigid links or bodies, or an effect that is not smooth.
     """
-    if not model.line.axial.elastic:
-        raise SceneError(f"line.axial.law: 'rigid' has no axial stiffness; allowed: {STRETCHING_LAWS}")
+    require_stretching_links(model)
     if model.constraints:
         raise SceneError("body: rigid bodies are not linearised; allowed: scenes of lines, points and buoys")
     if model.laws:
@@ -134,7 +138,7 @@ def linearised_about(model: Model, pose: State) -> Linearised:
         tension_by_position=np.asarray(tension_by_motion[0]).reshape(-1, stiffness.shape[1]),
         tension_by_velocity=np.asarray(tension_by_motion[1]).reshape(-1, stiffness.shape[1]),
         tension=np.asarray(pose.tension),
-        held=tuple(model.points[int(i)].name for i in model.geometry.held_points),
+        held=tuple(held_names(model)),
         warnings=verges(model, pose),
     )
 

@@ -77,31 +77,29 @@ def natural_modes(model: Model, pose: State, count: int | None = None) -> Modes:
     """
     still = rest(model)
     stiffness, motions = stiffness_of_motions(still, pose)
-    stiffness = _symmetric(stiffness)
-    by_acceleration = np.asarray(_mass(still, pose))
-    mass = _symmetric(motions.T @ by_acceleration @ motions)
-    from scipy.linalg import eigh  # noqa: PLC0415  (0.12 s of the start of programs that need no modes)
-
-    value, vector = eigh(stiffness, mass)
-    stiff = value > ROUNDING * value[-1]
-    value = value[stiff][:count]
-    vector = vector[:, stiff][:, :count]
+    inertia = np.asarray(_mass(still, pose))
+    square, vector = _slowest_modes(_symmetric(stiffness), _symmetric(motions.T @ inertia @ motions), count)
     shape = (motions @ vector).T
     largest = np.take_along_axis(shape, np.argmax(np.abs(shape), axis=1)[:, None], axis=1)
-    shape = (shape / largest).reshape(len(value), -1, 3)
-    # eigenvectors have x'Mx = 1
+    shape = (shape / largest).reshape(len(square), -1, 3)
     mass = 1.0 / np.ravel(largest) ** 2
-    omega = np.sqrt(value)
+    omega = np.sqrt(square)
     ratio = np.asarray(_damping(model, pose, jnp.asarray(shape))) / (2 * omega * mass)
-    bodies = np.zeros((len(value), 0, 6))
-    share = np.zeros((len(value), 0))
+    bodies = np.zeros((len(square), 0, 6))
+    share = np.zeros((len(square), 0))
     if model.constraints:
-        bodies = _of_bodies(model, pose, shape)
-        corners = model.constraints[0].body_nodes(model)
-        # x'Mx node by node
-        energy = np.sum(shape * (shape.reshape(len(shape), -1) @ by_acceleration.T).reshape(shape.shape), axis=2)
-        share = np.sum(energy[:, corners], axis=2) / mass[:, None]
+        bodies, energy = _of_bodies(model, pose, inertia, shape)
+        share = energy / mass[:, None]
     return Modes(2 * np.pi / omega, shape, mass, ratio, bodies, share)
+
+
+def _slowest_modes(stiffness: np.ndarray, mass: np.ndarray, count: int | None) -> tuple[np.ndarray, np.ndarray]:
+    """Squares of the angular frequencies (modes,) and eigenvectors (k, modes) of modes with a stiffness, x'Mx = 1."""
+    from scipy.linalg import eigh  # noqa: PLC0415 - 0.12 s of the start of programs that need no modes
+
+    square, vector = eigh(stiffness, mass)
+    stiff = square > ROUNDING * square[-1]
+    return square[stiff][:count], vector[:, stiff][:, :count]
 
 
 def damping_at(model: Model, pose: State, modes: Modes, amplitude: float) -> np.ndarray:
@@ -130,9 +128,10 @@ def natural_periods(model: Model, pose: State, count: int) -> Array:
             "line.axial.law: the modes of 'rigid' links depend on the configuration: periods have no derivative here; "
             f"allowed: {STRETCHING_LAWS}"
         )
-    stiffness, motions = stiffness_and_motions(rest(model), pose)
+    still = rest(model)
+    stiffness, motions = stiffness_and_motions(still, pose)
     stiffness = _symmetric(stiffness)
-    mass = _symmetric(motions.T @ _mass(rest(model), pose) @ motions)
+    mass = _symmetric(motions.T @ _mass(still, pose) @ motions)
     lower = jnp.linalg.cholesky(jax.lax.stop_gradient(mass))
     solve_lower = partial(solve_triangular, lower, lower=True)
     value, vector = jnp.linalg.eigh(solve_lower(solve_lower(jax.lax.stop_gradient(stiffness)).T))
@@ -175,14 +174,16 @@ def _mean_power(model: Model, pose: State, speeds: Array) -> Array:
     return jax.lax.map(mean_power, speeds)
 
 
-def _of_bodies(model: Model, pose: State, shape: np.ndarray) -> np.ndarray:
-    """Displacements and small rotations of the bodies (modes, bodies, 6)."""
+def _of_bodies(model: Model, pose: State, inertia: np.ndarray, shape: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Displacements and small rotations of the bodies (modes, bodies, 6), and their part of `x'Mx` (modes, bodies)
+    [kg], that of their corners."""
     constraint = model.constraints[0]
     axes = constraint.pose(model, pose.r)[1]
     moved, rates = jax.vmap(lambda r: constraint.pose(model, r))(jnp.asarray(shape))
     # w = 1/2 sum e_j x e_j' of the axes e_j, which are columns
     turned = 0.5 * np.sum(np.cross(axes, rates, axis=-2), axis=-1)
-    return np.concatenate([moved, turned], axis=-1)
+    of_nodes = np.sum(shape * (shape.reshape(len(shape), -1) @ inertia.T).reshape(shape.shape), axis=2)
+    return np.concatenate([moved, turned], axis=-1), np.sum(of_nodes[:, constraint.body_nodes(model)], axis=2)
 
 
 def _symmetric(matrix: AnyArray) -> AnyArray:

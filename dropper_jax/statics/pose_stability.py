@@ -13,7 +13,7 @@ from dropper_jax.backend.programs import cached_jit
 from dropper_jax.model import Model, State, state
 from dropper_jax.residual import Unknowns
 from dropper_jax.solvers.dense import residual_matrix
-from dropper_jax.statics.body_moves import moves_of, stiffness_matrix
+from dropper_jax.statics.moves import moves_of, stiffness_matrix
 from dropper_jax.statics.rest_problem import RestProblem, soft_scale
 
 

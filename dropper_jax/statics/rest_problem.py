@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from functools import partial
 from types import ModuleType
@@ -12,7 +13,9 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from dropper_jax.axial import STRETCHING_LAWS
 from dropper_jax.backend.programs import cached_jit
+from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.numerics import trace_once
 from dropper_jax.base.records import names_of
 from dropper_jax.effects.seabed import Seabed
@@ -33,6 +36,12 @@ def rest(model: Model) -> Model:
     if model.sea is not None:
         sea = model.sea.without_waves()
     return replace(model.without_slot(Law), sea=sea)
+
+
+def require_stretching_links(model: Model) -> None:
+    """Raise `SceneError` for rigid links, whose tensions do not follow from lengths."""
+    if not model.line.axial.elastic:
+        raise SceneError(f"line.axial.law: 'rigid' has no axial stiffness; allowed: {STRETCHING_LAWS}")
 
 
 class RestProblem(StepProblem):
@@ -215,6 +224,20 @@ def solve_statics(model: Model, s: State, loads: Array) -> tuple[State, float]:
     """`polish` on the host."""
     found, residual = polish(model, s, loads, MIN_KAPPA * soft_scale(model, np))
     return found, float(residual)
+
+
+def check_point_names(names: Sequence[str], known: Collection[str]) -> None:
+    """Raise `SceneError` for a name that is unknown or given twice."""
+    for i, name in enumerate(names):
+        if name not in known:
+            raise SceneError(f"points: {name!r} is not a point of the scene; {nearest(name, known)}")
+        if name in names[:i]:
+            raise SceneError(f"points: {name!r} is given twice; allowed: every point once")
+
+
+def held_names(model: Model) -> list[str]:
+    """The names of the fixed points, in the order of their nodes."""
+    return [model.points[i].name for i in model.geometry.held_points]
 
 
 def name_of(model: Model, node: int) -> str:

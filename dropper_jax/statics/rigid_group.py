@@ -13,10 +13,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.errors import SceneError
 from dropper_jax.base.records import names_of
 from dropper_jax.model import Model, State
-from dropper_jax.statics.rest_problem import rest
+from dropper_jax.statics.rest_problem import check_point_names, held_names, rest
 from dropper_jax.statics.stiffness import FREEDOMS, Stiffness, forces_on_held, mooring_stiffness
 
 
@@ -32,18 +32,17 @@ def stiffness_of_group(
         label: name of the group in the result.
 
     Raises:
-        SceneError: unknown or free points, rigid links.
+        SceneError: no points, unknown or free points, rigid links.
     """
+    if not names:
+        raise SceneError(f"points: {label!r} has none; allowed: one or more fixed points")
     known = names_of(model.points)
-    held = [known[i] for i in model.geometry.held_points]
+    held = held_names(model)
+    check_point_names(names, known)
     for name in names:
-        if name not in known:
-            raise SceneError(f"points: {name!r} is not a point of the scene; {nearest(name, known)}")
         if name not in held:
-            allowed = ", ".join(name for name in known if name in held)
-            raise SceneError(
-                f"points: {name!r} is free, and a rigid group consists of fixed points; allowed: {allowed}"
-            )
+            reason = "is free, and a rigid group consists of fixed points"
+            raise SceneError(f"points: {name!r} {reason}; allowed: {', '.join(held)}")
     found = mooring_stiffness(model, pose, names)
     forces = forces_on_held(rest(model), pose)[list(map(held.index, names))]
     arms = np.array([model.points[known.index(name)].position for name in names]) - np.asarray(about, float)

@@ -18,9 +18,9 @@ from jax.flatten_util import ravel_pytree
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.model import Model, State, state
-from dropper_jax.residual import Unknowns, largest_row
-from dropper_jax.statics.body_moves import moves_of
+from dropper_jax.residual import largest_row
 from dropper_jax.statics.descent import descend, unbalance
+from dropper_jax.statics.moves import moves_of
 from dropper_jax.statics.rest_problem import MIN_KAPPA, RestProblem, rest, rest_tolerance, soft_scale, system_tolerance
 from dropper_jax.statics.search import Equilibrium, given_loads, outward, search
 from dropper_jax.statics.static_friction import with_static_seabed_friction
@@ -111,11 +111,16 @@ def _settle(full: Model, near: State, loads: Array, there: bool) -> tuple[State,
         if friction is not None:
             model = with_static_seabed_friction(model, equilibrium_near(model, near, loads), friction.kinetic)[0]
         found = equilibrium_near(model, near, loads, there)
-        return state(full, found.r, tension=found.tension, t=near.t), model
+    else:
+        found = _rigid_equilibrium_near(model, near, loads, there)
+    return state(full, found.r, tension=found.tension, t=near.t), model
+
+
+def _rigid_equilibrium_near(model: Model, near: State, loads: Array, there: bool) -> State:
+    """The equilibrium of rigid lines next to `near`, differentiable; with `there` it is `near` itself."""
     near = replace(jax.lax.stop_gradient(near), t=near.t)
-    guess = Unknowns(jnp.zeros_like(near.r), near.tension)
     problem = RestProblem(model, near, loads)
-    flat, unravel = ravel_pytree(guess)
+    flat, unravel = ravel_pytree(problem.guess())
 
     def rows(x: Array) -> Array:
         return ravel_pytree(problem.residual(unravel(x)))[0]
@@ -132,7 +137,7 @@ def _settle(full: Model, near: State, loads: Array, there: bool) -> tuple[State,
         return jnp.linalg.solve(jax.jacfwd(linear)(jnp.zeros_like(b)), b)
 
     u = unravel(jax.lax.custom_root(rows, flat, find, tangent))
-    return state(full, near.r + u.x, tension=u.y, t=near.t), model
+    return replace(near, r=near.r + u.x, tension=u.y)
 
 
 @partial(jax.jit, static_argnames="there", inline=True)

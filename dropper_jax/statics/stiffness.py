@@ -20,15 +20,16 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from dropper_jax.axial import STRETCHING_LAWS
 from dropper_jax.backend.programs import cached_jit
-from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.markdown import first_names
 from dropper_jax.base.records import names_of
 from dropper_jax.model import Ends, Model, State
 from dropper_jax.residual import Unknowns
 from dropper_jax.statics.body_moves import BodyMoves
 from dropper_jax.statics.host_stiffness import factor_softened, free_motion, stiffness
-from dropper_jax.statics.rest_problem import RestProblem, name_of, rest
+from dropper_jax.statics.moves import Moves, moves_of
+from dropper_jax.statics.rest_problem import RestProblem, check_point_names, name_of, require_stretching_links, rest
 from dropper_jax.statics.tangent import REFINEMENTS, UNSOLVABLE
 
 if TYPE_CHECKING:
@@ -65,11 +66,11 @@ def mooring_stiffness(model: Model, pose: State, names: Sequence[str], loads: Ar
     Raises:
         SceneError: unknown point; rigid links, whose tensions do not follow from lengths; unconstrained motions.
     """
-    if not model.line.axial.elastic:
-        raise SceneError(f"line.axial.law: 'rigid' has no axial stiffness; allowed for stiffness: {STRETCHING_LAWS}")
-    loads = jnp.zeros_like(pose.r) if loads is None else loads
+    require_stretching_links(model)
+    if loads is None:
+        loads = jnp.zeros_like(pose.r)
     model = rest(model)
-    rows_by_name = _resolve_names(model, names)
+    rows_by_name = _rows_by_name(model, names)
     if model.constraints:
         matrix = _of_bodies(model, pose, loads)
     else:
@@ -93,28 +94,23 @@ def verges(model: Model, pose: State) -> tuple[str, ...]:
     numbers = [str(i + 1) for i in np.flatnonzero(on_verge)]
     if not numbers:
         return ()
-    links = ", ".join(numbers[:5])
-    if len(numbers) > 5:
-        links += f" and {len(numbers) - 5} more"
-    return (f"links {links} are on the verge of going slack: derivatives are one-sided",)
+    return (f"links {first_names(numbers, 5)} are on the verge of going slack: derivatives are one-sided",)
 
 
-def _resolve_names(model: Model, names: Sequence[str]) -> dict[str, np.ndarray]:
+def _rows_by_name(model: Model, names: Sequence[str]) -> dict[str, np.ndarray]:
     """Rows of K of each name: of a free or fixed point (3,), or of a body (6,)."""
-    moves = BodyMoves(model) if model.constraints else None
-    bodies = moves.constraint.names if moves else ()
+    moves = moves_of(model)
+    bodies = ()
+    if isinstance(moves, BodyMoves):
+        bodies = moves.constraint.names
     points = names_of(model.points[: len(model.points) - 4 * len(bodies)])  # corners of bodies come last
-    known = [*points, *bodies]
+    check_point_names(names, [*points, *bodies])
     rows: dict[str, np.ndarray] = {}
     for name in names:
-        if name in rows:
-            raise SceneError(f"points: {name!r} is given twice; allowed: every point once")
-        if name not in known:
-            raise SceneError(f"points: {name!r} is not a point of the scene; {nearest(name, known)}")
-        if moves and name in bodies:
+        if isinstance(moves, BodyMoves) and name in bodies:
             rows[name] = _rows_of_body(moves, bodies.index(name), name)
         else:
-            rows[name] = _rows_of_point(model, moves, points.index(name))
+            rows[name] = _rows_of_point(moves, points.index(name))
     return rows
 
 
@@ -127,16 +123,15 @@ def _rows_of_body(moves: BodyMoves, body: int, name: str) -> np.ndarray:
     return moves.first_coordinate(body) + np.arange(6)
 
 
-def _rows_of_point(model: Model, moves: BodyMoves | None, point: int) -> np.ndarray:
+def _rows_of_point(moves: Moves, point: int) -> np.ndarray:
     """Rows of K (3,) of the point of this number, which is not on a body."""
-    retained = moves.retained_nodes if moves else np.arange(model.free_nodes)
-    held = model.geometry.held_points.tolist()
+    geometry = moves.model.geometry
+    held = geometry.held_points.tolist()
     if point in held:
-        size = moves.size if moves else 3 * model.free_nodes
-        return size + 3 * held.index(point) + np.arange(3)
-    index = np.flatnonzero(retained == model.geometry.node_of_point(point))
+        return moves.size + 3 * held.index(point) + np.arange(3)
+    index = np.flatnonzero(moves.retained_nodes == geometry.node_of_point(point))
     if not index.size:
-        raise SceneError(f"points: {model.points[point].name!r} is on a rigid body. Use the name of the body")
+        raise SceneError(f"points: {moves.model.points[point].name!r} is on a rigid body. Use the name of the body")
     return 3 * index[0] + np.arange(3)
 
 
@@ -211,15 +206,8 @@ def _of_bodies(model: Model, pose: State, loads: Array) -> csc_array:
     points."""
     from scipy.sparse import csc_array  # noqa: PLC0415
 
+    matrix = np.asarray(_by_coordinates(model, pose, loads))
     moves = BodyMoves(model)
-    count = moves.size
-
-    def rows_of(q: Array) -> Array:
-        r, back = jax.vjp(partial(moves.positions, pose.r), q[:count])
-        free, own = _shifted_residual(model, pose, loads, r - pose.r, q[count:].reshape(-1, 3))
-        return jnp.concatenate([back(free)[0], own.ravel()])
-
-    matrix = np.asarray(jax.jit(jax.jacfwd(rows_of))(jnp.zeros(count + 3 * model.geometry.ends, model.dtype)))
     reference = np.asarray(moves.constraint.pose(model, pose.r)[0])
     centre = np.mean(np.asarray(pose.r)[moves.corners], axis=1)
     turn = np.eye(len(matrix))
@@ -228,3 +216,17 @@ def _of_bodies(model: Model, pose: State, loads: Array) -> csc_array:
         # the centre moves by w x arm as the body turns about its reference
         turn[first : first + 3, first + 3 : first + 6] = np.cross(centre[i] - reference[i], np.eye(3))
     return csc_array(turn.T @ matrix @ turn)
+
+
+@cached_jit()
+def _by_coordinates(model: Model, pose: State, loads: Array) -> Array:
+    """K in the coordinates of `statics.body_moves`, then displacements of the fixed points."""
+    moves = BodyMoves(model)
+    count = moves.size
+
+    def rows_of(q: Array) -> Array:
+        r, back = jax.vjp(partial(moves.positions, pose.r), q[:count])
+        free, own = _shifted_residual(model, pose, loads, r - pose.r, q[count:].reshape(-1, 3))
+        return jnp.concatenate([back(free)[0], own.ravel()])
+
+    return jax.jacfwd(rows_of)(jnp.zeros(count + 3 * model.geometry.ends, model.dtype))

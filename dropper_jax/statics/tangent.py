@@ -22,9 +22,8 @@ from jax import Array
 from jax.scipy.linalg import lu_factor, lu_solve
 
 from dropper_jax.base.indexed_sums import scatter_add_many
-from dropper_jax.model import Graph, Model, State, state
+from dropper_jax.model import Graph, Model
 from dropper_jax.solvers.elimination import Order, apply, eliminate, elimination_order, solve
-from dropper_jax.statics.rest_problem import balanced, unbalanced_at
 
 if TYPE_CHECKING:
     from scipy.sparse import csc_array
@@ -176,27 +175,3 @@ def refine_solution(matrix: Linear, apply: Linear, b: Array) -> Array:
     never = jnp.full((), jnp.inf, jnp.finfo(b.dtype).dtype)
     x, left, *_ = jax.lax.while_loop(keep_iterating, correct, (jnp.zeros_like(b), b, never, never, jnp.zeros((), int)))
     return jnp.where(jnp.max(jnp.abs(left)) <= UNSOLVABLE * jnp.max(jnp.abs(b)), x, jnp.nan)
-
-
-@dataclass(frozen=True)
-class NodeMoves:
-    """Displacements x (free, 3) [m] of the nodes of elastic lines as the unknowns of an equilibrium."""
-
-    model: Model
-
-    @property
-    def tangent(self) -> Tangent:
-        return Tangent.of(self.model)
-
-    @property
-    def zero_displacement(self) -> Array:
-        """x at which no node is displaced."""
-        return jnp.zeros((self.model.free_nodes, 3), self.model.dtype)
-
-    def rows(self, s: State, loads: Array, x: Array) -> Array:
-        """Unbalanced forces [N], minus F, at the displacement x from s."""
-        return unbalanced_at(self.model, s, loads, x)[0]
-
-    def move_pose(self, s: State, loads: Array, x: Array) -> State:
-        """The configuration at the displacement x from s."""
-        return balanced(self.model, state(self.model, s.r + x, t=s.t), loads)

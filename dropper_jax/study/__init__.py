@@ -1,2 +1,1 @@
-"""Accuracy and cost of runs: accuracy against run time, cost of each effect. Built on the functional
-core."""
+"""Studies of scenes: accuracy and cost of runs, errors of loads, offsets, tides, design values; `dropper doctor`."""

@@ -8,6 +8,7 @@ from operator import itemgetter
 
 from dropper_jax.base.errors import Progress, SceneError, part_of, silent
 from dropper_jax.base.read import Table
+from dropper_jax.base.records import select_keys
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model, State
 from dropper_jax.run.build import build
@@ -166,7 +167,7 @@ def _cheapest_run(rows: list[Table], target: float) -> Table:
         "target_rad": target,
         "found": True,
         "scheme": scheme,
-        **{key: best[key] for key in keys if key in best},
+        **select_keys(best, keys),
         "ms_per_simulated_s": ms,
         "margin": margin,
         "text": f"for {target:g} rad use {scheme} at {step}: {ms:.3g} ms per simulated second "

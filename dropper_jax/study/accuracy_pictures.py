@@ -14,8 +14,8 @@ from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 from dropper_jax.base.read import Table
 from dropper_jax.base.records import rows_where
 from dropper_jax.plots import figures, style
+from dropper_jax.study.curves import grouped, marks, save_titled, series
 from dropper_jax.study.damping import THESIS_DT
-from dropper_jax.study.pictures import grouped, marks, save_titled, series
 
 
 @style.plot_style()
@@ -28,9 +28,7 @@ def work_precision(report: Table, path: str | Path) -> Path:
     step = ("dt", "step [s]")
     time = ("wall_s_per_simulated_s", "wall time per simulated second [s]")
     plots = ((time, error), (step, error), (step, ("energy_drift_j", "energy drift [J]")))
-    for (horizontal, vertical), panel in zip(plots, axes, strict=True):
-        x, across = horizontal
-        y, up = vertical
+    for ((x, across), (y, up)), panel in zip(plots, axes, strict=True):
         for i, (label, own) in enumerate(grouped(rows, itemgetter("label")).items()):
             shown = sorted((r for r in own if (r[y] or 0) > 0), key=itemgetter("dt"))
             if shown:

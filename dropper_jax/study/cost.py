@@ -16,7 +16,7 @@ from jax import Array
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, parameter
 from dropper_jax.base.read import Table
-from dropper_jax.base.records import names_of
+from dropper_jax.base.records import names_of, select_keys
 from dropper_jax.effects import EFFECTS
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Effect, Kinematics, Model, State, state
@@ -69,6 +69,8 @@ def cost(
     first = stepper_of(model, run)
     found: Table = {"scene": scene.name, "integrator": first.integrator.name, "solver": first.solver_name}
     variants: list[Variant] = []
+    proven = None
+    ending = {}
     try:
         for name, shrunk in model_variants(model):
             stepper = make_stepper(shrunk, run.integrator, _solver(run, shrunk), **run.options)
@@ -83,10 +85,11 @@ def cost(
                 variant.time()
         for variant in variants:
             variant.count_corrections()
-        return {**found, "rows": [variant.row(variants[0]) for variant in variants], "proof": proof(scene)}
+        proven = proof(scene)
     except KeyboardInterrupt:
-        rows = [variant.row(variants[0]) for variant in variants if variant.times]
-        return {**found, "rows": rows, "proof": None, "status": "interrupted"}
+        ending = {"status": "interrupted"}
+    rows = [variant.row(variants[0]) for variant in variants if variant.times]
+    return found | {"rows": rows, "proof": proven} | ending
 
 
 def _solver(run: RunSpec, model: Model) -> str:
@@ -163,11 +166,10 @@ class Variant:
 
     def row(self, full: Variant) -> Table:
         """Its numbers, with ratios to the full scene."""
-        one = self.us_per_correction
-        of = full.us_per_correction
+        per_correction = self.us_per_correction
         correction_ratio = None
-        if one is not None and of is not None:
-            correction_ratio = one / of
+        if per_correction and full.us_per_correction:
+            correction_ratio = per_correction / full.us_per_correction
         return {
             "name": self.name,
             "effects": names_of(self.model.effects),
@@ -176,7 +178,7 @@ class Variant:
             "us_per_step": self.us_per_step,
             "ratio": self.us_per_step / full.us_per_step,
             "corrections_per_step": self.corrections,
-            "us_per_correction": one,
+            "us_per_correction": per_correction,
             "correction_ratio": correction_ratio,
             "operations": self.program.count(" = "),
         }
@@ -230,7 +232,7 @@ def proof(scene: Scene) -> Table:
         del EFFECTS[Unused.name]
     table = scene.to_dict()
     run = scene.run
-    kept = {name: values for name, values in table["effects"].items() if name == "weight"}
+    kept = select_keys(table["effects"], ("weight",))
     model, s = build(scene)
 
     def text_of(smaller: Model) -> str:

@@ -11,7 +11,6 @@ import sys
 import tempfile
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from importlib import metadata
 
 import jax
 import jax.numpy as jnp
@@ -20,7 +19,7 @@ import numpy as np
 from dropper_jax.backend.one_kernel import tags_enabled
 from dropper_jax.backend.programs import OPTIONS, stored_programs
 from dropper_jax.base.constants import GRAVITY
-from dropper_jax.base.memory import available_memory
+from dropper_jax.base.machine import available_memory, installed_version
 from dropper_jax.base.read import Table
 from dropper_jax.run.simulate import simulate
 
@@ -93,7 +92,7 @@ class Installation:
     checks: list[Check]
 
 
-def examine(repeats: int = 400) -> Installation:
+def examine(repeats: int) -> Installation:
     """The installation, checked.
 
     Args:
@@ -115,15 +114,8 @@ def versions() -> dict[str, dict[str, str | None]]:
     """Versions of required packages and of extras; None if a package is not installed."""
     found: dict[str, dict[str, str | None]] = {"needed": {"python": platform.python_version()}}
     for group, names in {"needed": ("dropper-jax", *NEEDED), **EXTRAS}.items():
-        found.setdefault(group, {}).update((name, _version(name)) for name in names)
+        found.setdefault(group, {}).update((name, installed_version(name)) for name in names)
     return found
-
-
-def _version(name: str) -> str | None:
-    try:
-        return metadata.version(name)
-    except metadata.PackageNotFoundError:
-        return None
 
 
 def cache() -> Cache:

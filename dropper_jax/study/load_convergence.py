@@ -10,7 +10,7 @@ from dropper_jax.base.read import Table
 from dropper_jax.evaluation.record import Record, record
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.simulate import simulate
-from dropper_jax.study.load_errors import has_loads, line_loads
+from dropper_jax.study.line_loads import has_loads, line_loads
 from dropper_jax.study.work_precision import Each
 
 #: Default accuracies of the runs for the loads.
@@ -84,8 +84,10 @@ class _LoadRun:
         solution = simulate(scene, accuracy=accuracy, dt=step)
         if solution.status == "interrupted":  # the part that `simulate` keeps has no loads to compare
             raise KeyboardInterrupt
+        evaluated = None
+        if has_loads(solution):
+            evaluated = record(solution)
         dt = (solution.t[-1] - solution.t[0]) / max(solution.settings["steps"], 1)
-        evaluated = record(solution) if has_loads(solution) else None
         return cls(accuracy, dt, solution.status, solution.us_per_step, solution.failure, evaluated)
 
     def loads(self, right: list[Table] | None = None) -> list[Table] | None:

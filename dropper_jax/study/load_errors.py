@@ -6,43 +6,30 @@ from collections.abc import Callable
 
 import numpy as np
 
-from dropper_jax.base.errors import Progress, SceneError, silent
-from dropper_jax.base.interpolation import interpolate_rows
+from dropper_jax.base.errors import Progress, SceneError
 from dropper_jax.base.read import Table
-from dropper_jax.evaluation.record import Record, arc, record
-from dropper_jax.evaluation.settings import Settings
-from dropper_jax.evaluation.snaps import line_snaps
-from dropper_jax.load.periods import periods
+from dropper_jax.evaluation.record import record
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.chaos import time_of_divergence
 from dropper_jax.run.companion import error_factor, finer_values
-from dropper_jax.run.samples import Samples, is_finished
-from dropper_jax.sea.make import main_period
+from dropper_jax.run.samples import Samples
+from dropper_jax.study.line_loads import QUANTITIES, has_loads, line_loads
 from dropper_jax.study.twice_the_links import twice_the_links
 
-#: Loads of each line: mean and standard deviation in time of the link with the maximum tension [N], mean of the maxima
-#: in windows of a wave [N], maximum and minimum [N], number of snaps.
-QUANTITIES = ("mean", "deviation", "window_maximum", "maximum", "minimum", "snaps")
 #: Loads that depend on few instants and converge irregularly: their error is the whole difference of two runs.
 EXTREMES = ("maximum", "minimum", "snaps")
 #: Factor on an estimated error so that the true one rarely exceeds it (Roache, J. Fluids Eng. 116 (1994) 405).
 GRID_SAFETY = 1.25
 #: Relative error of the maximum tension of a line above which it is not resolved.
 UNRESOLVED_ERROR = 0.05
-#: Number of saved times below which a run has no statistics.
-MIN_TIMES = 4
-#: Number of parts of a record whose means give the standard error of the whole.
-BATCHES = 8
-#: Window of a maximum in calm water [s]; in waves their period.
-CALM_WINDOW = 10.0
 
 
 def load_errors(
     scene: Scene,
     run: Callable[[Scene], Samples],
-    skip: float = 0.0,
-    first: Samples | None = None,
-    progress: Progress = silent,
+    skip: float,
+    first: Samples,
+    progress: Progress,
 ) -> Table:
     """Loads of a run with an estimate of their error.
 
@@ -60,9 +47,9 @@ def load_errors(
     differences of single runs are random, and the error of the step is the whole difference for all loads.
 
     Args:
-        run: simulates a scene.
+        run: simulates a scene, here its variants.
         skip: time left out at the start [s].
-        first: the run of the scene itself, if available.
+        first: the run of the scene itself.
 
     Returns:
         `loads`: rows by line {line, at_m, and by quantity {value, step, links, chance, error, twice_damping,
@@ -73,16 +60,15 @@ def load_errors(
         SceneError: a failed run, or a record that is too short.
     """
     variants, left_out = _variants(scene)
-    base = run(scene) if first is None else first
-    _require_loads(base, "of the scene")
-    loads = {"base": line_loads(record(base, skip))}
+    _require_loads(first, "of the scene")
+    loads = {"base": line_loads(record(first, skip))}
     horizon = None
     for i, (name, variant) in enumerate(variants.items(), start=1):
         progress(i / (1 + len(variants)), name)
         solution = run(variant)
         if name == "finer":
             _require_loads(solution, "with half the step or a quarter of the accuracy")
-            horizon = time_of_divergence(base, solution)
+            horizon = time_of_divergence(first, solution)
         elif not has_loads(solution):
             left_out[name] = f"that run ends with {solution.failure}"
             continue
@@ -90,26 +76,22 @@ def load_errors(
     chaotic = horizon is not None
     factor = 1.0
     if horizon is None:
-        factor = error_factor(base, finer=True)
+        factor = error_factor(first, finer=True)
         horizon = scene.run.duration
     rows = []
+    not_resolved = []
     for i in range(len(loads["base"])):
-        of_line = {name: of_run[i] for name, of_run in loads.items()}
-        rows.append(_row(of_line, factor))
+        row = _row({name: of_run[i] for name, of_run in loads.items()}, factor)
+        rows.append(row)
+        if row["maximum"]["error"] > UNRESOLVED_ERROR * row["maximum"]["value"]:
+            not_resolved.append(row["line"])
     return {
         "loads": rows,
         "chaotic": chaotic,
         "horizon_s": horizon,
-        "not_resolved": [
-            row["line"] for row in rows if row["maximum"]["error"] > UNRESOLVED_ERROR * row["maximum"]["value"]
-        ],
+        "not_resolved": not_resolved,
         "left_out": left_out,
     }
-
-
-def has_loads(solution: Samples) -> bool:
-    """Whether a run has loads to compare."""
-    return len(solution.t) >= MIN_TIMES and is_finished(solution)
 
 
 def _require_loads(solution: Samples, which: str) -> None:
@@ -135,71 +117,6 @@ def _variants(scene: Scene) -> tuple[dict[str, Scene], dict[str, str]]:
         stiffness = 2.0 * float(scene.effects["seabed"]["stiffness"])
         found["twice_bed"] = scene.with_values({"effects.seabed.stiffness": stiffness})
     return found, left_out
-
-
-def line_loads(found: Record, like: list[Table] | None = None) -> list[Table]:
-    """Per line its loads {line, at_m, name: (value, standard error by chance)}, see `QUANTITIES`.
-
-    They are those of the link with the maximum tension, or at the arc length in `like` (loads of another run).
-    """
-    snaps = line_snaps(found, Settings())
-    within = found.square - found.tension**2
-    rows = []
-    for i, where in enumerate(found.written_lines):
-        s = arc(where.spec.length)
-        extremes = found.extremes["tension"].of(where.links)
-        if like is None:
-            at = s[int(np.argmax(extremes.largest.max(axis=0)))]
-        else:
-            at = like[i]["at_m"]
-        arrays = (found.tension[:, where.links], extremes.least, extremes.largest, within[:, where.links])
-        at_link = [interpolate_rows(s, values.T, np.array([at]))[0] for values in arrays]
-        statistics = _statistics(found, *at_link)
-        rows.append({"line": where.name, "at_m": at, **statistics, "snaps": (snaps[i]["most_events"], 0.0)})
-    return rows
-
-
-def _statistics(
-    found: Record, tension: np.ndarray, least: np.ndarray, largest: np.ndarray, within: np.ndarray
-) -> dict[str, tuple[float, float]]:
-    """Loads at one position of a line (q,) [N], each with its random standard error; `within` is the variance in a
-    sample."""
-    square = tension**2 + within
-    tops = _window_maxima(found, largest)
-    bottoms = _window_maxima(found, -least)
-    batches = [part for part in np.array_split(np.arange(len(tension)), BATCHES) if part.size]
-    means = np.array([tension[part].mean() for part in batches])
-    deviations = np.array([_deviation(tension[part], square[part]) for part in batches])
-    return {
-        "mean": (tension.mean(), _spread(means) / np.sqrt(len(means))),
-        "deviation": (_deviation(tension, square), _spread(deviations) / np.sqrt(len(deviations))),
-        "window_maximum": (tops.mean(), _spread(tops) / np.sqrt(len(tops))),
-        # maximum of many: the same spread as one window maximum (a Gumbel distribution keeps its scale)
-        "maximum": (tops.max(), _spread(tops)),
-        "minimum": (-bottoms.max(), _spread(bottoms)),
-    }
-
-
-def _deviation(values: np.ndarray, squares: np.ndarray) -> float:
-    """Standard deviation of values with these squares."""
-    return np.sqrt(max(squares.mean() - values.mean() ** 2, 0.0))
-
-
-def _spread(values: np.ndarray) -> float:
-    """Standard deviation of a sample; NaN of one value."""
-    return values.std(ddof=1) if len(values) > 1 else float("nan")
-
-
-def _window_maxima(found: Record, values: np.ndarray) -> np.ndarray:
-    """Maxima in windows of a peak period, or of `CALM_WINDOW`; the full record if it is shorter."""
-    sea = found.scene.sea
-    period = CALM_WINDOW
-    if sea is not None and sea.waves is not None:
-        period = periods(found.scene).get("waves") or main_period(sea, sea.waves)
-    count = max(int(found.duration / period), 1)
-    edges = np.linspace(found.t_tension[0], found.t_tension[-1] + found.interval, count + 1)
-    window = np.clip(np.digitize(found.t_tension, edges) - 1, 0, count - 1)
-    return np.array([values[window == i].max() for i in range(count) if np.any(window == i)])
 
 
 def _row(loads: dict[str, Table], factor: float) -> Table:

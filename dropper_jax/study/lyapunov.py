@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -34,29 +33,33 @@ class Lyapunov(NamedTuple):
 
 
 @cached_jit(static=("stepper", "steps"))
-def lyapunov(model: Model, s: State, stepper: Stepper, dt: float | Array, steps: int, seed: int = 0) -> Lyapunov:
+def lyapunov(model: Model, s: State, stepper: Stepper, dt: float | Array, steps: int) -> Lyapunov:
     """Follow one perturbation through the exact tangent map of the step, scaled back to size one after each.
 
         w_k = DS(s_k) w_{k-1} / |w_{k-1}|,    growth_k = sum_{i <= k} log |w_i|,    exponent: slope of its second half
 
     with `|w|^2 = sum (|dr|^2 / L^2 + |dv|^2 / (g L)) `, L the mean link length. The perturbation starts as a velocity
-    that keeps the links' lengths, drawn from `seed`: the same call gives the same numbers.
+    that keeps the links' lengths: the same call gives the same numbers.
 
     Args:
         model, s: as for `integrate`; s is the start.
         stepper: from `make_stepper`.
         dt: time step [s].
         steps: number of steps, at least 2.
-        seed: of the first perturbation.
 
     Returns:
         `Lyapunov(exponent, growth, converged)`. The exponent of a short run is a mean growth rate, not yet the limit.
 
+    Raises:
+        ValueError: fewer than 2 steps, which have no second half.
+
     Source: Benettin, Galgani, Giorgilli, Strelcyn, Meccanica 15 (1980) 9-20.
     """
+    if steps < 2:
+        raise ValueError(f"steps: {steps}; allowed: 2 or more")
     dt = jnp.asarray(dt, model.dtype)
     carry = begin(stepper, model, s).state
-    dv = unit_perturbation(model, s, seed)
+    dv = unit_perturbation(model, s)
     tangent = jax.jvp(lambda v: begin(stepper, model, replace(s, v=v)).state, (s.v,), (dv,))[1]
 
     def one(carry: tuple[State, State], _: None) -> tuple[tuple[State, State], tuple[Array, Array]]:
@@ -77,12 +80,10 @@ def lyapunov(model: Model, s: State, stepper: Stepper, dt: float | Array, steps:
 
 
 @cached_jit()
-def unit_perturbation(model: Model, s: State, seed: int) -> Array:
-    """A velocity (nodes, 3) [m/s] of size 1, drawn from `seed`, that does not stretch rigid links."""
-    v = jax.random.normal(jax.random.key(seed), s.v.shape, model.dtype)
-    still = jax.tree.map(jnp.zeros_like, s.v)
-    change = partial(consistent_velocity, model)
-    dv = jax.jvp(lambda x: change(replace(s, v=x)), (still,), (v,))[1]
+def unit_perturbation(model: Model, s: State) -> Array:
+    """A random velocity (nodes, 3) [m/s] of size 1, the same at every call, that does not stretch rigid links."""
+    v = jax.random.normal(jax.random.key(0), s.v.shape, model.dtype)
+    dv = jax.jvp(lambda x: consistent_velocity(model, replace(s, v=x)), (jnp.zeros_like(s.v),), (v,))[1]
     return dv / perturbation_size(model, jnp.zeros_like(dv), dv)
 
 

@@ -13,15 +13,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from dropper_jax.base.errors import Progress, SceneError, nearest, silent
+from dropper_jax.base.errors import Progress, SceneError, silent
 from dropper_jax.base.read import Table
-from dropper_jax.base.records import by_name
+from dropper_jax.base.records import names_of
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model, State
 from dropper_jax.run.build import build_model
 from dropper_jax.run.end_forces import end_force_vectors
 from dropper_jax.scene import line_slices
 from dropper_jax.statics.loads import release_loads
+from dropper_jax.statics.rest_problem import check_point_names
 from dropper_jax.statics.search import search
 
 
@@ -74,14 +75,10 @@ def offset_curves(
 
 def _check_points(scene: Scene, names: Sequence[str]) -> None:
     """Check that the names are those of different fixed points at which lines end."""
-    known = by_name(scene.points)
+    check_point_names(names, names_of(scene.points))
     at_ends = {end for line in scene.lines for end in (line.start, line.end)}
-    for i, name in enumerate(names):
-        if name not in known:
-            raise SceneError(f"points: {name!r} is not a point of the scene; {nearest(name, list(known))}")
-        if name in names[:i]:
-            raise SceneError(f"points: {name!r} is given twice; allowed: every point once")
-        if known[name].is_free:
+    for name in names:
+        if name not in scene.fixed_points:
             fixed = ", ".join(scene.fixed_points)
             raise SceneError(f"points: {name!r} is free and finds its own position; allowed: fixed points: {fixed}")
         if name not in at_ends:

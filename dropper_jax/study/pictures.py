@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from operator import itemgetter
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from dropper_jax import plots
 from dropper_jax.base.markdown import first_names
@@ -21,6 +19,7 @@ from dropper_jax.run.samples import Samples
 from dropper_jax.scene import line_slices
 from dropper_jax.statics import Equilibrium
 from dropper_jax.statics.modes import Modes
+from dropper_jax.study.curves import grouped, marks, save_titled, series
 
 
 def pose(scene: Scene, found: Equilibrium, path: str | Path) -> Path:
@@ -148,7 +147,7 @@ def tide(name: str, rows: Sequence[Table], path: str | Path) -> Path:
     water.plot(hours, series(rows, "level_m"), label="level [m]", **marks(1))
     moved.plot(hours, series(rows, "displacement_m"), **marks(0))
     moved.set_ylabel("moved [m]")
-    loads = series(rows, "held_load_n", dict)
+    loads = column(rows, "held_load_n")
     for i, point in enumerate(loads[0]):
         tension.plot(hours, np.linalg.norm([load[point] for load in loads], axis=1) / 1e3, label=point, **marks(i))
     tension.set(xlabel="time [h]", ylabel="force [kN]")
@@ -158,36 +157,13 @@ def tide(name: str, rows: Sequence[Table], path: str | Path) -> Path:
     return save_titled(figure, f"{name}: through the tide", path)
 
 
-def series(rows: Sequence[Table], key: str, dtype: type = float) -> np.ndarray:
-    """The values of a key in all rows (k,)."""
-    return np.array(column(rows, key), dtype)
-
-
-def grouped(rows: Iterable[Table], key: Callable[[Table], Any]) -> dict[Any, list[Table]]:
-    """Rows by a key, in their order."""
-    found: dict[Any, list[Table]] = {}
-    for row in rows:
-        found.setdefault(key(row), []).append(row)
-    return found
-
-
-MARKERS = "osD^v<>PX*hp"
-
-
-def marks(index: int) -> Table:
-    """Colour, marker and dash of a series by number, all different."""
-    colours = style.CYCLE
-    dash = ("-", "--", ":")[index // len(colours) % 3]
-    return {"color": colours[index % len(colours)], "marker": MARKERS[index % len(MARKERS)], "ls": dash, "ms": 4}
-
-
 @style.plot_style()
 def costs(report: Table, path: str | Path) -> Path:
     """Microseconds, operations and bytes per step of the scene without each of its effects, one bar each."""
     rows = report["rows"]
     figure = figures.new_figure(11.0, 1.6 + 0.42 * len(rows))
-    names = [row["name"] for row in rows]
-    colours = [{"whole scene": style.FIRST}.get(name, style.FAINT) for name in names]
+    names = column(rows, "name")
+    colours = [style.FIRST, *[style.FAINT] * len(rows)][: len(rows)]  # the whole scene comes first
     parts = (("us_per_step", "microseconds per step"), ("flops", "operations per step"), ("bytes", "bytes per step"))
     for axes, (key, label) in zip(figure.subplots(1, 3, sharey=True), parts, strict=True):
         values = [row[key] or 0.0 for row in rows]
@@ -200,12 +176,6 @@ def costs(report: Table, path: str | Path) -> Path:
     return save_titled(
         figure, f"{report['scene']}: what each effect costs ({report['integrator']}, {report['solver']})", path
     )
-
-
-def save_titled(figure: Figure, text: str, path: str | Path) -> Path:
-    """Write a figure to a file, with a title."""
-    figures.title(figure, text)
-    return figures.save(figure, path)
 
 
 @style.plot_style()

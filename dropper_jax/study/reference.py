@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -18,7 +19,7 @@ from dropper_jax.residual import Stepper
 from dropper_jax.stepping.stepper import make_stepper
 from dropper_jax.study.counted_work import evaluation_work, step_work
 from dropper_jax.study.lyapunov import perturbation_size, unit_perturbation
-from dropper_jax.study.march import Rows, grid_run, link_vectors, rms_angle
+from dropper_jax.study.march import GridRun, Rows, grid_run, link_vectors, rms_angle
 
 
 @dataclass(frozen=True)
@@ -71,7 +72,7 @@ def trusted_span(model: Model, s: State, duration: float, dt: float, grid: float
     stepper = make_stepper(model)
     every = max(1, round(grid / dt))
     saves = max(2, int(duration / grid))
-    start = replace(s, v=s.v + nearby * unit_perturbation(model, s, seed=0))
+    start = replace(s, v=s.v + nearby * unit_perturbation(model, s))
     here = grid_run(stepper, model, s, grid, every, saves).rows
     there = grid_run(stepper, model, start, grid, every, saves).rows
     growth = np.log(np.asarray(_sizes(model, there.r - here.r, there.v - here.v)) / nearby)
@@ -91,6 +92,11 @@ MAX_WORK = 1e11
 RUNS_OF_SECOND = 7
 #: Target error of the reference [rad]: 1e-4 of the minimum target error of the advice.
 TARGET_ERROR = 1e-9
+#: Steps per second of the first, coarsest run.
+FIRST_STEPS_PER_SECOND = 256
+#: Share of the error that half the step must at most leave: more is rounding or a kink in the forces, which refinement
+#: does not reduce.
+USEFUL_SHARE = 0.7
 
 
 def reference(model: Model, s: State, grid: float, saves: int, exponent: float) -> Reference:
@@ -100,40 +106,53 @@ def reference(model: Model, s: State, grid: float, saves: int, exponent: float) 
     error has even powers only, so sixth order remains). Elastic lines use rk4 and rk2. If a scheme cannot run the
     model, `energy_momentum` replaces it, and `independent` is false.
     """
-    names = ("rk4", "rk2") if model.line.axial.elastic else ("energy_momentum_4", "rattle")
+    names = ("energy_momentum_4", "rattle")
+    if model.line.axial.elastic:
+        names = ("rk4", "rk2")
     first, second = (_stepper_or_default(model, name) for name in names)
-    best = None
-    every = max(4, int(np.ceil(grid * 256)))
     evaluation = evaluation_work(model, s)
     per_step = step_work(model, first, evaluation) + RUNS_OF_SECOND * step_work(model, second, evaluation)
-    while best is None or (
-        every * saves <= MAX_STEPS and best[0] > TARGET_ERROR and every * saves * per_step <= MAX_WORK
-    ):
-        fine = grid_run(first, model, s, grid, every, saves)
+    every = max(4, int(np.ceil(grid * FIRST_STEPS_PER_SECOND)))
+
+    def refined(every: int) -> _Refined:
+        run = grid_run(first, model, s, grid, every, saves)
         check = _extrapolate(second, model, s, grid, every, saves)
-        error = rms_angle(fine.links, link_vectors(model, check, fine.t))
-        if best is not None and np.isfinite(error) and error > 0.7 * best[0]:
-            break  # rounding or a kink in the forces: further refinement does not help
-        if best is None or error < best[0] or not np.isfinite(best[0]):
-            best = (error, fine, every)
-        every *= 2
-    error, fine, every = best
-    if not np.isfinite(error):
+        return _Refined(run, every, rms_angle(run.links, link_vectors(model, check, run.t)))
+
+    best = refined(every)
+    steps = 2 * every * saves
+    while best.error > TARGET_ERROR and steps <= MAX_STEPS and steps * per_step <= MAX_WORK:
+        finer = refined(steps // saves)
+        if np.isfinite(finer.error) and finer.error > USEFUL_SHARE * best.error:
+            break
+        if finer.error < best.error:
+            best = finer
+        steps *= 2
+    run = best.run
+    if not np.isfinite(best.error):
         raise SceneError("accuracy: no reference was found: the fine runs fail. Try a shorter run")
-    step = f"dt {grid / every:.4g} s"
+    step = f"dt {grid / best.every:.4g} s"
     return Reference(
-        t=fine.t,
-        r=fine.r,
-        links=fine.links,
-        tension=instant_tension(model, fine.r, fine.rows.v, fine.t),
-        error=error,
+        t=run.t,
+        r=run.r,
+        links=run.links,
+        tension=instant_tension(model, run.r, run.rows.v, run.t),
+        error=best.error,
         made_by=f"{first.integrator.name}, {step}",
         checked_by=f"{second.integrator.name}, {step} and its half and quarter, extrapolated",
         independent=first.integrator.name != second.integrator.name,
         exponent=exponent,
-        horizon=fine.t[-1],
+        horizon=run.t[-1],
         grid=grid,
     )
+
+
+class _Refined(NamedTuple):
+    """A run of the first scheme, its steps per saved time, and its RMS angle [rad] to the second scheme."""
+
+    run: GridRun
+    every: int
+    error: float
 
 
 def _stepper_or_default(model: Model, name: str) -> Stepper:

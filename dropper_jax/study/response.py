@@ -7,12 +7,15 @@ from collections.abc import Sequence
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
+from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import Progress, SceneError, silent
 from dropper_jax.base.read import Table
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.build import build_model
 from dropper_jax.run.simulate import Solution, simulate
+from dropper_jax.sea import Sea
 
 #: Fraction of a run, at its end, for the evaluation of the response.
 EVALUATED_SHARE = 1.0 / 3.0
@@ -73,17 +76,24 @@ def _response(solution: Solution, period: float) -> Table:
     course = float(sea.waves.direction)
     link = nodes[:, 1] - nodes[:, 0]
     angle = np.arctan2(link[:, :2] @ [np.cos(course), np.sin(course)], -link[:, 2])
-    held = jnp.asarray(nodes[:1, 0] * [1.0, 1.0, 0.0])
-    eta = np.asarray(jax.jit(jax.vmap(lambda s: sea.elevation(held, s)[0]))(jnp.asarray(t)))
+    below_wave = jnp.asarray(nodes[:1, 0] * [1.0, 1.0, 0.0])
+    elevation = np.asarray(_elevations(sea, below_wave, jnp.asarray(t)))
     wave = np.exp(-2j * np.pi * t / period)
     swing = 2 * np.mean((angle - angle.mean()) * wave)
-    surface = 2 * np.mean(eta * wave)
-    size = float(model.line.diameter[0]) + np.abs(link[:, 2])
-    s = np.clip(0.5 + (eta - nodes[:, 1, 2]) / size, 0.0, 1.0)
+    surface = 2 * np.mean(elevation * wave)
+    # the wet fraction rises smoothly over the height of the link and its diameter
+    height = float(model.line.diameter[0]) + np.abs(link[:, 2])
+    share = np.clip(0.5 + (elevation - nodes[:, 1, 2]) / height, 0.0, 1.0)
     return {
         "status": solution.status,
         "mean_rad": angle.mean(),
         "amplitude_rad": abs(swing),
         "phase_rad": np.angle(swing / surface),
-        "wet": np.mean(s * s * (3.0 - 2.0 * s)),
+        "wet": np.mean(share * share * (3.0 - 2.0 * share)),
     }
+
+
+@cached_jit()
+def _elevations(sea: Sea, position: Array, t: Array) -> Array:
+    """Elevations (k,) [m] of the surface above a position (1, 3) [m] at times t (k,) [s]."""
+    return jax.vmap(lambda time: sea.elevation(position, time)[0])(t)

@@ -59,7 +59,7 @@ def parse(text: str) -> Scheme:
         raise SceneError(f"--integrators: {text!r}: {weight!r} is not a number; allowed: NAME or NAME:GAMMA") from None
 
 
-def default_schemes(model: Model, quick: bool = False) -> list[Scheme]:
+def default_schemes(model: Model, quick: bool) -> list[Scheme]:
     """Every integrator; the main ones also with every solver and in single precision, unless `quick`.
 
     In waves one of each kind: a step costs 50 times as much there, and the others are known from calm scenes.

@@ -17,6 +17,8 @@ from dropper_jax.sea import Sea
 from dropper_jax.statics.loads import release_loads
 from dropper_jax.statics.static_pose import equilibrium
 
+STEADY = "--tide: neither sea.current nor sea.level changes with time. Use a scene in which one does"
+
 
 def cycle_times(sea: Sea, count: int) -> np.ndarray:
     """Times (count,) [s] over the longest constituent of current and level, or over their tables.
@@ -30,11 +32,8 @@ def cycle_times(sea: Sea, count: int) -> np.ndarray:
     if periods:
         return np.linspace(0.0, max(periods), count)
     if times:
-        return np.linspace(np.min(np.concatenate(times)), np.max(np.concatenate(times)), count)
+        return np.linspace(min(map(np.min, times)), max(map(np.max, times)), count)
     raise SceneError(STEADY)
-
-
-STEADY = "--tide: neither sea.current nor sea.level changes with time. Use a scene in which one does"
 
 
 def tidal_cycle(scene: Scene, count: int = 13) -> Table:
@@ -58,22 +57,27 @@ def tidal_cycle(scene: Scene, count: int = 13) -> Table:
         pose = equilibrium(model, loads, float(t))
         held = fixed_point_loads(scene, pose.positions, pose.tension, float(t))
         loads_of_anchors = {name: (np.hypot(*load[:2]), load[2]) for name, load in held.items()}
-        used = utilisations(scene.anchors, loads_of_anchors)
         moved = np.hypot(*(pose.positions - slack.positions)[:, :2].T)
-        level = 0.0 if sea.level is None else sea.level.at(jnp.asarray(t))
         rows.append(
             {
                 "t_s": float(t),
-                "level_m": float(level),
+                "level_m": _level(sea, t),
                 "speed_m_per_s": _speed(sea, t),
                 "status": pose.status,
                 "displacement_m": moved.max(),
                 "line_moved_m": {line.name: moved[line.nodes].max() for line in line_slices(scene)},
                 "held_load_n": held,
-                "anchor_utilisation": used,
+                "anchor_utilisation": utilisations(scene.anchors, loads_of_anchors),
             }
         )
     return {"rows": rows, "slack": slack.positions, "slack_status": slack.status}
+
+
+def _level(sea: Sea, t: float) -> float:
+    """Level of the sea [m]."""
+    if sea.level is None:
+        return 0.0
+    return float(sea.level.at(jnp.asarray(t)))
 
 
 def _speed(sea: Sea, t: float) -> float:

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.machine import available_cores
 from dropper_jax.base.markdown import bullets
-from dropper_jax.base.memory import available_cores
 from dropper_jax.base.read import Table
 from dropper_jax.cli.given import output_folder, positive_integer
 from dropper_jax.cli.options import add_effects, add_examples, add_json, add_quiet, register_effects

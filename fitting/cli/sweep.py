@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.machine import available_cores
 from dropper_jax.base.markdown import cells
-from dropper_jax.base.memory import available_cores
 from dropper_jax.base.read import ScenePath, Table
 from dropper_jax.cli.given import by_name, output_folder, read_numbers, read_spaced
 from dropper_jax.cli.options import add_examples, add_quiet, add_run_values, add_scene, read_scene

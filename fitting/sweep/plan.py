@@ -21,7 +21,7 @@ import numpy as np
 
 from dropper_jax import Scene, load_scene
 from dropper_jax.base.errors import SceneError, nearest
-from dropper_jax.base.memory import available_memory, in_words
+from dropper_jax.base.machine import available_memory, in_words
 from dropper_jax.base.read import ScenePath, Table, declared_fields
 from dropper_jax.integrators import OPTIONS
 from dropper_jax.model import Model, State

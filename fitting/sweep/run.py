@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dropper_jax.base.errors import Progress, SceneError, silent
-from dropper_jax.base.memory import versions
+from dropper_jax.base.machine import versions
 from dropper_jax.effects import register_installed
 from dropper_jax.run.build import SceneLike
 from dropper_jax.run.step_verdict import StepVerdict, check_steps

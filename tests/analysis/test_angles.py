@@ -22,7 +22,7 @@ def cone(opening, azimuth, length=1.0):
     """A link at `opening` from the downward vertical, at azimuths (k,)."""
     opening = np.broadcast_to(opening, azimuth.shape)
     x, y = np.sin(opening) * np.cos(azimuth), np.sin(opening) * np.sin(azimuth)
-    return nodes_of(length * np.stack([x, y, -np.cos(opening)], axis=-1)[:, None])
+    return nodes_of(length * np.stack([x, y, -np.cos(opening)], axis=-1)[:, None])  # length: a number or (k, 1, 1)
 
 
 @pytest.mark.parametrize(
@@ -46,21 +46,19 @@ def test_single_links_have_the_angles_of_their_definition(vector, horizontal, do
         np.testing.assert_allclose([polar[0], azimuth[0]], expected, atol=1e-12)
 
 
-def test_planar_full_turns_are_continuous_beyond_two_pi_with_zero_azimuth():
-    theta = np.stack([np.linspace(0.3, 0.3 + 13.0, 400), np.linspace(-0.2, -0.2 - 21.0, 400)], axis=1)
-    polar, azimuth = link_angles(planar(theta))
-    np.testing.assert_allclose(polar, theta, atol=1e-12)
-    assert np.all(azimuth == 0)
-    polar, azimuth = link_angles(planar(theta), "down")
-    np.testing.assert_allclose(polar, np.pi / 2 - theta, atol=1e-12)
-    assert np.all(azimuth == 0)
-
-
-def test_planar_turns_stay_continuous_when_sampled_just_below_half_a_turn():
-    theta = 0.1 + 3.0 * np.arange(12)[:, None]
-    polar, azimuth = link_angles(planar(theta))
-    np.testing.assert_allclose(polar, theta, atol=1e-12)
-    assert np.all(azimuth == 0)
+@pytest.mark.parametrize(
+    "theta",
+    [
+        np.stack([np.linspace(0.3, 0.3 + 13.0, 400), np.linspace(-0.2, -0.2 - 21.0, 400)], axis=1),
+        0.1 + 3.0 * np.arange(12)[:, None],
+    ],
+    ids=["full turns", "sampled just below half a turn"],
+)
+def test_planar_turns_are_continuous_beyond_two_pi_with_zero_azimuth(theta):
+    for zero, expected in zip(ZEROS, (theta, np.pi / 2 - theta), strict=True):
+        polar, azimuth = link_angles(planar(theta), zero)
+        np.testing.assert_allclose(polar, expected, atol=1e-12)
+        assert np.all(azimuth == 0)
 
 
 def test_planar_angle_equals_unwrapped_arctangent_for_a_chaotic_looking_motion():
@@ -68,19 +66,19 @@ def test_planar_angle_equals_unwrapped_arctangent_for_a_chaotic_looking_motion()
     theta = 2.0 * np.sin(3 * t) + 4.0 * np.sin(0.7 * t + 1)
     nodes = planar(theta[:, None])
     d = np.diff(nodes, axis=1)[:, 0]
-    np.testing.assert_allclose(
-        link_angles(nodes)[0][:, 0], np.unwrap(np.arctan2(-d[:, 2], d[:, 0])), rtol=0, atol=1e-12
-    )
-    np.testing.assert_allclose(
-        link_angles(nodes, "down")[0][:, 0], np.unwrap(np.arctan2(d[:, 0], -d[:, 2])), rtol=0, atol=1e-12
-    )
+    for zero, tangent in zip(ZEROS, ((-d[:, 2], d[:, 0]), (d[:, 0], -d[:, 2])), strict=True):
+        expected = np.unwrap(np.arctan2(*tangent))
+        np.testing.assert_allclose(link_angles(nodes, zero)[0][:, 0], expected, rtol=0, atol=1e-12)
 
 
-def test_link_swinging_exactly_through_the_vertical_keeps_its_azimuth():
-    swing = np.array([-0.4, -0.2, 0.0, 0.2, 0.4, 0.2, 0.0, -0.2])
-    nodes = cone(swing, np.full(swing.shape, 0.7))
-    polar, azimuth = link_angles(nodes, "down")
-    np.testing.assert_allclose(polar[:, 0], swing, atol=1e-12)
+@pytest.mark.parametrize(
+    "opening",
+    [[-0.4, -0.2, 0.0, 0.2, 0.4, 0.2, 0.0, -0.2], [0.0, 0.0, 0.0, 0.1, 0.2, 0.0, 0.0]],
+    ids=["swinging through it", "at rest at it, then leaving"],
+)
+def test_link_keeps_its_azimuth_at_the_vertical(opening):
+    polar, azimuth = link_angles(cone(opening, np.full(len(opening), 0.7)), "down")
+    np.testing.assert_allclose(polar[:, 0], opening, atol=1e-12)
     np.testing.assert_allclose(azimuth[:, 0], 0.7, atol=1e-12)
 
 
@@ -92,13 +90,6 @@ def test_link_passing_near_the_pole_takes_no_jump_of_half_a_turn():
     away = np.abs(x) > 0.01
     assert np.abs(azimuth[away]).max() < 0.01
     np.testing.assert_allclose(polar[away, 0], np.arcsin(x[away]), atol=1e-4)
-
-
-def test_link_at_rest_at_the_pole_takes_the_azimuth_it_leaves_with():
-    opening = np.array([0.0, 0.0, 0.0, 0.1, 0.2, 0.0, 0.0])
-    polar, azimuth = link_angles(cone(opening, np.full(7, 1.1)), "down")
-    np.testing.assert_allclose(azimuth[:, 0], 1.1, atol=1e-12)
-    np.testing.assert_allclose(polar[:, 0], opening, atol=1e-12)
 
 
 @pytest.mark.parametrize("zero", ZEROS)
@@ -135,17 +126,16 @@ def test_samples_of_a_run_that_diverged_are_nan_and_affect_no_other():
     assert all(np.all(rate[:6] == 0) for rate in rates)
 
 
-def test_conical_motion_has_constant_polar_angle_and_linear_azimuth():
-    t = np.linspace(0, 10, 2001)
-    for rate in (5.0, -5.0):
-        polar, azimuth = link_angles(cone(0.6, 0.4 + rate * t), "down")
-        np.testing.assert_allclose(polar[:, 0], 0.6, atol=1e-12)
-        np.testing.assert_allclose(azimuth[:, 0], 0.4 + rate * t, atol=1e-10)
+@pytest.mark.parametrize("rate", [5.0, -5.0])
+def test_conical_motion_has_constant_polar_angle_and_linear_azimuth(rate):
+    turned = 0.4 + rate * np.linspace(0, 10, 2001)
+    polar, azimuth = link_angles(cone(0.6, turned), "down")
+    np.testing.assert_allclose(polar[:, 0], 0.6, atol=1e-12)
+    np.testing.assert_allclose(azimuth[:, 0], turned, atol=1e-10)
 
 
 def test_first_azimuth_lies_within_a_quarter_turn_of_x_with_any_noise():
-    start = np.linspace(-np.pi, np.pi, 41)
-    for azimuth in start:
+    for azimuth in np.linspace(-np.pi, np.pi, 41):
         first = link_angles(cone(0.6, np.array([azimuth])), "down")[1][0, 0]
         assert -np.pi / 2 < first <= np.pi / 2 + 1e-8
     sideways = cone(0.6, np.array([-np.pi / 2 - 1e-14, -np.pi / 2 + 1e-14]))
@@ -166,11 +156,7 @@ def test_angles_to_links_inverts_link_angles(zero):
 def test_rates_equal_central_differences_of_the_angles(zero):
     def motion(t):
         """A stretching link that passes over its azimuth's full turn and past the horizontal."""
-        opening, azimuth, length = 1.2 + 0.9 * np.sin(2 * t), 0.3 + 1.7 * t, 1 + 0.1 * np.sin(5 * t)
-        unit = np.stack(
-            [np.sin(opening) * np.cos(azimuth), np.sin(opening) * np.sin(azimuth), -np.cos(opening)], axis=-1
-        )
-        return nodes_of((length[:, None] * unit)[:, None])
+        return cone(1.2 + 0.9 * np.sin(2 * t), 0.3 + 1.7 * t, (1 + 0.1 * np.sin(5 * t))[:, None, None])
 
     h = 1e-4
     t = np.arange(0, 6, h)

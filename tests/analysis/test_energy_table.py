@@ -35,17 +35,17 @@ def test_energy_table_of_a_fall_with_drag_closes():
     assert table["relative_drift"] < 1e-14
 
 
-def test_energy_table_of_a_run_that_blew_up_has_no_drift_to_tell():
-    run = SimpleNamespace(
-        kinetic=np.array([1.0, np.inf]), potential=np.array([0.0, -np.inf]), work=np.zeros((2, 0)), work_names=()
-    )
-    assert not np.isfinite(energy_table(run)["relative_drift"])
+def without_work(kinetic, potential):
+    work = np.zeros((len(kinetic), 0))
+    return SimpleNamespace(kinetic=np.array(kinetic), potential=np.array(potential), work=work, work_names=())
+
+
+def test_energy_table_of_a_run_that_blew_up_has_no_finite_drift():
+    assert not np.isfinite(energy_table(without_work([1.0, np.inf], [0.0, -np.inf]))["relative_drift"])
 
 
 def test_balance_drift_shows_energy_that_no_work_explains():
-    run = SimpleNamespace(
-        kinetic=np.array([1.0, 1.5, 1.2]), potential=np.zeros(3), work=np.zeros((3, 0)), work_names=()
-    )
+    run = without_work([1.0, 1.5, 1.2], [0.0, 0.0, 0.0])
     np.testing.assert_allclose(balance_drift(run), [0.0, 0.5, 0.2])
     table = energy_table(run)
     np.testing.assert_allclose([table["drift"]["final"], table["drift"]["largest"]], [0.2, 0.5])

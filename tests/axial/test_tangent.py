@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 
 import jax
 import jax.numpy as jnp
@@ -13,13 +13,15 @@ import pytest
 from scene_parts import fixed, free, line_of, system
 
 import dropper_jax as dj
-from dropper_jax.axial import DampedRope
+from dropper_jax.axial import DampedRope, Tabulated
 
 DT = 0.004
 STEPS = 250
 #: Height [m] from which the chain is dropped, that it snaps; or a stretch, with which it stays taut.
 DROPPED = 0.05
 STRETCHED = -0.0035
+#: Of a table of tensions, for two links.
+ROWS = jnp.array([[0.0, 1.0]] * 2)
 
 
 def hanging(high: float) -> dj.Scene:
@@ -74,6 +76,7 @@ def test_both_modes_agree_where_ropes_are_slack():
     assert float(reverse) == pytest.approx(forward(DROPPED, dj.SlackTangent())[1], rel=1e-8)
 
 
-def test_kinds_of_rope_with_laws_of_their_own_keep_their_derivatives():
-    law = DampedRope(jnp.ones(2), jnp.ones(2))
-    assert law.with_tangent(dj.SlackTangent()) is law
+@pytest.mark.parametrize("law", [DampedRope, partial(Tabulated, strain=ROWS, force=ROWS, slope=ROWS)])
+def test_kinds_of_rope_with_laws_of_their_own_keep_their_derivatives(law):
+    rope = law(jnp.ones(2), jnp.ones(2))
+    assert rope.with_tangent(dj.SlackTangent()) is rope

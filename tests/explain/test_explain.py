@@ -1,9 +1,10 @@
 """Answers on moorings against an integration of the line's equations by SciPy, and against other equilibria."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
+from scene_parts import fixed, line_of, system
 from scipy.integrate import solve_ivp
 
 import dropper_jax as dj
@@ -59,19 +60,22 @@ def test_a_line_lifts_its_anchor_at_the_reported_offset():
     assert 0.0 < reserve < 40.0
 
 
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("rise", [0.0, 5.0])
+def test_a_fold_below_one_vertical_has_no_closed_form(rise):
+    assert solve(Hanging(np.float64(0.0), np.float64(rise), 12.0, 40.0, 1e4, False)) is None
+
+
 def chain(x, length, links=60):
     """A chain of 70 kg/m from an anchor at x, 80 m deep, to a fairlead at 10 m."""
-    per_metre = {"length": length / links, "mass": 70.0 * length / links, "diameter": 0.1, "breaking_load": 4e6}
-    return {
-        "run": {"duration": 1.0},
-        "sea": {"depth": 80.0},
-        "point": [{"name": "anchor", "position": [x, 0.0, -80.0]}, {"name": "top", "position": [0.0, 0.0, -10.0]}],
-        "line": [
-            {"name": "chain", "from": "anchor", "to": "top", "links": links, **per_metre}
-            | {"axial": {"law": "rope", "EA": 3e8, "damping": 4e6}, "nodes": "shared"}
-        ],
-        "effects": {"weight": {}, "buoyancy": {}, "seabed": {}},
-    }
+    kind = {"mass": 70.0 * length / links, "diameter": 0.1, "breaking_load": 4e6, "nodes": "shared"}
+    axial = {"law": "rope", "EA": 3e8, "damping": 4e6}
+    return system(
+        [fixed("anchor", x, 0.0, -80.0), fixed("top", 0.0, 0.0, -10.0)],
+        [line_of("chain", "anchor", "top", links, length / links, **kind, axial=axial)],
+        sea={"depth": 80.0},
+        effects={"weight": {}, "buoyancy": {}, "seabed": {}},
+    )
 
 
 @pytest.fixture(scope="module")
@@ -124,23 +128,8 @@ def test_rigid_links_are_refused():
 
 
 def test_a_slack_line_that_rests_on_the_bed_over_its_length_is_not_said_to_hang():
-    facts = LineFacts(
-        name="ground chain",
-        length_m=50.0,
-        apart_m=45.0,
-        on_bed_m=50.0,
-        uplift_deg=0.0,
-        lower_n=0.0,
-        upper_n=0.0,
-        closed_lower_n=0.0,
-        closed_upper_n=0.0,
-        reserve_m=None,
-        excess_m=5.0,
-        axial_n_per_m=1e5,
-        horizontal_n_per_m=None,
-        axial_period_s=0.1,
-        damping_ratio=0.0,
-        link_damping_ratio=0.0,
-    )
+    numbers = dict.fromkeys((field.name for field in fields(LineFacts)), 0.0)
+    own = {"length_m": 50.0, "apart_m": 45.0, "on_bed_m": 50.0, "reserve_m": None, "excess_m": 5.0}
+    facts = LineFacts(**numbers | own)
     assert facts.verdict == "rests on the bed"
     assert "hangs straight down" in replace(facts, on_bed_m=30.0).verdict

@@ -14,27 +14,28 @@ G = 9.81
 LENGTH, MASS = 0.5, 0.4
 
 
+def ringing(ring, turn, steps, **weights):
+    """Swings of the tension in steps that turn the vibration by `turn` [rad]."""
+    dt = 1e-2
+    return np.abs(ring("generalized_alpha", LENGTH * MASS * (turn / dt) ** 2, dt, steps, **weights))
+
+
 @pytest.mark.parametrize(("rho", "begin", "end"), [(0.5, 10, 20), (0.9, 60, 120)])
 def test_unresolved_ringing_shrinks_to_rho_at_every_step(ring, rho, begin, end):
-    # h omega = 100; the double root -rho of Chung and Hulbert leaves (a + b k) rho^k
-    dt = 1e-2
-    swing = np.abs(ring("generalized_alpha", LENGTH * MASS * (100.0 / dt) ** 2, dt, end, rho_infinity=rho))
+    # the double root -rho of Chung and Hulbert leaves (a + b k) rho^k
+    swing = ringing(ring, 100.0, end, rho_infinity=rho)
     first, last = np.max(swing[begin - 4 : begin]), np.max(swing[end - 4 : end])
     assert (last / first) ** (1 / (end - begin)) == pytest.approx(rho, rel=0.08)
 
 
 def test_with_rho_0_unresolved_ringing_is_gone_after_six_steps(ring):
-    dt = 1e-2
-    swing = np.abs(ring("generalized_alpha", LENGTH * MASS * (100.0 / dt) ** 2, dt, 10, rho_infinity=0.0))
+    swing = ringing(ring, 100.0, 10, rho_infinity=0.0)
     assert swing[1] > 0.1
     assert np.max(swing[6:]) < 1e-6
 
 
 def test_resolved_ringing_is_kept(ring):
-    # 5 periods of 31 steps each, h omega = 0.2
-    dt = 1e-2
-    EA = LENGTH * MASS * (0.2 / dt) ** 2
-    swing = np.abs(ring("generalized_alpha", EA, dt, 157))
+    swing = ringing(ring, 0.2, 157)  # 5 periods of 31 steps each
     assert np.max(swing[-32:]) / np.max(swing[:32]) == pytest.approx(1.0, abs=0.01)
 
 
@@ -46,13 +47,8 @@ def hanging(one_line, law="rope", **more):
     return scene
 
 
-def driven(one_line, law="rope"):
-    return hanging(one_line, law, end_motion={"point": "b", "amplitude": [0.3, 0.0, 0.2], "period": 3.0})
-
-
 def test_a_static_pose_stays(one_line):
-    scene = load_scene(hanging(one_line)).with_values({"run.integrator": "generalized_alpha"})
-    run = dj.simulate(scene, dt=0.05, duration=5.0)
+    run = dj.simulate(hanging(one_line), integrator="generalized_alpha", dt=0.05, duration=5.0)
     assert run.status == "ok"
     assert np.max(np.abs(run.positions - run.positions[0])) < 1e-9
     assert np.max(np.abs(run.tension - run.tension[0])) < 1e-5
@@ -98,26 +94,24 @@ def test_the_damper_of_a_slack_line_brakes_in_one_law_and_not_in_the_other(chain
 @pytest.mark.check
 @pytest.mark.parametrize("law", ["rope", "damped_rope"])
 def test_both_rope_laws_are_those_of_the_explicit_scheme(one_line, law):
-    scene = load_scene(driven(one_line, law)).with_values({"run.dt": 2e-3, "run.duration": 1.5})
-    runs = [dj.simulate(scene, integrator=name) for name in ("generalized_alpha", "rk4")]
+    driven = hanging(one_line, law, end_motion={"point": "b", "amplitude": [0.3, 0.0, 0.2], "period": 3.0})
+    runs = [dj.simulate(driven, integrator=name, dt=2e-3, duration=1.5) for name in ("generalized_alpha", "rk4")]
     assert [run.status for run in runs] == ["ok", "ok"]
     a, b = (np.interp(np.arange(0.1, 1.4, 0.1), run.t_tension, run.tension[:, -1]) for run in runs)
     assert np.max(np.abs(a - b)) < 5e-3 * np.max(b)
 
 
 @pytest.mark.parametrize(
-    ("values", "words"),
+    ("integrator", "weight", "value", "words"),
     [
-        (
-            {"run.integrator": "generalized_alpha", "run.rho_infinity": 1.2},
-            "run.rho_infinity.*1.2 is out of range; allowed: a number 0 to 1",
-        ),
-        ({"run.integrator": "rk4", "run.rho_infinity": 0.5}, "run.rho_infinity.*no such weight"),
-        ({"run.integrator": "generalized_alpha", "run.gamma": 0.5}, "run.gamma.*no such weight"),
+        ("generalized_alpha", "rho_infinity", 1.2, "1.2 is out of range; allowed: a number 0 to 1"),
+        ("rk4", "rho_infinity", 0.5, "no such weight"),
+        ("generalized_alpha", "gamma", 0.5, "no such weight"),
     ],
 )
-def test_weights_that_make_no_sense_are_named(one_line, values, words):
-    with pytest.raises(SceneError, match=words):
+def test_weights_that_make_no_sense_are_named(one_line, integrator, weight, value, words):
+    values = {"run.integrator": integrator, f"run.{weight}": value}
+    with pytest.raises(SceneError, match=f"run.{weight}.*{words}"):
         dj.simulate(load_scene(hanging(one_line)).with_values(values), duration=0.1)
 
 

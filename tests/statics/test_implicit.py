@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from hard_scenes import hung_weight
+from scene_parts import fixed, free, line_of, system
 
 import dropper_jax as dj
 from dropper_jax import natural_modes, natural_periods
@@ -18,26 +19,18 @@ G, RHO = 9.81, 1025.0
 @pytest.fixture(scope="module")
 def mooring():
     """A float between a chain that lies on the bed and a taut rope, in a current across both; model and pose."""
-    model = dj.build(
-        {
-            "run": {"dt": 0.02, "duration": 0.04},
-            "line_type": [
-                {"name": "chain", "mass": 10.0, "diameter": 0.04, "EA": 5e5, "cdn": 1.4, "cdt": 0.2},
-                {"name": "rope", "mass": 1.2, "diameter": 0.05, "EA": 1e5, "cdn": 1.2, "cdt": 0.1},
-            ],
-            "point": [
-                {"name": "a", "position": [0.0, 0.0, -10.0]},
-                {"name": "b", "position": [25.0, 0.0, -10.0]},
-                {"name": "float", "kind": "free", "position": [15.0, 0.0, -2.0], "mass": 20.0, "volume": 0.1},
-            ],
-            "line": [
-                {"name": "chain", "from": "a", "to": "float", "type": "chain", "length": 19.0, "links": 6},
-                {"name": "rope", "from": "b", "to": "float", "type": "rope", "length": 12.0, "links": 4},
-            ],
-            "sea": {"depth": 10.0, "current": {"kind": "uniform", "speed": 0.7, "direction": 1.2}},
-            "effects": {"weight": {}, "buoyancy": {}, "morison_drag": {}, "seabed": {}},
-        }
-    )[0]
+    buoy = free("float", 15.0, 0.0, -2.0, mass=20.0, volume=0.1)
+    table = system(
+        [fixed("a", 0.0, 0.0, -10.0), fixed("b", 25.0, 0.0, -10.0), buoy],
+        [line_of("chain", "a", "float", 6, 19.0, type="chain"), line_of("rope", "b", "float", 4, 12.0, type="rope")],
+        line_type=[
+            {"name": "chain", "mass": 10.0, "diameter": 0.04, "EA": 5e5, "cdn": 1.4, "cdt": 0.2},
+            {"name": "rope", "mass": 1.2, "diameter": 0.05, "EA": 1e5, "cdn": 1.2, "cdt": 0.1},
+        ],
+        sea={"depth": 10.0, "current": {"kind": "uniform", "speed": 0.7, "direction": 1.2}},
+        effects={"weight": {}, "buoyancy": {}, "morison_drag": {}, "seabed": {}},
+    )
+    model = dj.build(table)[0]
     return model, dj.equilibrium(model)
 
 
@@ -56,16 +49,23 @@ def measured(pose):
     return jnp.concatenate([pose.tension[jnp.array([0, 6])] / 100.0, pose.state.r[-1]])
 
 
+def differences(f, count):
+    """Derivatives (m, count) of f at ones, by central differences of fourth order."""
+    h = 1e-3
+    columns = []
+    for e in np.eye(count):
+        far, near = (f(1 + k * h * e) - f(1 - k * h * e) for k in (2, 1))
+        columns.append((8 * near - far) / (12 * h))
+    return np.stack(columns, axis=1)
+
+
 @pytest.mark.check
 def test_a_pose_follows_lengths_stiffness_drag_and_anchors_in_both_modes(mooring, both_modes):
     model, pose = mooring
-    one = jnp.ones(4)
-    there, reverse, forward = both_modes(lambda p: measured(dj.equilibrium(changed(model, p), near=pose.state)))(one)
-    sought = lambda p: measured(dj.equilibrium(changed(model, jnp.asarray(p))))  # noqa: E731
-    h, each = 1e-3, np.eye(4)
-    for i, e in enumerate(each):
-        far, near = (sought(1 + k * h * e) - sought(1 - k * h * e) for k in (2, 1))
-        np.testing.assert_allclose(forward[:, i], (8 * near - far) / (12 * h), rtol=1e-6, atol=1e-6)
+    near_by = both_modes(lambda p: measured(dj.equilibrium(changed(model, p), near=pose.state)))
+    there, reverse, forward = near_by(jnp.ones(4))
+    searched = differences(lambda p: measured(dj.equilibrium(changed(model, jnp.asarray(p)))), 4)
+    np.testing.assert_allclose(forward, searched, rtol=1e-6, atol=1e-6)
     np.testing.assert_allclose(reverse, forward, rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(there, measured(pose), rtol=1e-8)
 
@@ -92,17 +92,13 @@ def test_a_pose_inside_a_compiled_program_needs_one_near_by(mooring):
 @pytest.mark.check
 def test_what_nothing_holds_is_named_and_has_no_derivative_of_its_own_motion():
     """A slack rope that floats on calm water: its inner nodes may be pushed about without any resistance."""
-    table = {
-        "run": {"dt": 0.02, "duration": 0.04},
-        "line_type": [{"name": "rope", "mass": 0.8, "diameter": 0.035, "EA": 1e4, "cdn": 1.2, "cdt": 0.02}],
-        "point": [{"name": n, "position": [x, 0.0, 0.0]} for n, x in (("a", 0.0), ("b", 2.0), ("c", 4.0))],
-        "line": [
-            {"name": "ab", "from": "a", "to": "b", "type": "rope", "length": 2.4, "links": 3},
-            {"name": "bc", "from": "b", "to": "c", "type": "rope", "length": 2.4, "links": 3},
-        ],
-        "sea": {"depth": 10.0},
-        "effects": {"weight": {}, "buoyancy": {}},
-    }
+    table = system(
+        [fixed(name, x, 0.0, 0.0) for name, x in (("a", 0.0), ("b", 2.0), ("c", 4.0))],
+        [line_of("ab", "a", "b", 3, 2.4, type="rope"), line_of("bc", "b", "c", 3, 2.4, type="rope")],
+        line_type=[{"name": "rope", "mass": 0.8, "diameter": 0.035, "EA": 1e4, "cdn": 1.2, "cdt": 0.02}],
+        sea={"depth": 10.0},
+        effects={"weight": {}, "buoyancy": {}},
+    )
     model = dj.build(table)[0]
     pose = dj.equilibrium(model)
     assert pose.status == "ok"
@@ -123,20 +119,11 @@ def test_a_held_system_has_no_free_motion(mooring):
 @pytest.mark.check
 def test_periods_follow_stiffness_lengths_and_masses_with_the_pose(both_modes):
     """Against periods of poses solved again."""
-    table = {
-        "run": {"dt": 0.02, "duration": 0.02},
-        "line_type": [{"name": "rope", "mass": 1.0, "diameter": 0.02, "EA": 5e3}],
-        "point": [
-            {"name": "a", "position": [0.0, 0.0, 0.0]},
-            {"name": "b", "position": [5.0, 0.0, 1.0]},
-            {"name": "weight", "kind": "free", "position": [2.0, 0.5, -4.0], "mass": 30.0},
-        ],
-        "line": [
-            {"name": "first", "from": "a", "to": "weight", "type": "rope", "length": 4.0, "links": 2},
-            {"name": "second", "from": "b", "to": "weight", "type": "rope", "length": 6.0, "links": 2},
-        ],
-        "effects": {"weight": {}},
-    }
+    table = system(
+        [fixed("a", 0.0, 0.0, 0.0), fixed("b", 5.0, 0.0, 1.0), free("weight", 2.0, 0.5, -4.0, mass=30.0)],
+        [line_of("first", "a", "weight", 2, 4.0, type="rope"), line_of("second", "b", "weight", 2, 6.0, type="rope")],
+        line_type=[{"name": "rope", "mass": 1.0, "diameter": 0.02, "EA": 5e3}],
+    )
     model = dj.build(table)[0]
     pose = dj.equilibrium(model)
 
@@ -150,9 +137,6 @@ def test_periods_follow_stiffness_lengths_and_masses_with_the_pose(both_modes):
         return natural_periods(changed, dj.settle(changed, pose.state), 3)
 
     _, reverse, forward = both_modes(periods)(jnp.ones(3))
-    solved_again = lambda p: natural_modes(at(p), dj.equilibrium(at(p)).state, 3).period  # noqa: E731
-    h = 1e-3
-    for i, e in enumerate(np.eye(3)):
-        far, near = (solved_again(1 + k * h * e) - solved_again(1 - k * h * e) for k in (2, 1))
-        np.testing.assert_allclose(forward[:, i], (8 * near - far) / (12 * h), rtol=1e-6, atol=1e-7)
+    solved_again = differences(lambda p: natural_modes(at(p), dj.equilibrium(at(p)).state, 3).period, 3)
+    np.testing.assert_allclose(forward, solved_again, rtol=1e-6, atol=1e-7)
     np.testing.assert_allclose(reverse, forward, rtol=1e-8, atol=1e-9)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scene_parts import fixed, free, line_of, system
 
 import dropper_jax as dj
 
@@ -11,21 +12,10 @@ EA, LENGTH, SPAN, MASS = 1e6, 8.0, 8.1, 20.0
 def wire(EA=EA, **more):
     """A nearly weightless wire drawn tight along x, with a mass in its middle."""
     rope = {"name": "wire", "mass": 1e-3, "diameter": 0.02, "EA": EA, "damping_ratio": 0.05, "cdn": 1.2, "cdt": 0.05}
-    return {
-        "name": "wire",
-        "run": {"dt": 0.01, "duration": 24.0},
-        "line_type": [rope],
-        "point": [
-            {"name": "a", "position": [0.0, 0.0, -5.0]},
-            {"name": "middle", "kind": "free", "position": [4.0, 0.0, -5.0], "mass": MASS},
-            {"name": "b", "position": [SPAN, 0.0, -5.0]},
-        ],
-        "line": [
-            {"name": "left", "from": "a", "to": "middle", "type": "wire", "length": LENGTH / 2, "links": 1},
-            {"name": "right", "from": "middle", "to": "b", "type": "wire", "length": LENGTH / 2, "links": 1},
-        ],
-        **more,
-    }
+    points = [fixed("a", 0.0, 0.0, -5.0), free("middle", 4.0, 0.0, -5.0, mass=MASS), fixed("b", SPAN, 0.0, -5.0)]
+    halves = (("left", "a", "middle"), ("right", "middle", "b"))
+    lines = [line_of(*ends, 1, LENGTH / 2, type="wire") for ends in halves]
+    return system(points, lines, duration=24.0, line_type=[rope], **more)
 
 
 def test_a_mass_between_two_springs_answers_as_one_oscillator():
@@ -42,8 +32,13 @@ def test_a_mass_between_two_springs_answers_as_one_oscillator():
     assert abs(seen.moves[1, 0, 0]) == pytest.approx(x, rel=1e-3)  # internal damping turns it a little
     np.testing.assert_allclose(np.abs(seen.tension[1]), [k * x, k * (moved - x)], rtol=2e-2)
     assert found.held == ("a", "b")
-    with pytest.raises(dj.SceneError, match="motion: 'c' is not a fixed point"):
-        found.response(w, {"c": [1.0, 0.0, 0.0]})
+    for motion, message in (
+        ({"c": [1.0, 0.0, 0.0]}, "motion: 'c' is not a fixed point"),
+        ({"b": 0.1}, "motion.b: 0.1 is out of range; allowed: 3 finite numbers m"),
+        ({"b": [np.nan, 0.0, 0.0]}, r"motion.b: \[nan, 0.0, 0.0\] is out of range"),
+    ):
+        with pytest.raises(dj.SceneError, match=message):
+            found.response(w, motion)
     with pytest.raises(dj.SceneError, match=r"line.axial.law: 'rigid'"):
         dj.linearised("string")
 

@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from grounded_catenary import fairlead_forces
 from scipy.linalg import eigh
-from scipy.optimize import brentq, fsolve
+from scipy.optimize import brentq
 from scipy.special import jn_zeros
 
 from dropper_jax import SceneError, build, build_model, equilibrium, load_scene, natural_modes
@@ -17,18 +18,6 @@ G = 9.81
 CHAIN = {"mass": 10.91, "diameter": 0.042, "EA": 1e6}
 
 
-def jonkman(length, w, EA, x, z):
-    """Horizontal and vertical fairlead load of an elastic catenary with a part on a frictionless bed (Jonkman 2007)."""
-
-    def rows(u):
-        h, v = np.exp(u)
-        reach = length - v / w + h / w * np.arcsinh(v / h) + h * length / EA
-        rise = h / w * (np.sqrt(1 + (v / h) ** 2) - 1) + v**2 / (2 * EA * w)
-        return [reach - x, rise - z]
-
-    return np.exp(fsolve(rows, np.log([2000.0, 0.5 * w * length]), xtol=1e-13))
-
-
 def grounded_chain(one_line, links, end=(60.0, 0.0, 0.0), **friction):
     """Static pose of a chain with its anchor on the bed."""
     bed = {"weight": {}, "seabed": {"depth": 30.0, "stiffness": 1e9}, **friction}
@@ -37,17 +26,18 @@ def grounded_chain(one_line, links, end=(60.0, 0.0, 0.0), **friction):
     return pose
 
 
-def fairlead(one_line, links):
-    pose = grounded_chain(one_line, links)
+def fairlead_force(pose):
+    """Force [N] of the chain on its upper end (x, y, z)."""
     last = pose.positions[-1] - pose.positions[-2]
-    pull = pose.tension[-1] * last / np.linalg.norm(last)
-    return pull[0], pull[2] + 0.5 * CHAIN["mass"] * G * 75.0 / links  # the last half link hangs on the fairlead itself
+    half_link = 0.5 * CHAIN["mass"] * G * 75.0 / len(pose.tension)  # hangs on the fairlead itself
+    return pose.tension[-1] * last / np.linalg.norm(last) + [0.0, 0.0, half_link]
 
 
 @pytest.mark.check
 def test_chain_on_a_bed_is_the_elastic_catenary_to_1e_4_and_of_second_order(one_line):
-    exact = jonkman(75.0, CHAIN["mass"] * G, CHAIN["EA"], 60.0, 30.0)
-    error = {links: np.max(np.abs(np.array(fairlead(one_line, links)) / exact - 1)) for links in (25, 100, 200)}
+    exact = fairlead_forces(75.0, CHAIN["mass"] * G, CHAIN["EA"], 60.0, 30.0)
+    found = {links: fairlead_force(grounded_chain(one_line, links))[[0, 2]] for links in (25, 100, 200)}
+    error = {links: np.max(np.abs(force / exact - 1)) for links, force in found.items()}
     assert error[100] < 1e-4
     assert error[25] / error[200] > 8.0**1.8  # second order, up to where the touchdown falls between nodes
 
@@ -59,27 +49,16 @@ def test_chain_on_a_bed_is_the_elastic_catenary_to_1e_4_and_of_second_order(one_
     ids=["to the anchor", "to a part without tension", "laid along y"],
 )
 def test_friction_on_the_bed_lowers_the_tension_towards_the_anchor_as_jonkman_derives(one_line, mu, end):
-    length, w, EA, links = 75.0, CHAIN["mass"] * G, CHAIN["EA"], 100
-
-    def rows(u):  # Jonkman (2007), closed form with CB = mu
-        h, v = np.exp(u)
-        lies = length - v / w
-        slack = max(lies - h / (mu * w), 0.0)
-        stretch = h * length / EA + mu * w / (2 * EA) * (-(lies**2) + (lies - h / (mu * w)) * slack)
-        reach = lies + h / w * np.arcsinh(v / h) + stretch
-        rise = h / w * (np.sqrt(1 + (v / h) ** 2) - 1) + v**2 / (2 * EA * w)
-        return [reach - 60.0, rise - 30.0]
-
-    h, v = np.exp(fsolve(rows, np.log([2000.0, 0.5 * w * length]), xtol=1e-13))
+    length, w, links = 75.0, CHAIN["mass"] * G, 100
+    h, v = fairlead_forces(length, w, CHAIN["EA"], 60.0, 30.0, friction=mu)
     beyond = (np.arange(links) + 0.5) * length / links - (length - v / w)  # middle of each link, past touchdown
     tension = np.where(beyond < 0, np.maximum(h + mu * w * beyond, 0.0), np.hypot(h, w * np.maximum(beyond, 0.0)))
     assert (tension[0] > 0.0) == (mu < 1.0)
     pose = grounded_chain(one_line, links, end, seabed_friction={"kinetic": mu, "statics": "outward"})
     assert np.max(np.abs(pose.tension - tension)) < 1e-4 * np.hypot(h, v)
-    last = pose.positions[-1] - pose.positions[-2]
-    pull = pose.tension[-1] * last / np.linalg.norm(last)
+    pull = fairlead_force(pose)
     assert pull[:2] == pytest.approx(h * np.array(end[:2]) / 60.0, rel=1e-4, abs=1e-4 * h)
-    assert pull[2] + 0.5 * w * length / links == pytest.approx(v, rel=1e-4)
+    assert pull[2] == pytest.approx(v, rel=1e-4)
 
 
 def in_a_current(one_line, links):
@@ -114,11 +93,8 @@ def test_weightless_line_in_a_current_is_a_catenary_of_constant_tension(one_line
 
 
 def hanging_modes(one_line, links):
-    scene = {
-        **one_line(
-            10.0, links, [0.0, 0.0, 0.0], [0.0, 0.0, -10.0], {"mass": 2.0, "diameter": 0.05, "EA": 1e8}, {"weight": {}}
-        ),
-    }
+    kind = {"mass": 2.0, "diameter": 0.05, "EA": 1e8}
+    scene = one_line(10.0, links, [0.0, 0.0, 0.0], [0.0, 0.0, -10.0], kind, {"weight": {}})
     scene["point"][1]["kind"] = "free"
     model, s = build(scene)
     return natural_modes(model, equilibrium(scene).state, 6).omega[::2]  # each frequency twice: in x and in y
@@ -153,12 +129,10 @@ def test_taut_sagging_cable_vibrates_as_irvine_and_caughey_say(one_line):
     effective = span * (1 + 8 * (sag / span) ** 2)
     irvine = (mass * G * span / tension) ** 2 * span / (tension * effective / EA)
     # the inextensible parabola's length less the elastic stretch gives the wanted horizontal tension
-    length = (
-        span * (1 + 8 / 3 * (sag / span) ** 2 - 32 / 5 * (sag / span) ** 4) / (1 + tension * effective / (EA * span))
-    )
-    scene = one_line(
-        length, 100, [0.0] * 3, [span, 0.0, 0.0], {"mass": mass, "diameter": 0.02, "EA": EA}, {"weight": {}}
-    )
+    parabola = span * (1 + 8 / 3 * (sag / span) ** 2 - 32 / 5 * (sag / span) ** 4)
+    length = parabola / (1 + tension * effective / (EA * span))
+    kind = {"mass": mass, "diameter": 0.02, "EA": EA}
+    scene = one_line(length, 100, [0.0] * 3, [span, 0.0, 0.0], kind, {"weight": {}})
     pose = equilibrium(scene)
     level = pose.tension * np.diff(pose.positions[:, 0]) / np.linalg.norm(np.diff(pose.positions, axis=0), axis=1)
     assert level[0] == pytest.approx(tension, rel=3e-4)

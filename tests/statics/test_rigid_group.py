@@ -49,18 +49,19 @@ def difference(matrix, known):
 
 
 @pytest.mark.check
-def test_a_mooring_above_the_bed_has_the_stiffness_of_moorpy():
-    known = np.array(KNOWN[TAUT]["stiffness"])
-    matrix = matrix_of(KNOWN[TAUT]["mooring"], links=40)
-    assert difference(matrix, known) < 1e-3
-    assert matrix[0, 0] == pytest.approx(matrix[1, 1], rel=1e-9)
+@pytest.mark.parametrize(
+    ("row", "links", "within"),
+    # lines on the bed need many links: the touchdown lies on one of them
+    [(KNOWN[TAUT], 40, 1e-3), *((row, 600, 5e-3) for row in KNOWN)],
+)
+def test_moorings_have_the_stiffness_of_moorpy(row, links, within):
+    assert difference(matrix_of(row["mooring"], links), np.array(row["stiffness"])) < within
 
 
 @pytest.mark.check
-@pytest.mark.parametrize("row", KNOWN)
-def test_moorings_on_the_bed_have_the_stiffness_of_moorpy(row):
-    # lines on the bed need many links: the touchdown lies on one of them
-    assert difference(matrix_of(row["mooring"], links=600), np.array(row["stiffness"])) < 5e-3
+def test_a_mooring_of_equal_sectors_is_as_stiff_along_y_as_along_x():
+    matrix = matrix_of(KNOWN[TAUT]["mooring"], links=40)
+    assert matrix[0, 0] == pytest.approx(matrix[1, 1], rel=1e-9)
 
 
 def test_forces_turn_with_the_arms():
@@ -78,6 +79,11 @@ def test_forces_turn_with_the_arms():
     assert matrix[1, 1] == pytest.approx(across, rel=1e-3)
     assert matrix[4, 4] == pytest.approx(across * arm**2 + 2.0 * pull * arm, rel=1e-3)
     assert matrix[5, 5] == pytest.approx(across * arm**2 + 2.0 * pull * arm, rel=1e-3)
+
+
+def test_a_group_without_points_is_refused(refusal):
+    message = refusal(stiffness_of_group, build_model(dj.load_scene("paper-case-4")), None, [], [0, 0, 0])
+    assert message == "points: 'group' has none; allowed: one or more fixed points"
 
 
 @pytest.mark.check

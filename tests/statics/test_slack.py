@@ -7,7 +7,9 @@ import jax.numpy as jnp
 import layouts
 import numpy as np
 import pytest
-from scipy.optimize import brentq, fsolve
+from grounded_catenary import fairlead_forces
+from scene_parts import fixed, free, line_of, system
+from scipy.optimize import brentq
 
 import dropper_jax as dj
 from dropper_jax import build_model
@@ -26,19 +28,14 @@ SLOW_STEPS = 1000
 def scene(length, links, start, end, kind, depth, speed=0.0):
     """A rope of one line between two held points in water, its links' loads on their far nodes."""
     link = length / links
-    line = {"name": "rope", "from": "a", "to": "b", "links": links, "length": link, "mass": kind["mass"] * link}
-    return {
-        "run": {"dt": 0.02, "duration": 1.0},
-        "point": [{"name": "a", "position": start}, {"name": "b", "position": end}],
-        "line": [line | {"diameter": kind["diameter"], "axial": {"law": "rope", "EA": kind["EA"]}}],
-        "sea": {"depth": depth, "current": {"kind": "uniform", "speed": speed}},
-        "effects": {
-            "weight": {},
-            "buoyancy": {},
-            "morison_drag": {"cdn": kind["cdn"], "cdt": kind["cdt"]},
-            "seabed": {},
-        },
-    }
+    rope = {"mass": kind["mass"] * link, "diameter": kind["diameter"], "axial": {"law": "rope", "EA": kind["EA"]}}
+    drag = {"cdn": kind["cdn"], "cdt": kind["cdt"]}
+    return system(
+        [fixed("a", *start), fixed("b", *end)],
+        [line_of("rope", "a", "b", links, link, **rope)],
+        sea={"depth": depth, "current": {"kind": "uniform", "speed": speed}},
+        effects={"weight": {}, "buoyancy": {}, "morison_drag": drag, "seabed": {}},
+    )
 
 
 def found(table):
@@ -52,13 +49,7 @@ def found(table):
 def test_a_rope_of_one_line_that_sags_onto_the_bed_is_the_catenary_with_a_part_on_it():
     length, across, depth, links = 7.8, 6.1, 3.2, 20
     w = G * (CHAIN["mass"] - RHO * np.pi / 4 * CHAIN["diameter"] ** 2)
-
-    def rows(u):  # Jonkman (2007) without friction
-        h, v = np.exp(u)
-        reach = length - v / w + h / w * np.arcsinh(v / h) + h * length / CHAIN["EA"]
-        return [reach - across, h / w * (np.sqrt(1 + (v / h) ** 2) - 1) + v**2 / (2 * CHAIN["EA"] * w) - depth]
-
-    h, v = np.exp(fsolve(rows, np.log([150.0, 400.0]), xtol=1e-13))
+    h, v = fairlead_forces(length, w, CHAIN["EA"], across, depth)
     pose = found(scene(length, links, [0.0, 0.0, -depth], [across, 0.0, 0.0], CHAIN, depth))
     assert pose.tension[0] == pytest.approx(h, rel=5e-3)  # on the bed
     assert pose.tension[-1] == pytest.approx(np.hypot(h, v - 0.5 * w * length / links), rel=5e-3)
@@ -90,19 +81,14 @@ def test_a_slack_rope_along_a_current_streams_behind_the_point_that_is_farther_d
 def test_eleven_lines_on_one_float_share_what_it_lifts():
     lines, depth, out = 11, 20.0, 20.0
     angle = 2 * np.pi * np.arange(lines) / lines
-    anchors = [[float(out * np.cos(a)), float(out * np.sin(a)), -depth] for a in angle]
-    hub = {"name": "hub", "kind": "free", "position": [0.0, 0.0, -0.5], "mass": 100.0, "volume": 1.0}
-    table = {
-        "run": {"dt": 0.02, "duration": 1.0},
-        "line_type": [{"name": "chain", **CHAIN}],
-        "point": [*({"name": f"a{i}", "position": p} for i, p in enumerate(anchors)), hub],
-        "line": [
-            {"name": f"l{i}", "from": f"a{i}", "to": "hub", "type": "chain", "length": 34.0, "links": 8}
-            for i in range(lines)
-        ],
-        "sea": {"depth": depth},
-        "effects": {"weight": {}, "buoyancy": {}, "seabed": {}},
-    }
+    points = [fixed(f"a{i}", *(out * np.cos(a), out * np.sin(a), -depth)) for i, a in enumerate(angle.tolist())]
+    table = system(
+        [*points, free("hub", 0.0, 0.0, -0.5, mass=100.0, volume=1.0)],
+        [line_of(f"l{i}", f"a{i}", "hub", 8, 34.0, type="chain") for i in range(lines)],
+        line_type=[{"name": "chain", **CHAIN}],
+        sea={"depth": depth},
+        effects={"weight": {}, "buoyancy": {}, "seabed": {}},
+    )
     pose = found(table)
     tension, place = pose.tension.reshape(lines, 8), pose.positions.reshape(lines, 9, 3)
     np.testing.assert_allclose(tension, tension[:1].repeat(lines, axis=0), rtol=1e-6, atol=1e-6)
@@ -117,22 +103,14 @@ def test_eleven_lines_on_one_float_share_what_it_lifts():
 
 def valley(speed):
     """A clump weight on a slack rope, beside the bottom of a valley along x whose sides meet at an angle."""
-    return {
-        "run": {"dt": 0.02, "duration": 1.0},
-        "line_type": [{"name": "rope", "mass": 1.2, "diameter": 0.03, "EA": 1e6, "cdn": 1.2, "cdt": 0.02}],
-        "point": [
-            {"name": "a", "position": [0.0, -4.0, -8.0]},
-            {"name": "clump", "kind": "free", "position": [2.0, -2.0, -8.0], "mass": 30.0, "volume": 0.005},
-        ],
-        "line": [{"name": "rope", "from": "a", "to": "clump", "type": "rope", "length": 9.0, "links": 6}],
-        "sea": {"depth": 10.0, "current": {"kind": "uniform", "speed": speed, "direction": 0.7}},
-        "effects": {
-            "weight": {},
-            "buoyancy": {},
-            "morison_drag": {},
-            "seabed": {"bed_x": [-20.0, 20.0], "bed_y": [-10.0, 0.0, 10.0], "bed_depth": [6.0, 10.0, 6.0] * 2},
-        },
-    }
+    bed = {"bed_x": [-20.0, 20.0], "bed_y": [-10.0, 0.0, 10.0], "bed_depth": [6.0, 10.0, 6.0] * 2}
+    return system(
+        [fixed("a", 0.0, -4.0, -8.0), free("clump", 2.0, -2.0, -8.0, mass=30.0, volume=0.005)],
+        [line_of("rope", "a", "clump", 6, 9.0, type="rope")],
+        line_type=[{"name": "rope", "mass": 1.2, "diameter": 0.03, "EA": 1e6, "cdn": 1.2, "cdt": 0.02}],
+        sea={"depth": 10.0, "current": {"kind": "uniform", "speed": speed, "direction": 0.7}},
+        effects={"weight": {}, "buoyancy": {}, "morison_drag": {}, "seabed": bed},
+    )
 
 
 @pytest.mark.check

@@ -256,30 +256,17 @@ def test_a_node_pushed_up_on_a_rod_falls_to_a_stable_pose():
 
 #: A lifted dropper of five uneven links: angles from the horizontal, downwards [rad], by SciPy's SLSQP in the plane.
 LIFTED = {
-    "run": {"dt": 0.004, "duration": 5.0},
-    "point": [
-        {"name": "a", "position": [0.0, 0.0, 0.0]},
-        {"name": "b", "position": [0.12058556972511826, 0.0, 0.0]},
-    ],
-    "line": [
-        {
-            "name": "d",
-            "from": "a",
-            "to": "b",
-            "links": 5,
-            "length": [0.1508, 0.1056, 0.1127, 0.1022, 0.1206],
-            "mass": [0.0318, 0.0388, 0.0356, 0.0356, 0.0406],
-        }
-    ],
-    "effects": {"weight": {}},
-    "start": {"kind": "static", "release_nodes": [4], "release_force": [[-0.2947, 0.0, 1.2466]]},
+    "length": [0.1508, 0.1056, 0.1127, 0.1022, 0.1206],
+    "mass": [0.0318, 0.0388, 0.0356, 0.0356, 0.0406],
+    "start": STATIC | {"release_nodes": [4], "release_force": [[-0.2947, 0.0, 1.2466]]},
+    "right": [0.12058556972511826, 0.0, 0.0],
 }
 LIFTED_ANGLES = (1.830, -0.120, -1.798, -1.689, 0.705)
 
 
-def test_a_lifted_dropper_with_a_link_in_compression_is_found_in_its_plane():
+def test_a_lifted_dropper_with_a_link_in_compression_is_found_in_its_plane(chain):
     """No path of loads leads there, and out of the plane it is not stable: in the plane it has the least energy."""
-    found = dj.equilibrium(LIFTED)
+    found = dj.equilibrium(chain(**LIFTED))
     assert found.status == "ok", found.message
     assert found.tension.min() < 0.0
     assert np.all(found.positions[:, 1] == 0.0)

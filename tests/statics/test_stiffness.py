@@ -7,27 +7,18 @@ from dataclasses import replace
 import against_moorpy
 import numpy as np
 import pytest
+from scene_parts import fixed, free, line_of, system
 
 import dropper_jax as dj
 from dropper_jax import mooring_stiffness
 
 #: Nearly weightless wire, drawn tight along x.
 EA, LENGTH, SPAN = 1e4, 8.0, 8.1
-WIRE = {
-    "name": "wire",
-    "run": {"dt": 0.02, "duration": 0.02},
-    "line_type": [{"name": "wire", "mass": 1e-4, "diameter": 0.01, "EA": EA}],
-    "point": [
-        {"name": "a", "position": [0.0, 0.0, 0.0]},
-        {"name": "middle", "kind": "free", "position": [4.0, 0.0, 0.0], "mass": 0.0, "volume": 0.0},
-        {"name": "b", "position": [SPAN, 0.0, 0.0]},
-    ],
-    "line": [
-        {"name": "left", "from": "a", "to": "middle", "type": "wire", "length": LENGTH / 2, "links": 2},
-        {"name": "right", "from": "middle", "to": "b", "type": "wire", "length": LENGTH / 2, "links": 2},
-    ],
-    "effects": {"weight": {}},
-}
+WIRE = system(
+    [fixed("a", 0.0, 0.0, 0.0), free("middle", 4.0, 0.0, 0.0, mass=0.0, volume=0.0), fixed("b", SPAN, 0.0, 0.0)],
+    [line_of(*ends, 2, LENGTH / 2, type="wire") for ends in (("left", "a", "middle"), ("right", "middle", "b"))],
+    line_type=[{"name": "wire", "mass": 1e-4, "diameter": 0.01, "EA": EA}],
+)
 
 
 @pytest.fixture(scope="module")
@@ -81,29 +72,33 @@ def test_what_is_no_point_or_not_held_is_named(wire):
         mooring_stiffness(rigid, dj.initial_state(rigid, dj.load_scene("string").start), ["right"])
 
 
-def test_command_prints_and_writes_the_matrix(tmp_path, printed, json_of):
-    file, out = tmp_path / "wire.toml", tmp_path / "matrix.csv"
-    file.write_text(dj.as_toml(WIRE))
-    found = json_of(["stiffness", str(file), "--points", "b", "--json", "--out", str(out)])
+@pytest.fixture
+def file(tmp_path):
+    path = tmp_path / "wire.toml"
+    path.write_text(dj.as_toml(WIRE))
+    return str(path)
+
+
+def test_command_prints_and_writes_the_matrix(file, tmp_path, printed, json_of):
+    out = tmp_path / "matrix.csv"
+    found = json_of(["stiffness", file, "--points", "b", "--json", "--out", str(out)])
     assert found["status"] == "ok"
     assert found["freedoms"] == ["b.x", "b.y", "b.z"]
     assert found["stiffness"][0][0] == pytest.approx(EA / LENGTH, rel=1e-4)
     head, first, *_ = csv.reader(out.read_text().splitlines())
     assert head == ["freedom", "b.x", "b.y", "b.z"]
     assert [float(x) for x in first[1:]] == found["stiffness"][0]
-    assert "middle.x" in printed(["stiffness", str(file)]).out  # all free points
+    assert "middle.x" in printed(["stiffness", file]).out  # all free points
 
 
-def test_a_matrix_that_cannot_be_written_leaves_the_file_of_before(tmp_path, printed, monkeypatch):
+def test_a_matrix_that_cannot_be_written_leaves_the_file_of_before(file, tmp_path, printed, monkeypatch):
     def fail(*_):
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    file = tmp_path / "wire.toml"
     out = tmp_path / "matrix.csv"
-    file.write_text(dj.as_toml(WIRE))
     out.write_text("before")
     monkeypatch.setattr("os.fsync", fail)
-    assert "cannot be written" in printed(["stiffness", str(file), "--points", "b", "--out", str(out)], 3).err
+    assert "cannot be written" in printed(["stiffness", file, "--points", "b", "--out", str(out)], 3).err
     assert out.read_text() == "before"
 
 

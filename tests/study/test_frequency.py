@@ -3,10 +3,10 @@
 import dataclasses
 import json
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scene_parts import fixed, free, line_of, system
 
 import dropper_jax as dj
 
@@ -17,26 +17,19 @@ STATES = ((0.2, 4.0), (1.0, 5.0), (4.0, 5.0))
 
 def hanging_mass(**line):
     """A mass below a point that follows the surface, in water that acts on it by `quadratic_damping` alone."""
-    return {
-        "name": "hanging mass",
-        "run": {"dt": 0.02, "duration": 1.0},
-        "line_type": [{"name": "rope", "mass": 1e-3, "diameter": 0.02, "damping_ratio": 0.0, "EA": EA} | line],
-        "point": [
-            {"name": "top", "position": [0.0, 0.0, 0.0]},
-            {"name": "end", "kind": "free", "position": [0.0, 0.0, -LENGTH], "mass": MASS, "volume": 0.0},
-        ],
-        "line": [{"name": "line", "from": "top", "to": "end", "type": "rope", "length": LENGTH, "links": 1}],
-        "sea": {
-            "depth": 50.0,
-            "ramp": 10.0,
-            "waves": {"kind": "spectrum", "hs": 1.0, "tp": 6.0, "count": 20, "direction": 0.0, "gamma": 2.0},
-        },
-        "effects": {
+    waves = {"kind": "spectrum", "hs": 1.0, "tp": 6.0, "count": 20, "direction": 0.0, "gamma": 2.0}
+    return system(
+        [fixed("top", 0.0, 0.0, 0.0), free("end", 0.0, 0.0, -LENGTH, mass=MASS, volume=0.0)],
+        [line_of("line", "top", "end", 1, LENGTH, type="rope")],
+        dt=0.02,
+        line_type=[{"name": "rope", "mass": 1e-3, "diameter": 0.02, "damping_ratio": 0.0, "EA": EA} | line],
+        sea={"depth": 50.0, "ramp": 10.0, "waves": waves},
+        effects={
             "weight": {"gravity": GRAVITY},
             "quadratic_damping": {"b_q": DRAG},
             "sea_following_end": {"point": "top", "heave": 1.0, "surge": 0.0},
         },
-    }
+    )
 
 
 @pytest.fixture(scope="module")
@@ -162,76 +155,49 @@ def test_scenes_without_irregular_waves_are_rejected():
 def test_slack_chain_on_the_seabed_is_flagged_not_an_error():
     """A float over a chain that is longer than the depth: what lies on the bed has no stiffness across itself."""
     chain = {"name": "chain", "mass": 10.0, "diameter": 0.04, "damping_ratio": 0.1, "EA": 1e7, "cdn": 1.4}
-    scene = {
-        "name": "slack mooring",
-        "run": {"dt": 0.02, "duration": 1.0},
-        "line_type": [chain],
-        "point": [
-            {"name": "anchor", "position": [0.0, 0.0, -10.0]},
-            {"name": "float", "kind": "free", "position": [3.0, 0.0, -2.0], "mass": 20.0, "volume": 0.12},
-        ],
-        "line": [{"name": "leg", "from": "anchor", "to": "float", "type": "chain", "length": 14.0, "links": 7}],
-        "sea": {"depth": 10.0, "waves": {"kind": "spectrum", "hs": 0.3, "tp": 5.0, "count": 10}},
-        "effects": {"weight": {}, "buoyancy": {}, "seabed": {}, "morison_drag": {}, "morison_inertia": {}},
-    }
+    scene = system(
+        [fixed("anchor", 0.0, 0.0, -10.0), free("float", 3.0, 0.0, -2.0, mass=20.0, volume=0.12)],
+        [line_of("leg", "anchor", "float", 7, 14.0, type="chain")],
+        line_type=[chain],
+        sea={"depth": 10.0, "waves": {"kind": "spectrum", "hs": 0.3, "tp": 5.0, "count": 10}},
+        effects={"weight": {}, "buoyancy": {}, "seabed": {}, "morison_drag": {}, "morison_inertia": {}},
+    )
     found = dj.frequency_response(scene)
     assert found.slack.all()
     assert np.isfinite(found.mean_tension).all()
     assert np.isfinite(found.tension_deviation).all()
 
 
-@pytest.fixture(scope="module")
-def sensitive():
-    """The hanging mass in few waves: deviation of the tension by changes of three parameters."""
+@pytest.mark.check
+def test_derivatives_of_the_deviation_are_those_of_differences(slopes_of):
+    """By relative changes of stiffness, drag and length of the hanging mass in few waves."""
     scene = hanging_mass()
     scene["sea"]["waves"]["count"] = 6
     model, start = dj.build(scene)
+    drag = model.effect("quadratic_damping")
 
     def deviation(changes):
-        """Standard deviation [N] for relative changes of stiffness, drag and length."""
+        stiffer, rougher, longer = 1.0 + changes
         line = model.line
-        axial = dataclasses.replace(line.axial, EA=line.axial.EA * (1.0 + changes[0]))
-        drag = model.effect("quadratic_damping")
-        stronger = dataclasses.replace(drag, b_q=drag.b_q * (1.0 + changes[1]))
-        line = dataclasses.replace(line, axial=axial, length=line.length * (1.0 + changes[2]))
-        own = dataclasses.replace(
-            model, lines=(line,), effects=tuple(stronger if e.name == drag.name else e for e in model.effects)
-        )
+        axial = dataclasses.replace(line.axial, EA=line.axial.EA * stiffer)
+        line = dataclasses.replace(line, axial=axial, length=line.length * longer)
+        effects = [dataclasses.replace(drag, b_q=drag.b_q * rougher) if e is drag else e for e in model.effects]
+        own = dataclasses.replace(model, lines=(line,), effects=tuple(effects))
         return dj.tension_deviation(own, dj.settle(own, start))[1][0]
 
-    return jax.jit(deviation)
+    slopes_of(deviation, jnp.zeros(3), rel=1e-6, modes=1e-8)
 
 
-@pytest.mark.check
-def test_derivatives_of_the_deviation_are_those_of_differences(sensitive):
-    at, step = jnp.zeros(3), 1e-4
-    reverse = jax.jit(jax.grad(sensitive))(at)
-    forward = jax.jit(jax.jacfwd(sensitive))(at)
-    # central differences of fourth order
-    difference = [
-        (
-            8.0 * (sensitive(step * axis) - sensitive(-step * axis))
-            - sensitive(2 * step * axis)
-            + sensitive(-2 * step * axis)
-        )
-        / (12.0 * step)
-        for axis in jnp.eye(3)
-    ]
-    np.testing.assert_allclose(reverse, difference, rtol=1e-6)
-    np.testing.assert_allclose(forward, reverse, rtol=1e-8)
-
-
-def test_rigid_bodies_are_rejected_in_one_line(refusal):
-    message = refusal(dj.frequency_response, "ballasted-spar", STATES)
-    assert message.startswith("body: rigid bodies are not accurate in the frequency domain")
-
-
-def test_a_response_at_no_frequency_is_refused_in_one_line(refusal):
-    message = refusal(dj.frequency_response, hanging_mass(), STATES, frequencies=0)
-    assert message == "frequencies: 0 is out of range; allowed: 1 or more"
-
-
-@pytest.mark.parametrize("direction", [np.nan, np.inf])
-def test_a_direction_that_is_not_finite_is_refused_as_input(direction):
-    with pytest.raises(dj.SceneError, match="direction: .* is not finite"):
-        dj.frequency_response(hanging_mass(), STATES, direction=direction)
+@pytest.mark.parametrize(
+    ("scene", "given", "message"),
+    [
+        ("ballasted-spar", {}, "body: rigid bodies are not accurate in the frequency domain"),
+        ("string", {"frequencies": 0}, "frequencies: 0 is out of range; allowed: 1 or more"),
+        ("string", {"direction": np.nan}, "direction: nan is not finite"),
+        ("string", {"direction": np.inf}, "direction: inf is not finite"),
+        ("string", {"duration": -1.0}, "duration: -1.0 is not positive; allowed: > 0 s"),
+        ("string", {"duration": np.nan}, "duration: nan is not positive; allowed: > 0 s"),
+    ],
+)
+def test_what_has_no_response_is_refused_in_one_line(refusal, scene, given, message):
+    assert refusal(dj.frequency_response, scene, STATES, **given).startswith(message)

@@ -5,6 +5,7 @@ from dataclasses import replace
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 from hard_scenes import chain
 
 import dropper_jax as dj
@@ -41,6 +42,12 @@ def test_growth_is_that_of_two_neighbouring_runs() -> None:
     sizes = np.linalg.norm(np.asarray(apart).reshape(steps, -1), axis=1)
     # another norm and another direction: only the growth between two late times is compared, to a factor 2
     assert abs(np.log(sizes[-1] / sizes[500]) - (growth[-1] - growth[500])) < np.log(2.0)
+
+
+def test_one_step_has_no_exponent() -> None:
+    model, s = dj.build("conical-pendulum")
+    with pytest.raises(ValueError, match="steps: 1; allowed: 2 or more"):
+        lyapunov(model, s, dj.make_stepper(model), 0.01, 1)
 
 
 def test_the_same_call_gives_the_same_numbers() -> None:

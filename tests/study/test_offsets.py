@@ -5,6 +5,7 @@ import json
 import against_moorpy
 import numpy as np
 import pytest
+from scene_parts import fixed, free, line_of, system
 from scipy.optimize import brentq
 
 import dropper_jax as dj
@@ -13,23 +14,19 @@ from dropper_jax.study.offsets import offset_curves
 
 #: Two hanging chains on either side of a fixed point: length, span [m] and weight [N/m].
 LENGTH, SPAN, WEIGHT = 40.0, 30.0, 2.0 * 9.81
-CHAINS = {
-    "name": "chains",
-    "run": {"dt": 0.02, "duration": 0.02},
-    "line_type": [{"name": "chain", "mass": 2.0, "diameter": 0.02, "EA": 1e8}],
-    "point": [
-        {"name": "west", "position": [-SPAN, 0.0, 0.0]},
-        {"name": "middle", "position": [0.0, 0.0, 0.0]},
-        {"name": "east", "position": [SPAN, 0.0, 0.0]},
-        {"name": "end", "kind": "free", "position": [0.0, 0.0, -5.0], "mass": 1.0, "volume": 0.0},
+CHAINS = system(
+    [
+        *(fixed(name, x, 0.0, 0.0) for name, x in (("west", -SPAN), ("middle", 0.0), ("east", SPAN))),
+        free("end", 0.0, 0.0, -5.0, mass=1.0, volume=0.0),
     ],
-    "line": [
-        {"name": "left", "from": "west", "to": "middle", "type": "chain", "length": LENGTH, "links": 100},
-        {"name": "right", "from": "middle", "to": "east", "type": "chain", "length": LENGTH, "links": 100},
-        {"name": "plumb", "from": "middle", "to": "end", "type": "chain", "length": 5.0, "links": 2},
+    [
+        line_of("left", "west", "middle", 100, LENGTH, type="chain"),
+        line_of("right", "middle", "east", 100, LENGTH, type="chain"),
+        line_of("plumb", "middle", "end", 2, 5.0, type="chain"),
     ],
-    "effects": {"weight": {"gravity": 9.81}},
-}
+    line_type=[{"name": "chain", "mass": 2.0, "diameter": 0.02, "EA": 1e8}],
+    effects={"weight": {"gravity": 9.81}},
+)
 
 
 def horizontal_force(span: float) -> float:
@@ -107,23 +104,20 @@ def test_command_prints_writes_and_draws_the_curves(file, tmp_path, printed, jso
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (
-            ["--points", "midle", "--distance", "1"],
-            "points: 'midle' is not a point of the scene; did you mean 'middle'",
-        ),
-        (["--points", "end", "--distance", "1"], "points: 'end' is free"),
-        (["--points", "east,east", "--distance", "1"], "points: 'east' is given twice"),
-        (["--points", "east", "--distance", "5:0:1"], "--distance: '5:0:1' is an empty range"),
-        (["--points", "east", "--distance", "0:5:0"], "--distance: '0:5:0' is an empty range"),
-        (["--points", "east", "--distance", "nan"], "--distance: 'nan' is an empty range"),
-        (["--points", "east", "--distance", "0:5"], "--distance: '0:5' is not LO:HI:STEP"),
-        (["--points", "east", "--distance=-1:5:1"], "--distance: '-1:5:1' is below 0"),
-        (["--points", "east", "--distance", "0:5:1e-9"], "--distance: '0:5:1e-9' has too many values"),
-        (["--points", "east", "--distance", "1", "--direction", "x"], "--direction: 'x' is not LO:HI:STEP"),
+        ("--points midle --distance 1", "points: 'midle' is not a point of the scene; did you mean 'middle'"),
+        ("--points end --distance 1", "points: 'end' is free"),
+        ("--points east,east --distance 1", "points: 'east' is given twice"),
+        ("--points east --distance 5:0:1", "--distance: '5:0:1' is an empty range"),
+        ("--points east --distance 0:5:0", "--distance: '0:5:0' is an empty range"),
+        ("--points east --distance nan", "--distance: 'nan' is an empty range"),
+        ("--points east --distance 0:5", "--distance: '0:5' is not LO:HI:STEP"),
+        ("--points east --distance=-1:5:1", "--distance: '-1:5:1' is below 0"),
+        ("--points east --distance 0:5:1e-9", "--distance: '0:5:1e-9' has too many values"),
+        ("--points east --distance 1 --direction x", "--direction: 'x' is not LO:HI:STEP"),
     ],
 )
 def test_wrong_input_is_rejected_in_one_line(file, words, message, refused):
-    assert message in refused(["offset", file, "--quiet", *words])
+    assert message in refused(["offset", file, "--quiet", *words.split()])
 
 
 def test_range_includes_its_end_in_spite_of_rounding():

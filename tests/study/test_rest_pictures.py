@@ -39,20 +39,10 @@ def test_modes_leave_a_picture(tmp_path, json_of):
 
 
 def test_curves_are_drawn_from_plain_rows(tmp_path):
-    rows = [
-        {"period_s": t, "amplitude_rad": 0.1 * t, "mean_rad": 0.0, "phase_rad": -t, "amplitude_10_percent_more": 0.1}
-        for t in (2.0, 3.0, 4.0)
-    ]
-    tide = [
-        {
-            "t_s": 3600.0 * t,
-            "speed_m_per_s": t,
-            "level_m": 0.0,
-            "displacement_m": t,
-            "held_load_n": {"a": [1.0, 0.0, t]},
-        }
-        for t in range(3)
-    ]
+    still = {"mean_rad": 0.0, "amplitude_10_percent_more": 0.1}
+    rows = [{"period_s": t, "amplitude_rad": 0.1 * t, "phase_rad": -t, **still} for t in (2.0, 3.0, 4.0)]
+    low = {"level_m": 0.0, "held_load_n": {"a": [1.0, 0.0, 2.0]}}
+    tide = [{"t_s": 3600.0 * t, "speed_m_per_s": t, "displacement_m": t, **low} for t in range(3)]
     grown = [
         {"lines": ["loop-1", "loop-2"], "month": m, "depth_m": d, "thickness_m": 0.01 * m, "wet_weight_n_per_m": m}
         for m in (0.0, 6.0)

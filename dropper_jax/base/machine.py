@@ -40,16 +40,24 @@ def available_cores() -> int:
 
 def in_words(size: float) -> str:
     """A readable number of bytes, such as `3.4 GB`."""
-    units = {"kB": 1e3, "MB": 1e6, "GB": 1e9, "TB": 1e12}
-    unit = next((unit for unit, power in units.items() if size < 999.5 * power), "TB")
-    return f"{size / units[unit]:.3g} {unit}"
+    for unit in ("kB", "MB", "GB"):
+        size /= 1e3
+        if size < 999.5:
+            return f"{size:.3g} {unit}"
+    return f"{size / 1e3:.3g} TB"
 
 
 def versions() -> dict[str, str]:
     """Versions of JAX, NumPy, Python and this package, and the device of JAX."""
     import jax  # noqa: PLC0415 - 0.5 s that starting does not need
 
-    found = {name: metadata.version(name) for name in ("jax", "jaxlib", "numpy")} | {"dropper-jax": "not installed"}
+    found = {name: metadata.version(name) for name in ("jax", "jaxlib", "numpy")}
+    found["dropper-jax"] = installed_version("dropper-jax") or "not installed"
+    return found | {"python": platform.python_version(), "backend": jax.default_backend()}
+
+
+def installed_version(package: str) -> str | None:
+    """The version of a package; None if it is not installed."""
     with suppress(metadata.PackageNotFoundError):
-        found["dropper-jax"] = metadata.version("dropper-jax")
-    return {**found, "python": platform.python_version(), "backend": jax.default_backend()}
+        return metadata.version(package)
+    return None

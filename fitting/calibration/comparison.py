@@ -194,5 +194,5 @@ def remaining_decrease(solution: Solution) -> float:
     free = ~solution.problem.held_mask
     free &= ~((solution.values <= low) & (g > 0)) & ~((solution.values >= high) & (g < 0))
     if free.any():
-        return 0.5 * float(g[free] @ solve_spd(solution.information[np.ix_(free, free)], g[free]))
+        return 0.5 * g[free] @ solve_spd(solution.information[np.ix_(free, free)], g[free])
     return 0.0

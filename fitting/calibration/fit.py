@@ -21,11 +21,11 @@ from fitting.calibration.law_candidates import QUADRATIC
 from fitting.calibration.law_fits import with_law
 from fitting.calibration.law_tests import LawTest
 from fitting.calibration.likely_cause import free_too
-from fitting.calibration.lost_windows import FIRST_ITERATIONS, with_sound_windows
 from fitting.calibration.method import Method, as_method, estimate
 from fitting.calibration.preparation import TracesLike, prepare
 from fitting.calibration.prepared import Prepared
 from fitting.calibration.result import FitResult
+from fitting.calibration.sound_windows import FIRST_ITERATIONS, with_sound_windows
 from fitting.calibration.spans import Interval
 from fitting.calibration.summarise import summarise
 from fitting.estimate.loss import LEAST_SQUARES, Loss, as_loss

@@ -123,7 +123,7 @@ def least_loss(full: Solution, family: Family, law: str) -> float:
     lacks = np.flatnonzero(free & ~used)
     c = full.values[lacks]
     inverse = eliminate_rows(full.information, np.flatnonzero(free & used), lacks)
-    return 0.5 * float(c @ inverse @ c) / full.problem.memory
+    return 0.5 * c @ inverse @ c / full.problem.memory
 
 
 def with_law(prepared: Prepared, paths: Sequence[str], solution: Solution) -> Prepared:

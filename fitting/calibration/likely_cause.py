@@ -64,7 +64,7 @@ def likely_cause(prepared: Prepared, pieces: Sequence[Span]) -> Cause:
         )
     given = fit_short_windows(prepared, pieces)
     return (
-        _wrong_number(prepared, pieces, float(np.median(given.chi2)))
+        _wrong_number(prepared, pieces, np.median(given.chi2))
         or driven_beginning(prepared, pieces[0][2] - pieces[0][1])
         or _shared_errors(prepared, given.part)
         or Cause(
@@ -87,7 +87,7 @@ def _wrong_number(prepared: Prepared, pieces: Sequence[Span], given: float) -> C
             continue
         tried = with_freed(prepared, paths, simulator)
         found = fit_short_windows(tried, pieces, paths)
-        left = float(np.median(found.chi2))
+        left = np.median(found.chi2)
         if left < best and _plausible(tried.parameters, found.values):
             best = LATER_SHARE * left
             cause = Cause(f"wrong {name}", free_too(prepared, paths))
@@ -141,8 +141,8 @@ def _shared_errors(prepared: Prepared, part: float) -> Cause | None:
     if part > SMOOTHED_MISS:
         return None
     trace = prepared.traces[0]
-    sigma = float(np.median(prepared.sigma[0]))
-    error = max(part * float(np.median(np.nanstd(trace.theta, axis=0))), sigma)
+    sigma = np.median(prepared.sigma[0])
+    error = max(part * np.median(np.nanstd(trace.theta, axis=0)), sigma)
     return Cause(
         f"smoothed or hand-clicked angles, whose errors exceed the noise between neighbours, {sigma:.2g} rad",
         f"use angles that are not smoothed, or state their error: # model_error={error:.1g} in the file",

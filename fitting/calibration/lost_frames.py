@@ -48,7 +48,7 @@ def lost_frames(prepared: Prepared, solution: Solution) -> Lost | None:
     Windows left out of the solution start at the end of the previous ones: their own samples contain the jump.
     """
     windows = prepared.windows
-    fitted = np.any(solution.windows.weight > 0, axis=(1, 2))
+    fitted = np.any(solution.windows.known, axis=(1, 2))
     right = np.flatnonzero(windows.follows)
     if not len(right):
         return None
@@ -59,7 +59,7 @@ def lost_frames(prepared: Prepared, solution: Solution) -> Lost | None:
         return None
     best = JUMP_GAIN
     where = None
-    half = np.any(windows.weight > 0, axis=2).sum(axis=1) // 2  # none of windows that were not fitted
+    half = np.any(windows.known, axis=2).sum(axis=1) // 2  # none of windows that were not fitted
     for pair, times in enumerate(both.times()):
         slots = np.flatnonzero(np.r_[True, np.diff(times) > 0])  # without empty ones at the end
         left = right[pair] - 1
@@ -85,8 +85,8 @@ def starts_from_previous_windows(solution: Solution, which: np.ndarray) -> Start
 
 def windows_far_off(solution: Solution) -> np.ndarray:
     """Windows (K,) whose residuals are far larger than those of most; none if there are many."""
-    known = solution.windows.weight > 0
-    size = np.sum(np.where(known, solution.errors, 0.0) ** 2, axis=(1, 2)) / np.maximum(known.sum(axis=(1, 2)), 1)
+    counts = solution.windows.known.sum(axis=(1, 2))
+    size = np.sum(solution.errors**2, axis=(1, 2)) / np.maximum(counts, 1)
     off = size > OMITTED_RATIO * np.median(size)
     return off & (off.mean() <= MOST_OMITTED)
 

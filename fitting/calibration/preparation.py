@@ -29,7 +29,8 @@ from fitting.estimate.simulator import Simulator, choose_stepper
 from fitting.parameters.missing_forces import tested_parameters
 from fitting.parameters.names import by_full_path, default_free, default_rig, full_names
 from fitting.parameters.parameter import Bounds, Parameter, Priors, StartValues, adjust_parameters, with_zero_damping
-from fitting.parameters.recordings import SharedMotion, convention_distance, merge_recordings
+from fitting.parameters.recording_delay import convention_distance
+from fitting.parameters.recordings import SharedMotion, merge_recordings
 from fitting.parameters.rig_priors import rig_priors
 from fitting.parameters.scene_parameters import free_of_traces
 from fitting.parameters.targets import RECORDING, LostTarget
@@ -96,7 +97,7 @@ def prepare(
     changed = by_full_path(scene, start, bounds, priors, (RECORDING,))
     parameters = free_of_traces(scene, model, [*names, *rig], release)
     if settings.same_motion:
-        motion = _same_motion(read, start, settings, release)
+        motion = _same_motion(read, changed.start, settings, release)
         notes += motion.notes
         read = [motion.trace]
         parameters = (*parameters, *some_of(motion.parameters, of_recordings))
@@ -138,7 +139,7 @@ def prepare(
 
 
 def _same_motion(
-    traces: list[Trace], start: StartValues | None, settings: FitSettings, release: Release | None
+    traces: list[Trace], start: StartValues, settings: FitSettings, release: Release | None
 ) -> SharedMotion:
     """The recordings of one motion.
 

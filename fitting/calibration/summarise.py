@@ -14,9 +14,9 @@ from fitting.calibration.law_tests import law_warnings
 from fitting.calibration.outliers import outlier_warnings
 from fitting.calibration.prepared import Prepared
 from fitting.calibration.result import FitResult, chi2_per_dof, direction_text
+from fitting.estimate.error_growth import lyapunov, transitions
 from fitting.estimate.residuals import CHI2_RANGE, CORRELATION_FLOOR, Solution
 from fitting.estimate.scene_fit import common_warnings
-from fitting.estimate.shooting import lyapunov
 from fitting.estimate.uncertainty import Uncertainty, uncertainty
 
 #: Warnings for noise that is not white.
@@ -90,7 +90,7 @@ def summarise(prepared: Prepared, method: str, solution: Solution) -> FitResult:
     """The result of a solution: errors, held-out scores, warnings."""
     simulator = prepared.simulator
     windows = solution.windows
-    rate = lyapunov(simulator, windows, solution.evaluation, solution.values)
+    rate = lyapunov(windows, transitions(simulator, solution.evaluation, solution.values))
     u = uncertainty(solution)
     expected = prepared.windows.weight
     claimed = float(np.sqrt(np.mean(1 / expected[expected > 0] ** 2)))

@@ -53,7 +53,7 @@ def _damping_power(model: Model, theta: Array, omega: Array) -> Array:
 #: Fraction of the lost energy that must be detectable for a part.
 DETECTABLE_SHARE = 0.1
 #: Normal quantile of the upper limit of a part's share, that of one end of a 90 % interval.
-LIMIT_DEVIATIONS = float(ndtri(0.95))
+LIMIT_DEVIATIONS = ndtri(0.95)
 #: Half width of the smoother of the measured motion, as a fraction of the shortest link's period.
 SMOOTHER_PERIODS = 0.06
 
@@ -84,7 +84,7 @@ def dissipated_per_unit(prepared: Prepared, simulator: Simulator, owner: Sequenc
         t, theta, omega = motion
         for i in np.flatnonzero(~others):
             values = np.where(others, whole, np.arange(len(owner)) == i)
-            found[i] += float(np.mean(power(jnp.asarray(values), theta, omega))) * float(t[-1] - t[0])
+            found[i] += np.mean(power(jnp.asarray(values), theta, omega)) * t[-1] - t[0]
     return found
 
 
@@ -103,12 +103,12 @@ def undetected_parts(law: Solution, owner: Sequence[str | None], per_unit: np.nd
     information = ((law.information - prior) / memory + prior)[np.ix_(free, free)]
     covariance = solve_spd(information, np.eye(len(free)))
     centre = law.values[free] - covariance @ law.gradient[free] / memory
-    lost = float(per_unit @ law.values)
+    lost = per_unit @ law.values
     owners = [owner[i] for i in free]
     found = []
     for part in dict.fromkeys(owners):
         work = np.where([other == part for other in owners], per_unit[free], 0.0)
-        highest = float(work @ centre) + LIMIT_DEVIATIONS * np.sqrt(work @ covariance @ work)
+        highest = work @ centre + LIMIT_DEVIATIONS * np.sqrt(work @ covariance @ work)
         if part is not None and highest >= DETECTABLE_SHARE * lost:
             found.append(part)
     return tuple(found)

@@ -89,12 +89,12 @@ def correlation_time(series: np.ndarray, run: np.ndarray) -> float:
     """Integrated correlation time of a series (P,) over several runs, in its steps: `1 + 2 sum rho_l` up to the first
     non-positive sum of a pair of neighbouring lags (Geyer 1992); two correlation times for an exponential decay."""
     series = series - series.mean()
-    size = max(float(series @ series), 1e-300)
+    size = max(series @ series, 1e-300)
     count = len(series)
 
     def rho(lag: int) -> float:
         earlier = series[: count - lag] * (run[lag:] == run[: count - lag])
-        return float(series[lag:] @ earlier) / size
+        return series[lag:] @ earlier / size
 
     total = 0.0
     for lag in range(0, max(2, count // 2) - 1, 2):

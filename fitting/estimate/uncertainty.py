@@ -17,8 +17,8 @@ from scipy.special import ndtr, ndtri, stdtr, stdtrit
 
 from fitting.estimate.blocks import residual_scores, scatter, with_minimum_variance
 from fitting.estimate.factors import Factor, invert_spd, scale_diagonal
-from fitting.estimate.least_squares import objective_at
 from fitting.estimate.loss import Loss
+from fitting.estimate.objective import objective_at
 from fitting.estimate.residuals import Solution
 
 #: Number of blocks below which intervals use Student's quantile and a warning is given.
@@ -90,7 +90,7 @@ class Uncertainty:
 
 def degrees_of_freedom(solution: Solution) -> float:
     """Number of samples minus the degrees of freedom that the fit has used, by leverage."""
-    return max(1.0, solution.problem.samples - float(leverage(solution).sum()))
+    return max(1.0, solution.problem.samples - leverage(solution).sum())
 
 
 def variance(solution: Solution) -> float:
@@ -110,8 +110,8 @@ def robust_variance(residual: np.ndarray, loss: Loss, freedom: float) -> float:
     and chi-square per degree of freedom for least squares (Huber 1973).
     """
     weights = loss.weights(residual)
-    square = float(np.sum((weights * residual) ** 2)) / freedom
-    return square * float(np.mean(weights)) / max(float(np.mean(loss.curvature(residual))), 1e-3) ** 2
+    square = np.sum((weights * residual) ** 2) / freedom
+    return square * np.mean(weights) / max(np.mean(loss.curvature(residual)), 1e-3) ** 2
 
 
 def uncertainty(solution: Solution) -> Uncertainty:

@@ -16,8 +16,9 @@ from fitting.calibration.laws import Law
 from fitting.calibration.prediction import DIVERGED_ANGLE
 from fitting.calibration.summarise import summarise
 from fitting.estimate.descent import CONVERGED_DISTANCE, GradientDescent
-from fitting.estimate.least_squares import descend, fit_windows, objective_at
+from fitting.estimate.least_squares import descend, fit_windows
 from fitting.estimate.normal_equations import drop_undefined
+from fitting.estimate.objective import objective_at
 from fitting.estimate.step_size import LARGEST_BIAS, step_bias
 from fitting.estimate.uncertainty import uncertainty
 from fitting.report.report import one_run_picture

@@ -9,8 +9,9 @@ import pytest
 from fitting import Trace
 from fitting.estimate.blocks import TimePieces, correlation_time, resample
 from fitting.estimate.factors import Factor
-from fitting.estimate.noise import Noise, log_volume, whiten
+from fitting.estimate.noise import Noise
 from fitting.estimate.normal_equations import Evaluation
+from fitting.estimate.whitening import log_volume, whiten
 from fitting.estimate.windows import Windows
 
 SIGMA, STEP, SLOTS = np.array([0.004, 0.01]), 0.02, 40

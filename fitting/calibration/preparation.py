@@ -109,21 +109,22 @@ def prepare(
     parameters = adjust_parameters(parameters, *changed)
     parameters, known = rig_priors(scene, model, at_frames(parameters, read))
     samples = choose_samples(read, scene, model, until, held_out, settings, release is not None)
+    samples = replace(samples, warnings=(*notes, *samples.warnings))
     if simulator is None:
         stepper = choose_stepper(model, settings.integrator, scene.run.solver)
         simulator = Simulator(model, parameters, stepper, release, more=tested_parameters(model, parameters))
-    else:
-        simulator = simulator.view_of(parameters)
+    simulator = simulator.view_of(parameters)
     plan = plan_windows(samples, simulator, settings)
     simulator.capacity = program_capacity(samples, plan)
     progress(0.02, f"windows of at most {plan.length:.3g} s: compiling")
     values = np.array([p.value for p in parameters])
     windows, starts, growth = windows_along_motion(samples, simulator, release, plan, values)
+    if release is not None:
+        parameters = release.bound_times(parameters, windows)
     _check_effective(simulator, simulator(values, starts, windows))
     if release is not None:
-        values = release.guess(lambda *at: simulator(*at).residual, simulator.parameters, windows, starts, values)
-        parameters = tuple(replace(p, value=float(v)) for p, v in zip(simulator.parameters, values, strict=True))
-    samples = replace(samples, warnings=(*notes, *samples.warnings))
+        values = release.guess(lambda *at: simulator(*at).residual, parameters, windows, starts, values)
+        parameters = tuple(replace(p, value=float(v)) for p, v in zip(parameters, values, strict=True))
     return Prepared(
         **vars(samples),
         scene=scene,

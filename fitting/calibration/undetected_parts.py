@@ -4,10 +4,10 @@ Let w_i be the energy that a unit of coefficient i would dissipate in the measur
 trace, without any simulation). A part of a law with coefficients c dissipates w . c, the whole law W, the total loss.
 That a part dissipates a fraction `DETECTABLE_SHARE` of W is excluded if
 
-    w . c + z sqrt(w' C w) < SHARE W,       C: covariance of c given all other parameters of the law
+    w . c + z sqrt(w' C w) < DETECTABLE_SHARE W,       C: covariance of c given all other parameters of the law
 
-at the optimum without bounds. A part that is neither significant nor excluded remains undecided: its damping of this
-motion was too weak to be detected.
+with z = `LIMIT_DEVIATIONS`, at the optimum without bounds. A part that is neither significant nor excluded remains
+undecided: its damping of this motion was too weak to be detected.
 """
 
 from __future__ import annotations
@@ -104,11 +104,11 @@ def undetected_parts(law: Solution, owner: Sequence[str | None], per_unit: np.nd
     covariance = solve_spd(information, np.eye(len(free)))
     centre = law.values[free] - covariance @ law.gradient[free] / memory
     lost = per_unit @ law.values
-    owners = [owner[i] for i in free]
+    owners = np.array(owner, object)[free]
     found = []
-    for part in dict.fromkeys(owners):
-        work = np.where([other == part for other in owners], per_unit[free], 0.0)
+    for part in filter(None, dict.fromkeys(owners)):
+        work = np.where(owners == part, per_unit[free], 0.0)
         highest = work @ centre + LIMIT_DEVIATIONS * np.sqrt(work @ covariance @ work)
-        if part is not None and highest >= DETECTABLE_SHARE * lost:
+        if highest >= DETECTABLE_SHARE * lost:
             found.append(part)
     return tuple(found)

@@ -37,10 +37,10 @@ def whiten(windows: Windows, e: Evaluation) -> Evaluation:
     """The evaluation with residuals and derivatives of unit and independent noise."""
     if windows.decay is not None:
         before, phi, size = _memory(windows, windows.decay)
-        pick = np.maximum(before, 0)
-        previous = np.take_along_axis(e.residual, pick, 1), np.take_along_axis(e.jacobian, pick[..., None], 1)
-        residual = size * (e.residual - phi * previous[0])
-        return e._replace(residual=residual, jacobian=size[..., None] * (e.jacobian - phi[..., None] * previous[1]))
+        previous = np.maximum(before, 0)
+        residual = e.residual - phi * np.take_along_axis(e.residual, previous, 1)
+        jacobian = e.jacobian - phi[..., None] * np.take_along_axis(e.jacobian, previous[..., None], 1)
+        return e._replace(residual=size * residual, jacobian=size[..., None] * jacobian)
     if windows.jitter is not None:
         b, share = _late(windows, windows.jitter)
         residual = e.residual - share * b * np.sum(b * e.residual, axis=2, keepdims=True)

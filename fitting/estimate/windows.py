@@ -191,7 +191,7 @@ def cut(
     length: float,
     dt: float,
     sigma: Sequence[np.ndarray],
-    spans: Sequence[Span] | None = None,
+    spans: Sequence[Span],
 ) -> Windows:
     """Windows of `length` [s], one after another.
 
@@ -201,12 +201,10 @@ def cut(
     Args:
         traces: runs in the model's convention.
         sigma: noise of each run's links (n,) [rad], used if the trace has no standard errors.
-        spans: to cut; default: each run as a whole.
+        spans: to cut.
     """
     steps = max(1, int(length / dt + 1e-6))
     whole = steps * dt
-    if not spans:
-        spans = [Span(i, float(trace.t[0]), float(trace.t[-1]) + trace.interval) for i, trace in enumerate(traces)]
     pieces = []
     for i, low, high in spans:
         count = int((high - low) / whole + 1e-6)

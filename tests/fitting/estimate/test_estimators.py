@@ -15,7 +15,6 @@ from scipy.optimize import least_squares
 
 import dropper_jax as dj
 from dropper_jax import SceneError
-from dropper_jax.run.build import build_model
 from fitting import Camera, FitSettings, Huber, observe, prepare, simulate_truth
 from fitting.calibration.fit import estimate
 from fitting.calibration.summarise import summarise
@@ -24,8 +23,6 @@ from fitting.estimate.least_squares import fit_windows
 from fitting.estimate.normal_equations import bounded_step
 from fitting.estimate.shooting import fit_shooting, loosest, solve_to_end
 from fitting.estimate.windows import Starts
-from fitting.parameters.parameter import with_parameter_values
-from fitting.parameters.paths import resolve
 from fitting.traces import planar
 
 SCENE = "dropper-release-a"
@@ -197,17 +194,6 @@ def test_the_bounded_step_solves_its_quadratic_problem():
         assert np.all(np.abs(rest[inside]) < 1e-7)
         assert np.all(rest[step <= low + 1e-9] >= -1e-7)
         assert np.all(rest[step >= high - 1e-9] <= 1e-7)
-
-
-def test_paths_reach_every_part_of_the_model():
-    model = build_model(dj.load_scene(SCENE))
-    names = ["line.0.mass.2", "point.right.position.0", "effects.weight.gravity", "camera.offset", *FREE]
-    parameters = resolve(model, names)
-    changed = with_parameter_values(model, parameters, np.array([0.05, 0.3, 9.7, 0.1, 0.004, 0.005]))
-    assert float(changed.line.mass[2]) == 0.05
-    assert float(changed.points[1].position[0]) == 0.3
-    assert float(changed.effect("weight").gravity) == 9.7
-    assert [p.low for p in parameters[-2:]] == [0.0, 0.0]
 
 
 def test_a_parameter_that_does_nothing_is_named():

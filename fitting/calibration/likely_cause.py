@@ -65,7 +65,7 @@ def likely_cause(prepared: Prepared, pieces: Sequence[Span]) -> Cause:
     given = fit_short_windows(prepared, pieces)
     return (
         _wrong_number(prepared, pieces, np.median(given.chi2))
-        or driven_beginning(prepared, pieces[0][2] - pieces[0][1])
+        or driven_beginning(prepared, pieces[0].high - pieces[0].low)
         or _shared_errors(prepared, given.part)
         or Cause(
             "a line of other links than the scene's, or a force that the scene lacks",
@@ -81,9 +81,8 @@ def _wrong_number(prepared: Prepared, pieces: Sequence[Span], given: float) -> C
     best = max(CHI_SQUARE_LEFT * given, EXPLAINED_CHI_SQUARE)
     cause = None
     for name, paths, _ in possible_faults(prepared.simulator.model, prepared.simulator.release):
-        if any(path.startswith((NODE, RELEASE_TIME)) for path in paths) or any(
-            one.startswith(tuple(paths)) for one in free
-        ):
+        marked_or_released = paths[0].startswith((NODE, RELEASE_TIME))
+        if marked_or_released or any(one.startswith(tuple(paths)) for one in free):
             continue
         tried = with_freed(prepared, paths, simulator)
         found = fit_short_windows(tried, pieces, paths)
@@ -96,11 +95,10 @@ def _wrong_number(prepared: Prepared, pieces: Sequence[Span], given: float) -> C
 
 def _plausible(parameters: Sequence[Parameter], values: np.ndarray) -> bool:
     """Whether no number outside the effects is changed by more than `PLAUSIBLE_CHANGE`."""
-    for p, value in zip(parameters, values, strict=True):
-        in_effects = p.name.startswith("effects.")
-        if p.value and not in_effects and abs(value - p.value) > PLAUSIBLE_CHANGE * abs(p.value):
-            return False
-    return True
+    start = np.array([p.value for p in parameters])
+    in_effects = np.array([p.name.startswith("effects.") for p in parameters])
+    large = np.abs(values - start) > PLAUSIBLE_CHANGE * np.abs(start)
+    return not np.any(large & (start != 0) & ~in_effects)
 
 
 def free_too(prepared: Prepared, paths: Sequence[str]) -> str:

@@ -190,8 +190,9 @@ class Prepared(Samples):
             rounding = fit.resolution("angle") / np.sqrt(12)
         claimed = []
         for sigma, trace in zip(self.sigma, self.traces, strict=True):
-            if trace.se is not None:
-                sigma = np.sqrt(np.nanmean(trace.se**2, axis=0))
+            if trace.se is not None:  # perhaps not of every link
+                stated = np.where(np.isfinite(trace.se).any(axis=0), trace.se, sigma)
+                sigma = np.sqrt(np.nanmean(stated**2, axis=0))
             claimed.append(sigma)
         return np.maximum(rounding / np.array(claimed), 1e-9)
 

@@ -45,7 +45,10 @@ def refuse_rising_energy(trace: Trace, model: Model, spans: Sequence[Interval], 
     """
     if any(e.name not in ("weight", *DAMPING) for e in model.effects):
         return  # water and springs have energies of their own
-    motion = smooth_stretch(trace, (spans[0][0], spans[-1][1]), SMOOTHER_PERIODS * period)
+    whole = (spans[0][0], spans[-1][1])
+    if not np.isfinite(trace.between(*whole).theta).any(axis=0).all():
+        return  # the energy of a link that is not seen is unknown
+    motion = smooth_stretch(trace, whole, SMOOTHER_PERIODS * period)
     if motion is None:
         return
     t, theta, omega = motion

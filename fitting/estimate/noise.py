@@ -49,7 +49,7 @@ class Noise:
             return "jitter"
         return "white"
 
-    def apply_to(self, windows: Windows, traces: Sequence[Trace] = ()) -> Windows:
+    def apply_to(self, windows: Windows, traces: Sequence[Trace]) -> Windows:
         """Samples of the claimed noise with this noise; frames with delays need the traces."""
         source = windows.source
         weight = windows.weight / self.factor[source][:, None, :]

@@ -101,8 +101,8 @@ def _crossing(at: np.ndarray, growth: np.ndarray, best: float, limit: float, sid
 PROFILES_FRACTION = 0.96
 
 
-def profiles(result: SceneFit, names: Sequence[str] = (), progress: Progress = silent) -> list[Profile]:
-    """Profile likelihoods of free parameters, by their names or those of their fields; of all by default.
+def profiles(result: SceneFit, names: Sequence[str], progress: Progress = silent) -> list[Profile]:
+    """Profile likelihoods of free parameters, by their names or those of their fields; of all without names.
 
     Raises:
         SceneError: a parameter that is not free.

@@ -40,7 +40,7 @@ class Trials:
         spans: the scored stretches.
         used: windows (K,) bool that are fitted.
         claimed: these windows with the noise that the traces claim.
-        prepared: with the noise by the misfit of the last solution that `weigh` was given.
+        noise: by the misfit of the last solution that `weigh` was given.
     """
 
     def __init__(self, prepared: Prepared, loss: Loss, solution: Solution, windows: Windows) -> None:
@@ -61,14 +61,13 @@ class Trials:
             claimed: the solution's windows with the claimed noise.
         """
         noise = Noise.of_misfit(solution.errors, claimed, self.prepared.floor)
-        noise = replace(noise, factor=noise.factor * np.sqrt(memory_of(solution)))
-        self.prepared = replace(self.prepared, noise=noise)
+        self.noise = replace(noise, factor=noise.factor * np.sqrt(memory_of(solution)))
+        self.prepared = replace(self.prepared, noise=self.noise)
 
     def fit(self, parameters: Sequence[Parameter], values: np.ndarray, starts: Starts) -> Solution:
         """A short fit of the windows that are not scored, with the noise of the last misfit."""
-        at = replace(self.prepared, windows=self.claimed).with_parameters(parameters, values)
-        at = at.noisy(at.noise)
-        problem = at.problem(self.loss).with_noise(at.noise, at.windows, values)
+        at = replace(self.prepared, windows=self.claimed).noisy(self.noise).with_parameters(parameters, values)
+        problem = at.problem(self.loss).with_noise(self.noise, at.windows, values)
         return fit_windows(problem, values, starts, iterations=TRIAL_ITERATIONS)
 
     def score(self, solution: Solution) -> float:

@@ -54,7 +54,7 @@ def plan_windows(samples: Samples, simulator: Simulator, settings: FitSettings) 
     dt = time_step(samples.traces, settings.dt or period / STEPS_PER_PERIOD[simulator.stepper.integrator.order])
     fewest = fewest_frames(simulator.model.line.links, simulator.freedoms)
     short = max(SHORTEST_WINDOW_PERIODS * period, fewest * interval)
-    link = np.mean(np.asarray(simulator.model.line.length))
+    link = float(np.mean(np.asarray(simulator.model.line.length)))
     length = settings.window or longest_window(simulator.freedoms // 2, link, span, short)
     if settings.window is not None and settings.window > span:
         raise SceneError(f"window: {settings.window:g} s is longer than the trace; allowed: at most {span:g} s")

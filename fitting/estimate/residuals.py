@@ -363,7 +363,7 @@ class Solution(Generic[ProblemType, EvaluationType]):
         return self.problem.windows
 
     @property
-    def weights(self) -> np.ndarray:
+    def weights(self: Solution[Any, Any]) -> np.ndarray:
         """Robust weights (K, S, n), 1 for least squares."""
         return self.problem.weights(self.evaluation)
 

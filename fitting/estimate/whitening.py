@@ -27,7 +27,7 @@ from fitting.estimate.windows import Windows
 
 def in_noise_units(evaluation: Evaluation, old: Windows, new: Windows) -> Evaluation:
     """An evaluation in units of the old samples' noise, in those of the new ones."""
-    ratio = np.where(new.weight > 0, new.weight / np.where(old.weight > 0, old.weight, 1.0), 0.0)
+    ratio = new.weight / np.where(old.weight > 0, old.weight, 1.0)
     residual = evaluation.residual * ratio
     jacobian = evaluation.jacobian * ratio[..., None]
     return evaluation._replace(residual=residual, jacobian=jacobian)

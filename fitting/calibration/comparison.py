@@ -129,7 +129,7 @@ def _law_rows(
             coefficients=int((used & owned).sum()),
             rms=solution.rms,
             held_out=scored.rms,
-            held_out_error=float(error),
+            held_out_error=error,
             status=solution.status,
             values=dict(compress(solution.by_name.items(), used)),
             free=int(used.sum()),

@@ -56,7 +56,7 @@ class Scores:
     @property
     def rms(self) -> float:
         """RMS angle error [rad]."""
-        return float(np.sqrt(self.square.sum() / max(self.count.sum(), 1)))
+        return np.sqrt(self.square.sum() / max(self.count.sum(), 1))
 
 
 def blocks(run: np.ndarray) -> list[Fold]:
@@ -155,4 +155,4 @@ def score_window(
     square = left @ left - slope @ np.linalg.solve(after, slope)
     volume = np.linalg.slogdet(after)[1] - np.linalg.slogdet(before)[1]
     errors = left / weight[late]
-    return -0.5 * (square + volume), float(errors @ errors), int(late.sum())
+    return -0.5 * (square + volume), errors @ errors, int(late.sum())

@@ -111,10 +111,10 @@ def _row(name: str, link: int, mine: Deviations, rest: list[Deviations], edges: 
         samples=len(mine.off),
         rms=float(np.sqrt(np.mean(mine.off**2))),
         noise=float(np.sqrt(np.mean(mine.noise**2))),
-        low=float(edges[worst]),
-        high=float(edges[worst + 1]),
-        mean=float(mean[worst]),
-        std_error=float(error[worst]),
+        low=edges[worst],
+        high=edges[worst + 1],
+        mean=mean[worst],
+        std_error=error[worst],
         stretches=int((size > DISAGREEMENT_ERRORS).sum()),
     )
 

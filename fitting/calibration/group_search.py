@@ -75,7 +75,7 @@ class Search:
         for group in self.groups:
             progress(0.6, f"testing what may be wrong: without {group.name}")
             self.values |= self.best.by_name
-            mean = float(np.mean([self.values[p.name] for p in group.parameters]))
+            mean = np.mean([self.values[p.name] for p in group.parameters])
             self.values |= {p.name: mean for p in group.instead}
             fewer = [other for other in self.free if other is not group]
             less = self.fit(fewer)
@@ -86,7 +86,7 @@ class Search:
                 self.lowest = min(self.lowest, now)
                 fixed[group] = self.lowest
             else:
-                self.needed[group.name] = float(np.exp(now - self.lowest))
+                self.needed[group.name] = np.exp(now - self.lowest)
         return fixed
 
     def free_late(self, fixed: dict[FaultGroup, float], progress: Progress) -> None:
@@ -103,7 +103,7 @@ class Search:
             if not scores[k] < self.lowest - np.log1p(NEEDED_GROWTH):
                 return
             group = late.pop(k)
-            self.needed[group.name] = float(np.exp(self.lowest - scores[k]))
+            self.needed[group.name] = np.exp(self.lowest - scores[k])
             self.free.append(group)
             self.best = tries[k]
             self.lowest = scores[k]

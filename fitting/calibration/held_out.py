@@ -48,8 +48,8 @@ def score_held_out(prepared: Prepared, values: np.ndarray, span: Interval, run: 
     for i, trace in enumerate(prepared.traces):
         if frames[i] >= needed:
             part = trace.between(low, high)
-            end = min(high, float(part.t[-1]) + trace.interval)
-            pieces.append(Span(i, max(low, float(part.t[0])), end))
+            end = min(high, part.t[-1] + trace.interval)
+            pieces.append(Span(i, max(low, part.t[0]), end))
     shortest = min(piece.high - piece.low for piece in pieces)
     windows = prepared.cut(min(window_length(prepared, span), shortest), pieces).pad_to(*_shape(prepared))
     return HeldOut(low, high, fit_starts_in_parts(prepared, windows, values))

@@ -77,7 +77,7 @@ def without_kicks(
     candidates = []
     removed = []
     for kick in found:
-        last = float(windows.ends[kick.windows[-1]])
+        last = windows.ends[kick.windows[-1]]
         what = "is kicked or touched at"
         if len(kick.windows) > 1:
             what = "is disturbed, or moves out of its plane, from"
@@ -202,8 +202,8 @@ def _kicks_at(windows: Windows, first: np.ndarray, times: np.ndarray, good: np.n
     for k, time in zip(first, times, strict=True):
         others = np.flatnonzero(good[k:] | (windows.run[k:] != windows.run[k]))
         last = k + min(others, default=windows.count - k)
-        begin = float(min(time, windows.begin[k]))
-        found.append(Kick(int(windows.run[k]), float(time), begin, np.arange(k, last)))
+        begin = min(time, windows.begin[k])
+        found.append(Kick(int(windows.run[k]), time, begin, np.arange(k, last)))
     return found
 
 

@@ -26,4 +26,4 @@ def with_bic(rows: list[Law], residuals: list[np.ndarray], windows: Windows) -> 
     rho = np.clip(rho, 0.0, MAX_CORRELATION)
     effective = samples * (1 - rho) / (1 + rho)
     scores = effective * np.log(chi2 / samples) + np.array([row.free for row in rows]) * np.log(effective)
-    return [replace(row, bic=float(score)) for row, score in zip(rows, scores, strict=True)]
+    return [replace(row, bic=score) for row, score in zip(rows, scores, strict=True)]

@@ -247,16 +247,16 @@ class ScoreTests:
         if degrees < FEWEST_DEGREES:
             return None
         degrees += NOISE_DEGREES
-        change = float(moved[-1])
-        error = float(errors[-1])
+        change = moved[-1]
+        error = errors[-1]
         t = change / error
         if candidate.only_grows:
-            p = float(stdtr(degrees, -t))
+            p = stdtr(degrees, -t)
         else:
-            p = 2 * float(stdtr(degrees, -abs(t)))
+            p = 2 * stdtr(degrees, -abs(t))
         own = moved[: len(self.free)]
         names = self.solution.problem.names
-        moves = {names[j]: float(move) for j, move in zip(self.free, own, strict=True)}
+        moves = {names[j]: move for j, move in zip(self.free, own, strict=True)}
         off = np.abs(own)
         if candidate.coefficient is not None:  # a changing coefficient is off by its own spread
             off = np.where(self.free == candidate.coefficient, np.maximum(off, abs(change)), off)

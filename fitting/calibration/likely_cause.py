@@ -113,8 +113,8 @@ def driven_beginning(prepared: Prepared, length: float) -> Cause | None:
         length: of a short window [s].
     """
     windows = prepared.windows
-    low = float(windows.begin.min())
-    high = float(windows.ends.max())
+    low = windows.begin.min()
+    high = windows.ends.max()
     starts = np.linspace(low, high - length, BEGINNING_WINDOWS)
     mine = np.unique(windows.run)
     if len(mine) > 1 or length >= (high - low) / BEGINNING_WINDOWS:
@@ -153,4 +153,4 @@ def _interpolated(trace: Trace) -> float:
     bend = np.abs(np.diff(slope, axis=0))
     size = np.nanmedian(np.abs(slope), axis=0)
     known = np.isfinite(bend)
-    return float(np.sum((bend < 1e-6 * size) & known) / max(known.sum(), 1))
+    return np.sum((bend < 1e-6 * size) & known) / max(known.sum(), 1)

@@ -125,7 +125,7 @@ def best_jump(angle: np.ndarray, measured: np.ndarray, weight: np.ndarray, first
         begin = max(first - low, 0)
         at = begin + int(np.argmax(gain[begin : high - low - FRAMES_AFTER_JUMP + 1]))
         if gain[at] > best[0]:
-            best = float(gain[at]), low + at, lag
+            best = gain[at], low + at, lag
     return best
 
 

@@ -69,7 +69,7 @@ def _usual(size: np.ndarray, known: np.ndarray) -> float:
     """The median over the windows with samples, at least 1."""
     if not known.any():
         return 1.0
-    return max(1.0, float(np.median(size[known > 0])))
+    return max(1.0, np.median(size[known > 0]))
 
 
 def recover_windows(
@@ -114,7 +114,7 @@ def _jump(prepared: Prepared, solution: Solution, lost: np.ndarray) -> tuple[int
     found = lost_frames(prepared, replace(solution, problem=problem))
     if found is None:
         return None
-    return (found.run, float(prepared.traces[found.run].t[found.frame]))
+    return (found.run, prepared.traces[found.run].t[found.frame])
 
 
 def _windows_at(windows: Windows, jump: tuple[int, float] | None) -> np.ndarray:

@@ -47,7 +47,7 @@ class Prediction:
     @property
     def begin(self) -> float:
         """Time of its start [s]."""
-        return float(self.t[0])
+        return self.t[0]
 
     @property
     def text(self) -> str:
@@ -171,7 +171,7 @@ def _first_missing(t: np.ndarray, angles: np.ndarray) -> float:
     """First time [s] at which angles (m, n) are not finite; infinite without any."""
     missing = np.flatnonzero(~np.isfinite(angles).all(axis=1))
     if len(missing):
-        return float(t[missing[0]])
+        return t[missing[0]]
     return np.inf
 
 
@@ -194,5 +194,5 @@ def _parting(t: np.ndarray, difference: np.ndarray) -> float:
     rms = np.sqrt(square / np.maximum(count, 1))
     beyond = np.flatnonzero(rms > DIVERGED_ANGLE)
     if len(beyond):
-        return float(t[beyond[0]])
+        return t[beyond[0]]
     return np.inf

@@ -279,7 +279,8 @@ class FitResult(SceneFit[Problem, Evaluation]):
         certain. With covariance C, `v = -C_lq/C_qq` has the minimum variance. None if no node moves at that speed: the
         combination would have no meaning.
         """
-        mine = [i for name in DRAG_PATHS for i, p in enumerate(self.parameters) if p.name == name]
+        names = self.solution.problem.names
+        mine = [names.index(name) for name in DRAG_PATHS if name in names]
         C = self.uncertainty.covariance[np.ix_(mine, mine)]
         if len(mine) < 2 or not (np.diag(C) > 0).all():
             return None

@@ -76,7 +76,7 @@ def still_spans(trace: Trace, sigma: np.ndarray, slowest: float) -> list[Interva
         count = still_frames(times, trace.theta[whole][::direction], sigma)
         shortest = max(SHORTEST_REST, periods * slowest)
         if count >= max(FEWEST_REST_FRAMES, 2 * MEAN_FRAMES) and abs(times[count - 1] - times[0]) >= shortest:
-            low, high = sorted((float(times[0]), float(times[count - 1])))
+            low, high = sorted((times[0], times[count - 1]))
             spans.append((low, high))
     return list(dict.fromkeys(spans))
 
@@ -123,7 +123,7 @@ def held_start(trace: Trace, sigma: np.ndarray, slowest: float, model: Model) ->
     off = wrap(np.nanmedian(still.theta, axis=0) - resting_angles(model))
     later = known[trace.t[known] > spans[0][1]][MEAN_FRAMES:]
     if len(later) and np.abs(off).max() > HELD_ANGLE:
-        return float(trace.t[later[0]])
+        return trace.t[later[0]]
     return None
 
 

@@ -68,7 +68,7 @@ def warnings_of(prepared: Prepared, solution: Solution, u: Uncertainty, chi2: fl
 def _noise_warnings(prepared: Prepared, solution: Solution, u: Uncertainty, chi2: float) -> list[str]:
     """Lines on residuals that are not the claimed white noise."""
     found = []
-    correlation = float(u.correlation_1[0])
+    correlation = u.correlation_1[0]
     if u.inflation > 1 or abs(correlation) > 4 * CORRELATION_FLOOR:
         found.append(
             f"residuals are not noise: neighbours correlate by {correlation:.2f}; standard errors were multiplied "

@@ -76,7 +76,7 @@ class Trials:
         held = [score_held_out(at, solution.values, (low, high), run).solution for run, low, high in self.spans]
         known = np.concatenate([one.windows.known.sum(axis=(1, 2)) for one in held])
         square = np.concatenate([np.sum(one.errors**2, axis=(1, 2)) for one in held])
-        return float(np.mean(0.5 * np.log(np.maximum(square[known > 0] / known[known > 0], 1e-24))))
+        return np.mean(0.5 * np.log(np.maximum(square[known > 0] / known[known > 0], 1e-24)))
 
 
 def scored_windows(prepared: Prepared) -> np.ndarray:
@@ -97,7 +97,7 @@ def stretches(prepared: Prepared, scored: np.ndarray) -> list[Span]:
     windows = prepared.windows
     found: list[Span] = []
     for k in np.flatnonzero(scored):
-        span = Span(int(windows.run[k]), float(windows.begin[k]), float(windows.ends[k]))
+        span = Span(int(windows.run[k]), windows.begin[k], windows.ends[k])
         if found and scored[k - 1] and windows.follows[k]:
             span = span._replace(low=found.pop().low)
         found.append(span)

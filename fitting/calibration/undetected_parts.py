@@ -77,7 +77,7 @@ def dissipated_per_unit(prepared: Prepared, simulator: Simulator, owner: Sequenc
         mine = prepared.windows.run == run
         if not mine.any():
             continue
-        span = float(prepared.windows.begin[mine].min()), float(prepared.windows.ends[mine].max())
+        span = prepared.windows.begin[mine].min(), prepared.windows.ends[mine].max()
         motion = smooth_stretch(trace, span, SMOOTHER_PERIODS * prepared.period)
         if motion is None:
             continue

@@ -87,7 +87,7 @@ LONGEST_HELD_OUT = 2.5
 
 def program_capacity(samples: Samples, plan: WindowPlan) -> tuple[int, int]:
     """Steps and sample slots of the windows' programs."""
-    end = max(float(trace.t[-1]) for trace in samples.traces)
+    end = max(trace.t[-1] for trace in samples.traces)
     length = max((min(high, end) - low for low, high in samples.held_out), default=0.0)
     if not plan.length < length < LONGEST_HELD_OUT * plan.length:
         length = plan.length

@@ -154,13 +154,13 @@ def _opening(model: Model, theta: np.ndarray) -> float:
     if len(theta) < FEWEST_FRAMES:
         return np.inf
     size = np.abs(missing_reach(model, theta[:: max(1, len(theta) // MOST_FRAMES)]))
-    return float(np.median(size) / _reach(model))
+    return np.median(size) / _reach(model)
 
 
 def _reach(model: Model) -> float:
     """Distance [m] from the second hook, in the median frame, for a change of every angle by 1 rad."""
     # the median of a squared deviation in two directions is log(2) of its mean
-    return float(np.sqrt(np.log(2) * np.sum(np.asarray(model.line.length) ** 2)))
+    return np.sqrt(np.log(2) * np.sum(np.asarray(model.line.length) ** 2))
 
 
 def _closing_shifts(model: Model, theta: np.ndarray, at: Convention) -> Iterator[Correction]:
@@ -169,4 +169,4 @@ def _closing_shifts(model: Model, theta: np.ndarray, at: Convention) -> Iterator
     missing = missing_reach(model, angle)
     link = np.asarray(model.line.length) * np.exp(1j * angle)
     for j, reach in [*enumerate(link.T), (None, link.sum(axis=1))]:
-        yield shifted_zero(j, at.turn * float(np.angle(np.sum((missing + reach) * reach.conj()))))
+        yield shifted_zero(j, at.turn * np.angle(np.sum((missing + reach) * reach.conj())))

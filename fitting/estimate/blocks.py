@@ -194,7 +194,7 @@ def resample(
     inner = invert_spd(information)
     share = np.einsum("ij,bjk,ki->bi", inner, apart, inner)
     share = share / np.maximum(share.sum(axis=0), 1e-300)
-    return found, float(np.min(1 / np.maximum(np.sum(share**2, axis=0), 1e-300), initial=number))
+    return found, np.min(1 / np.maximum(np.sum(share**2, axis=0), 1e-300), initial=number)
 
 
 def _half_difference(parts: TimePieces, information: np.ndarray) -> np.ndarray:

@@ -45,7 +45,7 @@ def lyapunov(windows: Windows, move: np.ndarray) -> float:
             total += np.log(max(abs(upper[0, 0]), 1e-300))
             time += windows.lengths[k]
     if time:
-        return float(total / time)
+        return total / time
     return 0.0
 
 

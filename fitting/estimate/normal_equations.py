@@ -117,7 +117,7 @@ def prior_of(parameters: Sequence[Parameter], values: np.ndarray, common: Sequen
     mean, sigma = np.array([p.prior or (0.0, np.inf) for p in parameters]).reshape(-1, 2).T
     rest = (values - mean) / sigma
     scale = 1 / sigma
-    cost = 0.5 * float(rest @ rest)
+    cost = 0.5 * rest @ rest
     gradient = rest * scale
     curvature = np.diag(scale**2)
     for each in common:
@@ -228,7 +228,7 @@ def eliminate(normal: Normal, damping: float, prior: Prior, low: np.ndarray, hig
     gradient = normal.gp + prior.gradient - np.einsum("kij,ki->j", normal.B, Ag)
     dp = bounded_step(information + damping * np.diag(np.diag(information)), gradient, low, high)
     dz = -(Ag + AB @ dp)
-    slope = float(normal.gz.ravel() @ dz.ravel() + (normal.gp + prior.gradient) @ dp)
+    slope = normal.gz.ravel() @ dz.ravel() + (normal.gp + prior.gradient) @ dp
     if factor is None:
         square = np.einsum("ki,kij,kj->", dz, normal.A, dz) + 2 * np.einsum("ki,kij,j->", dz, normal.B, dp)
         square = square + dp @ (normal.C + prior.curvature) @ dp

@@ -64,7 +64,7 @@ class Objective:
         if self.weight is None:
             return total
         value = self.problem.gaps(evaluation, values).value
-        return total + 0.5 * float(np.sum((value / self.weight) ** 2))
+        return total + 0.5 * np.sum((value / self.weight) ** 2)
 
     def unit(self, evaluation: Evaluation, cost: float) -> float:
         """Variance of the noise in units of the assumed one, multiplied by the memory of the samples."""

@@ -50,14 +50,14 @@ def profile(result: SceneFit, name: str, *, points: int = 3) -> Profile:
     frozen[index] = True
     fixed_objective = objective_at(replace(solution.problem, frozen=frozen), solution.gap_weight)
     unit = _unit(solution, index, std_error)
-    best = float(solution.values[index])
+    best = solution.values[index]
     cost = objective_at(solution.problem, solution.gap_weight).cost(solution.evaluation, solution.values)
     found = {best: 0.0}
     converged = True
     for side in (-1, 1):
         point = solution
         for j in range(1, points + 1):
-            value = float(np.clip(best + side * PROFILE_REACH * std_error * j / points, p.low, p.high))
+            value = np.clip(best + side * PROFILE_REACH * std_error * j / points, p.low, p.high)
             if value in found:
                 break
             point = _refit(point, fixed_objective, index, value)

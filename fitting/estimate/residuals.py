@@ -270,7 +270,7 @@ class Problem(Residuals):
         known = np.any(self.sample_mask, axis=2)
         times = windows.times()
         run = np.broadcast_to(windows.run[:, None], times.shape)
-        return Timing(times, run, known, begin, float(windows.lengths.sum()), windows.count)
+        return Timing(times, run, known, begin, windows.lengths.sum(), windows.count)
 
     def correlation(self, point: Solution) -> tuple[np.ndarray, bool]:
         """Correlation of neighbours, of all links together."""
@@ -385,7 +385,7 @@ class Solution(Generic[ProblemType, EvaluationType]):
     @property
     def chi2(self: Solution[Problem, Evaluation]) -> float:
         """Sum of squared weighted residuals of the measured angles."""
-        return float(np.sum(self.weights * self.evaluation.residual**2))
+        return np.sum(self.weights * self.evaluation.residual**2)
 
     @property
     def errors(self: Solution[Problem, Evaluation]) -> np.ndarray:
@@ -396,4 +396,4 @@ class Solution(Generic[ProblemType, EvaluationType]):
     @property
     def rms(self: Solution[Problem, Evaluation]) -> float:
         """RMS of the errors [rad]."""
-        return float(np.sqrt(np.sum(self.errors**2) / self.windows.samples))
+        return np.sqrt(np.sum(self.errors**2) / self.windows.samples)

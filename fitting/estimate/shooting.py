@@ -173,7 +173,7 @@ def follow_linear_model(
             if point.status != "ok" or not expected[chosen] > before[chosen] - EVIDENCE_DROP:
                 return None
             continue
-        point.evidence = float(expected[chosen])
+        point.evidence = expected[chosen]
         fell = np.flatnonzero(expected[chosen:] < expected.max() - SAME_EVIDENCE)
         again = None
         if len(fell):

@@ -260,7 +260,7 @@ class Simulator:
         """The model with these parameter values (k,)."""
         values = np.asarray(values, float)
         if self._model is None or not np.array_equal(self._model[0], values):
-            self._model = values.copy(), with_parameter_values(self.model, self.parameters, jnp.asarray(values, float))
+            self._model = values.copy(), with_parameter_values(self.model, self.parameters, jnp.asarray(values))
         return self._model[1]
 
     def _key(self, windows: Windows, plain: bool) -> Key:

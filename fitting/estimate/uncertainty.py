@@ -189,15 +189,15 @@ def quantile(chance: float, blocks: float = 0) -> float:
     Student's law holds for fewer blocks than `FEW_BLOCKS`.
     """
     if 0 < blocks < FEW_BLOCKS:
-        return float(stdtrit(blocks - 1, chance))
-    return float(ndtri(chance))
+        return stdtrit(blocks - 1, chance)
+    return ndtri(chance)
 
 
 def chance_below(distance: float, blocks: float) -> float:
     """The inverse of `quantile`."""
     if 0 < blocks < FEW_BLOCKS:
-        return float(stdtr(blocks - 1, distance))
-    return float(ndtr(distance))
+        return stdtr(blocks - 1, distance)
+    return ndtr(distance)
 
 
 #: Relative standard error above which a direction counts as undetermined, and the share in it from which a parameter is
@@ -219,5 +219,5 @@ def open_directions(solution: Solution, covariance: np.ndarray) -> tuple[dict[st
         several = np.flatnonzero(np.abs(column) > NOTABLE_SHARE)
         if variance > UNDETERMINED_ERROR**2 and len(several) > 1:
             column = column / np.abs(column).max()
-            found.append({parameters[free[j]].name: float(column[j]) for j in several})
+            found.append({parameters[free[j]].name: column[j] for j in several})
     return tuple(found)

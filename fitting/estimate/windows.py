@@ -113,7 +113,7 @@ class Windows:
     @property
     def length(self) -> float:
         """Duration of the longest window [s]."""
-        return float(self.lengths.max())
+        return self.lengths.max()
 
     def piece(self, k: int) -> Piece:
         """Window k without its samples."""

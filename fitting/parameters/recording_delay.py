@@ -105,7 +105,7 @@ def convention_distance(motion: Trace, trace: Trace) -> float:
         return 0.0
     delay = find_delay(motion, trace)
     off = wrap(find_zeros(motion, trace, delay.value)[links])
-    distance = float(np.hypot(delay.misfit, np.sqrt(np.mean(off**2))))
+    distance = np.hypot(delay.misfit, np.sqrt(np.mean(off**2)))
     if (trace.convention.zero, trace.convention.sign) == (motion.convention.zero, motion.convention.sign):
         return distance / ALIKE_RATIO
     return distance

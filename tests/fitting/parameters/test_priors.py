@@ -8,7 +8,6 @@ import dropper_jax as dj
 from dropper_jax import Scene, SceneError, build_model
 from fitting.estimate.normal_equations import prior_of
 from fitting.parameters.names import default_free
-from fitting.parameters.observation import camera_offset
 from fitting.parameters.parameter import adjust_parameters
 from fitting.parameters.paths import resolve
 from fitting.parameters.rig_priors import power_of_mass, rig_priors
@@ -95,15 +94,6 @@ def test_what_the_rig_leaves_open_is_free_by_default():
     assert default_free(dj.load_scene("dropper-release-a")) == [
         "effects.linear_damping.b_l", "effects.quadratic_damping.b_q",
     ]  # fmt: skip
-
-
-def test_offsets_of_markers_add_to_their_own_links_and_the_cameras_to_all():
-    model = build_model(dj.load_scene(NAME))
-    parameters = resolve(model, ["camera.offset", "marker.offset"])
-    assert [p.name for p in parameters] == ["camera.offset", "marker.offset.0", "marker.offset.1"]
-    np.testing.assert_allclose(camera_offset(parameters, np.array([0.1, 0.02, 0.003]), 2), [0.12, 0.103])
-    with pytest.raises(SceneError, match=r"allowed: marker.offset.0 to marker.offset.1"):
-        resolve(model, ["marker.offset.2"])
 
 
 def test_a_prior_of_the_sea_holds_what_is_free_of_the_sea():

@@ -50,7 +50,7 @@ def chance(gain: float, coefficients: int) -> float:
 def decide(rows: list[Law], scores: list[Scores]) -> list[Law]:
     """The laws with scores relative to the best, weights and reasons of refutation; the simplest possible is chosen."""
     logs = np.array([s.log_score for s in scores])
-    best = int(np.argmax(logs.sum(1)))
+    best = np.argmax(logs.sum(1))
     apart = logs - logs[best]
     totals = apart.sum(1).tolist()
     errors = sum_errors(apart).tolist()

@@ -104,7 +104,7 @@ def _row(name: str, link: int, mine: Deviations, rest: list[Deviations], edges: 
     mean = np.where(both, mine.mean - total / others, 0.0)
     error = np.sqrt(1 / np.where(mine.weight > 0, mine.weight, 1.0) + 1 / others)
     size = np.abs(mean) / error
-    worst = int(np.argmax(size))
+    worst = np.argmax(size)
     return Disagreement(
         recording=name,
         link=link + 1,

@@ -58,7 +58,7 @@ def name_wrong_file(prepared: Prepared) -> str:
             traces = [_corrected(trace, correction) for trace in prepared.traces]
             tried.append(np.median(fit_short_windows(prepared, pieces, traces=traces).chi2))
         left = min(tried)
-        best = group[int(np.argmin(tried))]
+        best = group[np.argmin(tried)]
         if left < min(CHI_SQUARE_LEFT * given, LARGEST_CHI_SQUARE):
             return (
                 f"{name}: {best.mistake}, as it seems: {size}, {np.sqrt(left):.2g} times without this mistake; "

@@ -295,7 +295,7 @@ class Freeing:
         """
         interval = self.prepared.traces[run].interval
         windows = self.prepared.windows
-        k = int(np.flatnonzero((windows.run == run) & (windows.begin <= time + 1e-6 * interval))[-1])
+        k = np.flatnonzero((windows.run == run) & (windows.begin <= time + 1e-6 * interval))[-1]
         others = np.arange(windows.count) != k
         clean = replace(clean, starts=starts_from_previous_windows(clean, ~others))
         if windows.follows[k] and abs(windows.begin[k] - time) < 0.5 * interval:

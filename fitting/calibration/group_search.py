@@ -99,7 +99,7 @@ class Search:
             progress(0.7, f"testing what may be wrong: with {', '.join(group.name for group in late)}")
             tries = [self.fit([*self.free, group]) for group in late]
             scores = [self.trials.score(one) for one in tries]
-            k = int(np.argmin(scores))
+            k = np.argmin(scores)
             if not scores[k] < self.lowest - np.log1p(NEEDED_GROWTH):
                 return
             group = late.pop(k)

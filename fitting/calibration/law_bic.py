@@ -22,7 +22,7 @@ def with_bic(rows: list[Law], residuals: list[np.ndarray], windows: Windows) -> 
     """The laws with their BIC, all by the effective number of samples of the law with the smallest chi-square."""
     chi2 = np.array([np.sum(r**2) for r in residuals])
     samples = windows.samples
-    rho = lag_one(residuals[int(np.argmin(chi2))], windows.known)[0]
+    rho = lag_one(residuals[np.argmin(chi2)], windows.known)[0]
     rho = np.clip(rho, 0.0, MAX_CORRELATION)
     effective = samples * (1 - rho) / (1 + rho)
     scores = effective * np.log(chi2 / samples) + np.array([row.free for row in rows]) * np.log(effective)

@@ -103,7 +103,7 @@ def _extend_windows(prepared: Prepared, right: np.ndarray) -> Windows:
         stop = first + 2  # at least the next one, then as long as windows follow and fit
         while stop < windows.count and windows.follows[stop] and windows.step_counts[first : stop + 1].sum() <= longest:
             stop += 1
-        pieces.append(windows.piece(first)._replace(steps=int(windows.step_counts[first:stop].sum()), follows=False))
+        pieces.append(windows.piece(first)._replace(steps=windows.step_counts[first:stop].sum(), follows=False))
     found = fill(prepared.traces, pieces, windows.dt, prepared.sigma)
     return replace(found, released=windows.released[right - 1]).pad_to(longest, 0)
 

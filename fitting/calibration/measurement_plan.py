@@ -165,7 +165,7 @@ def at_weight(solution: Solution, weight: float) -> Step:
 
 def _expected_weight(solution: Solution) -> float:
     """The gap weight that a fit chooses by the mean of its evidence if the model is right."""
-    gaps = int(solution.windows.follows.sum()) * solution.problem.freedoms
+    gaps = solution.windows.follows.sum() * solution.problem.freedoms
 
     def log_curvature(weight: float) -> float:
         """log|H|."""

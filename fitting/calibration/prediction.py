@@ -158,7 +158,7 @@ def _at_times(t: np.ndarray, at: np.ndarray, motion: tuple[Array, Array]) -> np.
 
     angles, rates = (np.asarray(part) for part in motion)
     finite = np.isfinite(angles).all(axis=1) & np.isfinite(rates).all(axis=1)
-    count = int(np.logical_and.accumulate(finite).sum())
+    count = np.logical_and.accumulate(finite).sum()
     found = np.full((len(t), angles.shape[1]), np.nan)
     if count > 1:
         before = t <= at[count - 1] + 1e-9

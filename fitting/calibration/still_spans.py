@@ -88,7 +88,7 @@ def still_frames(t: np.ndarray, theta: np.ndarray, sigma: np.ndarray) -> int:
         known = np.flatnonzero(np.isfinite(column))
         pause = np.abs(np.diff(t[known], prepend=t[0])) > SHORTEST_REST
         if pause.any():
-            known = known[: int(np.argmax(pause))]
+            known = known[: np.argmax(pause)]
         if len(known) < 2 * MEAN_FRAMES:
             return 0
         mean = np.convolve(column[known], np.full(MEAN_FRAMES, 1 / MEAN_FRAMES), "valid")
@@ -100,7 +100,7 @@ def still_frames(t: np.ndarray, theta: np.ndarray, sigma: np.ndarray) -> int:
         still = known[-1] + 1
         if len(moves):
             still = known[moves[0] + 1]
-        fewest = min(fewest, int(still))
+        fewest = min(fewest, still)
     return fewest
 
 

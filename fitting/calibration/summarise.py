@@ -55,7 +55,7 @@ def warnings_of(prepared: Prepared, solution: Solution, u: Uncertainty, chi2: fl
         )
     found += _noise_warnings(prepared, solution, u, chi2)
     found += outlier_warnings(prepared, solution)
-    failed = int(solution.evaluation.failed.sum())
+    failed = solution.evaluation.failed.sum()
     if failed:
         found.append(f"{failed} steps of the final simulation are above the solver's tolerance or have no derivative")
     if solution.status != "ok":

@@ -131,7 +131,7 @@ def _open_cause(model: Model, theta: np.ndarray, free: Sequence[str]) -> str:
     # there are more lengths than coordinates of the hook: they must close the frames clearly better
     if by_hook < min(still_open, 2.0 * by_lengths):
         where = f"{-off.real:+.2g} m in x and {off.imag:+.2g} m in z"
-        hook = f"point.{int(model.geometry.held_points[-1])}.position"
+        hook = f"point.{model.geometry.held_points[-1]}.position"
         paths = (f"{hook}.0", f"{hook}.2")
         return f"the second hook is {where} from its position; free it: {free_option(free, paths)}"
     if by_lengths < still_open and np.all(np.abs(more) < 0.5 * length):

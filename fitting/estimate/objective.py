@@ -112,7 +112,7 @@ class Objective:
         """The terms of the evidence that are not the cost; without joins all weights are one."""
         if self.weight is None:
             return 0.0
-        count = int(self.problem.windows.follows.sum()) * self.problem.freedoms
+        count = self.problem.windows.follows.sum() * self.problem.freedoms
         return count * np.log(self.weight) + 0.5 * step.log_determinant
 
     def record(self, cost: float, values: np.ndarray) -> Visited:

@@ -115,7 +115,7 @@ def _refine(motion: Trace, t: np.ndarray, theta: np.ndarray, delay: float, step:
     """The best delay within a step [s] of another one."""
     fine = delay + np.linspace(-step, step, 41)
     misfit = _misfits(motion, t, theta, fine)
-    best = int(np.argmin(misfit))
+    best = np.argmin(misfit)
     return Delay(float(fine[best]), float(misfit[best]))
 
 

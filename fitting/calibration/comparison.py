@@ -54,7 +54,7 @@ def compare(result: FitResult, laws: Sequence[str] = tuple(LAWS), progress: Prog
         SceneError: a law of unknown name, or a fit of a number that ties several values of the scene.
     """
     refuse_tied("compare_models", result.parameters)
-    return compare_laws(result.prepared.noisy(result.solution.problem.noise), laws, progress)
+    return compare_laws(result.prepared.with_noise(result.solution.problem.noise), laws, progress)
 
 
 def refuse_tied(option: str, parameters: Sequence[Parameter]) -> None:
@@ -78,7 +78,7 @@ def compare_laws(prepared: Prepared, laws: Sequence[str] = tuple(LAWS), progress
     for law in laws:
         if law not in LAWS:
             raise SceneError(f"laws: {law!r} is unknown; {nearest(law, LAWS)}")
-    names = sorted(laws, key=lambda law: (len(LAWS[law]), list(LAWS).index(law)))
+    names = sorted(laws, key=list(LAWS).index)
     compared, fullest_fits = fit_fullest(prepare_laws(prepared, names, progress))
     fullest = fullest_fits[names[-1]]
     memory = fullest.problem.memory

@@ -20,7 +20,7 @@ from fitting.calibration.kicks import without_kicks
 from fitting.calibration.law_candidates import QUADRATIC
 from fitting.calibration.law_fits import with_law
 from fitting.calibration.law_tests import LawTest
-from fitting.calibration.likely_cause import free_too
+from fitting.calibration.likely_cause import freeing_advice
 from fitting.calibration.method import Method, as_method, estimate
 from fitting.calibration.preparation import TracesLike, prepare
 from fitting.calibration.prepared import Prepared
@@ -231,4 +231,4 @@ def likeliest(result: FitResult) -> str:
     best = max(filter(None, (candidate, test)), key=lambda one: one.gain, default=None)
     if best is None:
         return ""
-    return f"{best.name}; {free_too(result.prepared, best.free)}"
+    return f"{best.name}; {freeing_advice(result.prepared, best.free)}"

@@ -63,7 +63,7 @@ def likelihood(solution: Solution) -> float:
     return -(solution.cost + 0.5 * log_volume(solution.windows)) / solution.problem.memory
 
 
-def _back(prepared: Prepared, solution: Solution, mine: Sequence[str]) -> dict[str, float]:
+def _moves_back(prepared: Prepared, solution: Solution, mine: Sequence[str]) -> dict[str, float]:
     """Moves that return some parameters to their start values."""
     return {p.name: p.value - solution.by_name[p.name] for p in prepared.parameters if p.name in mine}
 
@@ -173,7 +173,7 @@ class Freeing:
         if others:
             k = len(self.solution.values)
             names = best.prepared.names
-            back = _back(best.prepared, best.solution, names[k:])
+            back = _moves_back(best.prepared, best.solution, names[k:])
             doubt = {}
             for other, trial in others:
                 moved = trial.solution.values[:k] - best.solution.values[:k]
@@ -234,7 +234,7 @@ class Freeing:
             if solution.status != "ok":
                 self.refused.add(best.name)
                 continue
-            back = _back(prepared, solution, list(best.changes))
+            back = _moves_back(prepared, solution, list(best.changes))
             doubt = {}
             for c in named:
                 if c is not best and (c.name in best.alike or 0 <= best.worth - c.worth < INDISTINGUISHABLE_GAIN):

@@ -89,7 +89,7 @@ def _wrong_number(prepared: Prepared, pieces: Sequence[Span], given: float) -> C
         left = np.median(found.chi2)
         if left < best and _plausible(tried.parameters, found.values):
             best = LATER_SHARE * left
-            cause = Cause(f"wrong {name}", free_too(prepared, paths))
+            cause = Cause(f"wrong {name}", freeing_advice(prepared, paths))
     return cause
 
 
@@ -101,7 +101,7 @@ def _plausible(parameters: Sequence[Parameter], values: np.ndarray) -> bool:
     return not np.any(large & (start != 0) & ~in_effects)
 
 
-def free_too(prepared: Prepared, paths: Sequence[str]) -> str:
+def freeing_advice(prepared: Prepared, paths: Sequence[str]) -> str:
     """The option that also frees these paths."""
     return f"free them: {free_option(prepared.names, paths)}"
 

@@ -48,10 +48,10 @@ def lost_windows(solution: Solution) -> np.ndarray:
     known = windows.known.sum(axis=(1, 2))
     freedom = np.maximum(known - np.where(windows.released, 0, solution.problem.freedoms), 1)
     square = solution.evaluation.residual.reshape(windows.count, -1) ** 2
-    unit = _usual(square.sum(axis=1) / freedom, known)
+    unit = _typical_size(square.sum(axis=1) / freedom, known)
     size = np.minimum(square, LARGEST_SQUARE * unit).sum(axis=1) / freedom
     size = np.where(np.isfinite(size), size, np.inf)
-    typical = _usual(size, known)
+    typical = _typical_size(size, known)
     limit = typical * np.maximum(LOST_RATIO, chdtri(freedom, LOST_PROBABILITY) / freedom)
     rms = np.sqrt(np.sum(solution.errors**2, axis=(1, 2)) / np.maximum(known, 1))
     noise = solution.problem.noise
@@ -65,7 +65,7 @@ def lost_windows(solution: Solution) -> np.ndarray:
     return (known > 0) & (size > limit) & ~small
 
 
-def _usual(size: np.ndarray, known: np.ndarray) -> float:
+def _typical_size(size: np.ndarray, known: np.ndarray) -> float:
     """The median over the windows with samples, at least 1."""
     if not known.any():
         return 1.0

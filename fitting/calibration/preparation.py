@@ -100,7 +100,7 @@ def prepare(
         motion = _same_motion(read, changed.start, settings, release)
         notes += motion.notes
         read = [motion.trace]
-        parameters = (*parameters, *some_of(motion.parameters, of_recordings))
+        parameters = (*parameters, *parameters_named(motion.parameters, of_recordings))
         for p in motion.parameters:  # a given delay is where the search for it starts
             if p.name.endswith(".delay") and p.name in changed.start:
                 changed.start[p.name] = p.value
@@ -210,7 +210,7 @@ def read_traces(
     return in_model, notes
 
 
-def some_of(parameters: Sequence[Parameter], names: Sequence[str]) -> tuple[Parameter, ...]:
+def parameters_named(parameters: Sequence[Parameter], names: Sequence[str]) -> tuple[Parameter, ...]:
     """The parameters with these names, or that belong to them; all of them without any.
 
     Raises:

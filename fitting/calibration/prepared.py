@@ -140,7 +140,7 @@ class Prepared(Samples):
         """The windows with the noise that the traces claim, and a solution's steps."""
         return replace(self.windows, substeps=point.windows.substeps)
 
-    def noisy(self, noise: Noise | None) -> Prepared:
+    def with_noise(self, noise: Noise | None) -> Prepared:
         """The preparation with the noise estimated by a fit, if any: in the windows and in all that are cut later."""
         if noise is None:
             return self

@@ -97,7 +97,7 @@ def summarise(prepared: Prepared, method: str, solution: Solution) -> FitResult:
     chi2 = chi2_per_dof(prepared, solution)
     # held-out stretches use the same step size as the fit
     finer = replace(prepared, windows=replace(prepared.windows, substeps=windows.substeps))
-    scored = finer.noisy(solution.problem.noise)
+    scored = finer.with_noise(solution.problem.noise)
     laws = score_tests(prepared, solution, u)
     rows = disagreements(prepared, solution)
     compiled = simulator.compile_s - prepared.compiled_before

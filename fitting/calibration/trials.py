@@ -66,7 +66,7 @@ class Trials:
 
     def fit(self, parameters: Sequence[Parameter], values: np.ndarray, starts: Starts) -> Solution:
         """A short fit of the windows that are not scored, with the noise of the last misfit."""
-        at = replace(self.prepared, windows=self.claimed).noisy(self.noise).with_parameters(parameters, values)
+        at = replace(self.prepared, windows=self.claimed).with_noise(self.noise).with_parameters(parameters, values)
         problem = at.problem(self.loss).with_noise(self.noise, at.windows, values)
         return fit_windows(problem, values, starts, iterations=TRIAL_ITERATIONS)
 

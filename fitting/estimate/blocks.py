@@ -130,7 +130,7 @@ def block_length(parts: TimePieces, information: np.ndarray) -> int:
     return int(max(1, min(np.ceil(longest), len(parts.run) // FEWEST_BLOCKS)))
 
 
-def scatter(solution: Solution) -> tuple[np.ndarray, int] | None:
+def block_covariance(solution: Solution) -> tuple[np.ndarray, int] | None:
     """Covariance (k, k) of the free parameters by the scatter of this many blocks; None with too few pieces of time."""
     free = solution.free
     parts = time_pieces(solution, free)

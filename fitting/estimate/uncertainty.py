@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtr, ndtri, stdtr, stdtrit
 
-from fitting.estimate.blocks import residual_scores, scatter, with_minimum_variance
+from fitting.estimate.blocks import block_covariance, residual_scores, with_minimum_variance
 from fitting.estimate.factors import Factor, invert_spd, scale_diagonal
 from fitting.estimate.loss import Loss
 from fitting.estimate.objective import objective_at
@@ -126,7 +126,7 @@ def uncertainty(solution: Solution) -> Uncertainty:
     inflation = 1.0
     blocks = 0
     if real or not problem.explains_residuals:
-        found = scatter(solution)
+        found = block_covariance(solution)
         if found is not None:
             prior = problem.prior(solution.values).curvature[np.ix_(free, free)]
             data = solution.free_information - prior

@@ -19,6 +19,7 @@ from fitting.estimate.descent import CONVERGED_DISTANCE, GradientDescent
 from fitting.estimate.least_squares import descend, fit_windows
 from fitting.estimate.normal_equations import drop_undefined
 from fitting.estimate.objective import objective_at
+from fitting.estimate.simulator import Key, Program
 from fitting.estimate.step_size import LARGEST_BIAS, step_bias
 from fitting.estimate.uncertainty import uncertainty
 from fitting.parameters.parameter import Parameter
@@ -119,6 +120,13 @@ def test_a_program_serves_shorter_windows_and_gives_what_their_own_would(prepare
     end = whole.theta[:, slots] - np.pi / 2  # the half's end is the whole's next sample
     longer = windows.step_counts > steps  # not what is left at the end of the trace
     assert np.abs(found.end[:, :2] - np.pi / 2 - end)[longer].max() < 1e-9
+
+
+def test_the_time_that_a_view_of_a_simulator_compiles_counts(prepared, monkeypatch):
+    before = prepared.simulator.compile_s
+    view = prepared.simulator.view_of_starts()
+    monkeypatch.setitem(view._programs, Key(False, 1.0, True, 1, 1), Program(None, 2.0))
+    assert prepared.simulator.compile_s == pytest.approx(before + 2.0)
 
 
 @pytest.mark.check

@@ -153,7 +153,7 @@ def _with_starts(solution: Solution, which: np.ndarray, starts: Starts) -> Solut
     replaced = np.flatnonzero(which)[better]
     every = with_rows(solution.starts, replaced, pick(found.starts, better))
     evaluation = with_rows(solution.evaluation, replaced, pick(found, better))
-    return replace(solution, starts=every, evaluation=evaluation)
+    return replace(solution, starts=every, evaluation=evaluation, weights=problem.weights(evaluation))
 
 
 def _split(prepared: Prepared, solution: Solution, lost: np.ndarray) -> tuple[Prepared, Solution]:
@@ -175,7 +175,14 @@ def _split(prepared: Prepared, solution: Solution, lost: np.ndarray) -> tuple[Pr
     starts = with_rows(prepared.starts, same, pick(solution.starts, origin[same]))
     problem = replace(solution.problem, windows=replace(prepared.first_windows, substeps=windows.substeps))
     evaluation = problem.evaluate(solution.values, starts)
-    found = replace(solution, problem=problem, starts=starts, evaluation=evaluation, status="not_converged")
+    found = replace(
+        solution,
+        problem=problem,
+        starts=starts,
+        evaluation=evaluation,
+        weights=problem.weights(evaluation),
+        status="not_converged",
+    )
     if not same.all():
         found = restart(prepared, found, ~same)
     return prepared, found
@@ -203,6 +210,7 @@ def _leave_out(prepared: Prepared, solution: Solution, lost: np.ndarray) -> tupl
         problem=problem,
         starts=pick(solution.starts, ~lost),
         evaluation=pick(solution.evaluation, ~lost),
+        weights=solution.weights[~lost],
         status="not_converged",
     )
     return prepared, found

@@ -126,6 +126,7 @@ class Objective:
             values=values,
             starts=evaluation.starts,
             evaluation=evaluation,
+            weights=self.problem.weights(evaluation),
             cost=cost,
             information=step.information,
             gradient=step.gradient,

@@ -205,6 +205,7 @@ def transfer_solution(solution: Solution, problem: Residuals, evaluation: Evalua
         solution,
         problem=problem,
         evaluation=evaluation,
+        weights=problem.weights(evaluation),
         cost=objective.cost(evaluation, solution.values),
         information=known.information,
         gradient=known.gradient,

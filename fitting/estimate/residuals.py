@@ -330,6 +330,7 @@ class Solution(Generic[ProblemType, EvaluationType]):
         values: parameters (k,).
         starts: window starts.
         evaluation: at this point.
+        weights: robust weights (K, S, n), 1 for least squares; those of the fit's end along its linear model too.
         cost: 1/2 chi-square, with prior and gaps.
         information: S (k, k), the inverse of the covariance for noise of standard deviation sigma.
         gradient: of the cost by the parameters (k,), along the optimum of the starts.
@@ -346,6 +347,7 @@ class Solution(Generic[ProblemType, EvaluationType]):
     values: np.ndarray
     starts: Starts
     evaluation: EvaluationType
+    weights: np.ndarray
     cost: float
     information: np.ndarray
     gradient: np.ndarray
@@ -361,11 +363,6 @@ class Solution(Generic[ProblemType, EvaluationType]):
     @property
     def windows(self) -> Windows:
         return self.problem.windows
-
-    @property
-    def weights(self: Solution[Any, Any]) -> np.ndarray:
-        """Robust weights (K, S, n), 1 for least squares."""
-        return self.problem.weights(self.evaluation)
 
     @property
     def by_name(self) -> dict[str, float]:

@@ -132,7 +132,7 @@ def _along_truth(trace: Trace, scene: Scene, names: Sequence[str]) -> Solution:
 def _mean_log(errors: Mapping[str, float], asked: Sequence[str]) -> float:
     """Mean log of the errors of the parameters at these paths."""
     stems = tuple(f"{name}." for name in asked)
-    return float(np.mean([np.log(error) for name, error in errors.items() if f"{name}.".startswith(stems)]))
+    return float(np.mean(np.log([error for name, error in errors.items() if f"{name}.".startswith(stems)])))
 
 
 def _check_positive(key: str, numbers: Sequence[float], unit: str) -> None:

@@ -145,10 +145,11 @@ class JointInformation(NamedTuple):
         u = self.g[mine]
         inner = np.zeros((0, len(mine) + 1))
         if len(free):
-            cross = self.S[np.ix_(free, mine)]
-            inner = solve_spd(self.S[np.ix_(free, free)], np.column_stack([cross, self.g[free]]))
-            A = A - cross.T @ inner[:, :-1]
-            u = u - cross.T @ inner[:, -1]
+            rows = np.column_stack([self.S[np.ix_(free, mine)], self.g[free]])
+            inner = solve_spd(self.S[np.ix_(free, free)], rows)
+            cross = self.S[np.ix_(mine, free)]
+            A = A - cross @ inner[:, :-1]
+            u = u - cross @ inner[:, -1]
         scale = 1 / np.sqrt(np.diag(self.S)[mine])
         if np.linalg.eigvalsh(A * np.outer(scale, scale))[0] < LEAST_INFORMATION_SHARE:
             return None

@@ -155,7 +155,7 @@ def errors_to_best(scores: Sequence[Scores]) -> np.ndarray:
     """Standard errors of the differences between RMS errors and the smallest one [rad], window by window."""
     mean = np.array([s.square / np.maximum(s.count, 1) for s in scores])
     rms = [s.rms for s in scores]
-    best = np.argmin(rms)
+    best = int(np.argmin(rms))
     known = scores[best].count > 0
     error = deviation((mean - mean[best])[:, known]) / np.sqrt(max(known.sum(), 1))
     return error / max(2 * rms[best], 1e-300)

@@ -20,10 +20,11 @@ from study import RESULTS, Found, collect, command, seeds_of, timed
 from dropper_jax import SceneError
 from dropper_jax.run.build import build
 from fitting import Convention, Trace, prepare
-from fitting.calibration.lost_windows import with_sound_windows
 from fitting.calibration.method import estimate
+from fitting.calibration.sound_windows import with_sound_windows
 from fitting.calibration.summarise import summarise
-from fitting.estimate.least_squares import descend, objective_at
+from fitting.estimate.least_squares import descend
+from fitting.estimate.objective import objective_at
 from fitting.estimate.residuals import Problem, Solution
 
 #: Rate of the camera of every third draw [1/s].

@@ -21,13 +21,13 @@ from study import RESULTS, Found, command, say, store, timed
 from fitting import Convention, FitSettings, Trace, prepare
 from fitting.calibration.candidate import omitted_parameter_bias
 from fitting.calibration.freeing import free_by_advice
-from fitting.calibration.lost_windows import with_sound_windows
 from fitting.calibration.method import estimate
 from fitting.calibration.possible_faults import candidate_simulator, with_freed
 from fitting.calibration.prepared import Prepared
+from fitting.calibration.sound_windows import with_sound_windows
 from fitting.calibration.summarise import summarise
-from fitting.estimate.least_squares import objective_at
 from fitting.estimate.noise import Noise
+from fitting.estimate.objective import objective_at
 from fitting.estimate.residual_noise import ResidualNoiseModel
 from fitting.estimate.simulator import Simulator
 

@@ -28,8 +28,8 @@ from dropper_jax.base.json_values import jsonable
 from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.run.build import stepper_of
 from dropper_jax.study.gradient_check import RELATIVE_CHANGE, GradientCheck
+from fitting.parameters.forward_derivatives import Varied, floats_of
 from fitting.parameters.parameter import with_parameter_values
-from fitting.parameters.varied import Varied, floats_of
 from fitting.sensitivity import study
 from fitting.sensitivity.differences import changed_values, slopes_of_runs
 from fitting.sensitivity.problem import Study, measure_rows

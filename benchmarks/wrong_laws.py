@@ -20,8 +20,8 @@ from study import RESULTS, Found, collect, command, seeds_of, timed
 
 from dropper_jax import SceneError
 from fitting import Convention, FitResult, Trace, prepare
-from fitting.calibration.lost_windows import with_sound_windows
 from fitting.calibration.method import estimate
+from fitting.calibration.sound_windows import with_sound_windows
 from fitting.calibration.summarise import summarise
 from fitting.estimate.simulator import Simulator
 

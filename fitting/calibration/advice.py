@@ -28,8 +28,8 @@ from fitting.calibration.possible_faults import candidate_simulator, possible_fa
 from fitting.calibration.prepared import Prepared
 from fitting.calibration.result import FitResult
 from fitting.estimate.factors import invert_spd, solve_spd
-from fitting.estimate.least_squares import objective_at
 from fitting.estimate.normal_equations import eliminate, prior_of
+from fitting.estimate.objective import objective_at
 from fitting.estimate.residuals import Solution
 from fitting.estimate.simulator import Simulator
 from fitting.parameters.parameter import Parameter
@@ -48,12 +48,12 @@ def score_candidates(prepared: Prepared, solution: Solution, simulator: Simulato
     problem = solution.problem
     asked = _not_free(prepared, problem.parameters)
     more = [p for one in asked for p in one.parameters]
-    S, g, data = joint_information(prepared, solution, simulator or candidate_simulator(prepared), more)
+    information = joint_information(prepared, solution, simulator or candidate_simulator(prepared), more)
     free = solution.free
     tested = []
     undistinguished = []
     for one in asked:
-        change = score_change(S, g, data, free, one.rows)
+        change = information.score_change(free, one.rows)
         if change is None:
             undistinguished.append(Candidate(one.name, one.paths, p=1.0))
         else:
@@ -64,22 +64,27 @@ def score_candidates(prepared: Prepared, solution: Solution, simulator: Simulato
     tested.sort(key=lambda pair: pair[1].p)
     rows = []
     for (one, change), p in zip(tested, holm([change.p for _, change in tested]), strict=True):
-        own = [parameter.name for parameter in one.parameters]
-        changes = dict(zip(own, change.change.tolist(), strict=True))
-        errors = dict(zip(own, change.error.tolist(), strict=True))
-        moves = dict(zip(names, change.moves.tolist(), strict=True)) | changes
-        worth = change.gain - penalty * len(own)
-        row = Candidate(one.name, one.paths, changes, errors, change.gain, p, worth, moves=moves)
+        row = _as_candidate(one, change, names)
+        row = replace(row, p=p, worth=change.gain - penalty * len(one.rows))
         if row.worth_naming:
             also_free = np.concatenate([free, one.rows])
             alike = []
             for other in asked:
                 same_size = other is not one and len(other.rows) == len(one.rows)
-                if same_size and score_change(S, g, data, also_free, other.rows) is None:
+                if same_size and information.score_change(also_free, other.rows) is None:
                     alike.append(other.name)
             row = replace(row, alike=tuple(alike))
         rows.append(row)
     return sorted(rows, key=lambda row: -round(row.worth, 1)) + undistinguished
+
+
+def _as_candidate(one: UntestedCandidate, change: ScoreChange, names: Sequence[str]) -> Candidate:
+    """A candidate with its changes; `names` are those of the free parameters that it moves."""
+    own = [p.name for p in one.parameters]
+    changes = dict(zip(own, change.change.tolist(), strict=True))
+    errors = dict(zip(own, change.error.tolist(), strict=True))
+    moves = dict(zip(names, change.moves.tolist(), strict=True)) | changes
+    return Candidate(one.name, one.paths, changes, errors, change.gain, moves=moves)
 
 
 @dataclass(frozen=True)
@@ -106,24 +111,6 @@ def _not_free(prepared: Prepared, parameters: Sequence[Parameter]) -> list[Untes
     return found
 
 
-def joint_information(
-    prepared: Prepared, solution: Solution, simulator: Simulator, more: Sequence[Parameter]
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Information and gradient of the free and further parameters, and the information from measurements alone."""
-    problem = solution.problem
-    every, known = rig_priors(prepared.scene, prepared.simulator.model, [*problem.parameters, *more])
-    values = np.concatenate([solution.values, [p.value for p in more]])
-    extended = replace(problem, simulator=simulator.view_of(every), parameters=every, frozen=None, known=known)
-    evaluation = extended.evaluate(values, solution.starts)
-    system = objective_at(extended, solution.gap_weight).system(evaluation, values)
-    no_change = np.zeros(len(values))
-    step = eliminate(system, 0.0, extended.prior(values), no_change, no_change)
-    prior = prior_of(every, values, known.common)
-    data = step.information - prior.curvature
-    slope = step.gradient - prior.gradient
-    return data / problem.memory + prior.curvature, slope / problem.memory + prior.gradient, data
-
-
 class ScoreChange(NamedTuple):
     """First-order changes of a candidate's numbers, their errors, moves of free parameters, gain and probability."""
 
@@ -138,25 +125,54 @@ class ScoreChange(NamedTuple):
 LEAST_INFORMATION_SHARE = 1e-7
 
 
-def score_change(
-    S: np.ndarray, g: np.ndarray, data: np.ndarray, free: np.ndarray, mine: np.ndarray
-) -> ScoreChange | None:
-    """The change that freeing the numbers `mine` would make; None if the traces carry no information on them."""
-    size = np.diag(data)[mine]
-    if not (size > 0).all():
-        return None
-    A = S[np.ix_(mine, mine)]
-    u = g[mine]
-    inner = np.zeros((0, len(mine) + 1))
-    if len(free):
-        inner = solve_spd(S[np.ix_(free, free)], np.column_stack([S[np.ix_(free, mine)], g[free]]))
-        A = A - S[np.ix_(mine, free)] @ inner[:, :-1]
-        u = u - S[np.ix_(mine, free)] @ inner[:, -1]
-    scale = 1 / np.sqrt(np.diag(S)[mine])
-    if np.linalg.eigvalsh(A * np.outer(scale, scale))[0] < LEAST_INFORMATION_SHARE:
-        return None
-    change = -solve_spd(A, u)
-    gain = float(-0.5 * u @ change)
-    error = np.sqrt(np.diag(invert_spd(A)))
-    p = float(chdtrc(len(A), max(2 * gain, 0.0)))
-    return ScoreChange(change, error, -inner @ np.append(change, 1.0), gain, p)
+class JointInformation(NamedTuple):
+    """Information (k, k) and gradient (k,) of free and further parameters.
+
+    Attributes:
+        S, g: of measurements and priors.
+        data: information of the measurements alone.
+    """
+
+    S: np.ndarray
+    g: np.ndarray
+    data: np.ndarray
+
+    def score_change(self, free: np.ndarray, mine: np.ndarray) -> ScoreChange | None:
+        """The change that freeing the numbers `mine` would make; None if the traces carry no information on them."""
+        if not (np.diag(self.data)[mine] > 0).all():
+            return None
+        A = self.S[np.ix_(mine, mine)]
+        u = self.g[mine]
+        inner = np.zeros((0, len(mine) + 1))
+        if len(free):
+            rows = np.column_stack([self.S[np.ix_(free, mine)], self.g[free]])
+            inner = solve_spd(self.S[np.ix_(free, free)], rows)
+            cross = self.S[np.ix_(mine, free)]
+            A = A - cross @ inner[:, :-1]
+            u = u - cross @ inner[:, -1]
+        scale = 1 / np.sqrt(np.diag(self.S)[mine])
+        if np.linalg.eigvalsh(A * np.outer(scale, scale))[0] < LEAST_INFORMATION_SHARE:
+            return None
+        change = -solve_spd(A, u)
+        gain = float(-0.5 * u @ change)
+        error = np.sqrt(np.diag(invert_spd(A)))
+        p = float(chdtrc(len(A), max(2 * gain, 0.0)))
+        return ScoreChange(change, error, -inner @ np.append(change, 1.0), gain, p)
+
+
+def joint_information(
+    prepared: Prepared, solution: Solution, simulator: Simulator, more: Sequence[Parameter]
+) -> JointInformation:
+    """Information of the free and further parameters at the end of a fit."""
+    problem = solution.problem
+    every, known = rig_priors(prepared.scene, prepared.simulator.model, [*problem.parameters, *more])
+    values = np.concatenate([solution.values, [p.value for p in more]])
+    extended = replace(problem, simulator=simulator.view_of(every), parameters=every, frozen=None, known=known)
+    evaluation = extended.evaluate(values, solution.starts)
+    system = objective_at(extended, solution.gap_weight).system(evaluation, values)
+    no_change = np.zeros(len(values))
+    step = eliminate(system, 0.0, extended.prior(values), no_change, no_change)
+    prior = prior_of(every, values, known.common)
+    data = step.information - prior.curvature
+    slope = step.gradient - prior.gradient
+    return JointInformation(data / problem.memory + prior.curvature, slope / problem.memory + prior.gradient, data)

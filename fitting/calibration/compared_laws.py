@@ -82,7 +82,7 @@ def fit_fullest(laws: ComparedLaws) -> tuple[ComparedLaws, dict[str, Solution]]:
     fullest = refine(with_residual_noise(laws.prepared, laws.fit(name, [])))
     enough = FINE_STEP_COST_RATIO * fullest.cost
     families = {key: replace(family, enough=enough) for key, family in laws.families.items()}
-    laws = replace(laws, prepared=laws.prepared.noisy(fullest.problem.noise), families=families)
+    laws = replace(laws, prepared=laws.prepared.with_noise(fullest.problem.noise), families=families)
     fits = {name: fullest}
     finer = {}
     for dry_friction, family in families.items():

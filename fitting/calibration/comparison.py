@@ -54,7 +54,7 @@ def compare(result: FitResult, laws: Sequence[str] = tuple(LAWS), progress: Prog
         SceneError: a law of unknown name, or a fit of a number that ties several values of the scene.
     """
     refuse_tied("compare_models", result.parameters)
-    return compare_laws(result.prepared.noisy(result.solution.problem.noise), laws, progress)
+    return compare_laws(result.prepared.with_noise(result.solution.problem.noise), laws, progress)
 
 
 def refuse_tied(option: str, parameters: Sequence[Parameter]) -> None:
@@ -78,7 +78,7 @@ def compare_laws(prepared: Prepared, laws: Sequence[str] = tuple(LAWS), progress
     for law in laws:
         if law not in LAWS:
             raise SceneError(f"laws: {law!r} is unknown; {nearest(law, LAWS)}")
-    names = sorted(laws, key=lambda law: (len(LAWS[law]), list(LAWS).index(law)))
+    names = sorted(laws, key=list(LAWS).index)
     compared, fullest_fits = fit_fullest(prepare_laws(prepared, names, progress))
     fullest = fullest_fits[names[-1]]
     memory = fullest.problem.memory
@@ -129,7 +129,7 @@ def _law_rows(
             coefficients=int((used & owned).sum()),
             rms=solution.rms,
             held_out=scored.rms,
-            held_out_error=float(error),
+            held_out_error=error,
             status=solution.status,
             values=dict(compress(solution.by_name.items(), used)),
             free=int(used.sum()),
@@ -194,5 +194,5 @@ def remaining_decrease(solution: Solution) -> float:
     free = ~solution.problem.held_mask
     free &= ~((solution.values <= low) & (g > 0)) & ~((solution.values >= high) & (g < 0))
     if free.any():
-        return 0.5 * float(g[free] @ solve_spd(solution.information[np.ix_(free, free)], g[free]))
+        return 0.5 * g[free] @ solve_spd(solution.information[np.ix_(free, free)], g[free])
     return 0.0

@@ -56,7 +56,7 @@ class Scores:
     @property
     def rms(self) -> float:
         """RMS angle error [rad]."""
-        return float(np.sqrt(self.square.sum() / max(self.count.sum(), 1)))
+        return np.sqrt(self.square.sum() / max(self.count.sum(), 1))
 
 
 def blocks(run: np.ndarray) -> list[Fold]:
@@ -114,10 +114,8 @@ def score(solution: Solution, folds: list[Fold]) -> Scores:
     along = residual_scores(e, solution)[..., free]
     information = np.einsum("ksni,ksnj->kij", along, along, optimize=True)
     gradient = np.einsum("ksni,ksn->ki", along, e.residual, optimize=True)
-    known = windows.weight > 0
-    elapsed = windows.index / windows.step_counts[:, None]
-    early = known & (elapsed <= START_FRACTION)[:, :, None]
-    late = known & ~early
+    early = windows.known & (windows.elapsed <= START_FRACTION)[:, :, None]
+    late = windows.known & ~early
     found = np.zeros((3, windows.count))
     for scored, used in folds:
         S = information[used].sum(0) + prior.curvature[np.ix_(free, free)]
@@ -155,6 +153,6 @@ def score_window(
     left = moved[late] - W @ np.linalg.solve(before, (A.T @ r) * size)
     slope = W.T @ left
     square = left @ left - slope @ np.linalg.solve(after, slope)
-    volume = float(np.linalg.slogdet(after)[1] - np.linalg.slogdet(before)[1])
+    volume = np.linalg.slogdet(after)[1] - np.linalg.slogdet(before)[1]
     errors = left / weight[late]
-    return -0.5 * (square + volume), float(errors @ errors), int(late.sum())
+    return -0.5 * (square + volume), errors @ errors, int(late.sum())

@@ -14,7 +14,7 @@ remaining laws are possible; the decision is unique if one law remains.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import product
 from math import comb
@@ -43,29 +43,28 @@ def chance(gain: float, coefficients: int) -> float:
     """Probability of a gain of at least `gain` in log likelihood by coefficients that are zero and non-negative."""
     total = float(gain <= 0.0)
     for i in range(1, coefficients + 1):
-        total += comb(coefficients, i) * float(chdtrc(i, max(2 * gain, 0.0)))
+        total += comb(coefficients, i) * chdtrc(i, max(2 * gain, 0.0))
     return total / 2**coefficients
 
 
 def decide(rows: list[Law], scores: list[Scores]) -> list[Law]:
     """The laws with scores relative to the best, weights and reasons of refutation; the simplest possible is chosen."""
     logs = np.array([s.log_score for s in scores])
-    best = int(np.argmax(logs.sum(1)))
+    best = np.argmax(logs.sum(1))
     apart = logs - logs[best]
     totals = apart.sum(1).tolist()
     errors = sum_errors(apart).tolist()
     weights = shares(logs, np.random.default_rng(0)).tolist()
+    refuted: dict[str, str] = {}
     # the cost of a fit that did not converge is an upper limit: a law that passes with it passes
-    reasons = [""] * len(rows)
     if any(np.isfinite(row.cost) for row in rows):
-        for i, row in enumerate(rows):
-            if not np.isfinite(row.cost):
-                reasons[i] = row.status
-    alive = [i for i, reason in enumerate(reasons) if not reason]
-    reasons = _by_prediction(rows, _by_likelihood(rows, reasons), logs, alive)
+        refuted = {row.name: row.status for row in rows if not np.isfinite(row.cost)}
+    fitted = [row for row in rows if row.name not in refuted]
+    _refute_by_likelihood(fitted, refuted)
+    _refute_by_prediction(fitted, dict(zip([row.name for row in rows], logs, strict=True)), refuted)
     found = []
     for i, row in enumerate(rows):
-        reason = reasons[i]
+        reason = refuted.get(row.name, "")
         if reason and row.status not in ("ok", reason):
             reason = f"{row.status}; {reason}"
         found.append(replace(row, score=totals[i], score_error=errors[i], share=weights[i], refuted=reason))
@@ -83,14 +82,15 @@ def decide_joined(rows: list[Law], costs: Mapping[str, float], unseen: Mapping[s
     for name, cost in costs.items():
         found[name] = replace(found[name], joined=cost, unseen=unseen[name])
     some = [replace(row, cost=row.joined) for row in found.values() if row.name in costs]
-    reasons = _by_likelihood(some, [""] * len(some))
-    for (i, a), b in product(enumerate(some), some):
-        apart = a.cost - b.cost
-        comparable = a.coefficients >= b.coefficients and not contains(a.name, b.name)
-        if not reasons[i] and comparable and apart > JOINED_REFUTING_LOSS:
-            reasons[i] = f"is less likely than {b.name}, by {apart:.1f} in log likelihood"
-    for row, reason in zip(some, reasons, strict=True):
-        found[row.name] = replace(found[row.name], refuted=reason)
+    refuted: dict[str, str] = {}
+    _refute_by_likelihood(some, refuted)
+    for law, other in product(some, some):
+        apart = law.cost - other.cost
+        comparable = law.coefficients >= other.coefficients and not contains(law.name, other.name)
+        if law.name not in refuted and comparable and apart > JOINED_REFUTING_LOSS:
+            refuted[law.name] = f"is less likely than {other.name}, by {apart:.1f} in log likelihood"
+    for name in costs:
+        found[name] = replace(found[name], refuted=refuted.get(name, ""))
     return _chosen(list(found.values()))
 
 
@@ -101,46 +101,45 @@ def _chosen(rows: list[Law]) -> list[Law]:
     return [replace(row, chosen=i == simplest) for i, row in enumerate(rows)]
 
 
-def _by_likelihood(rows: list[Law], reasons: list[str]) -> list[str]:
-    """Reasons to reject laws that others contain, or that contain others."""
-    reasons = list(reasons)
-    alive = [i for i, reason in enumerate(reasons) if not reason]
-    for i, j in product(alive, alive):
-        if not reasons[i] and contains(rows[j].name, rows[i].name):
-            gain = rows[i].cost - rows[i].unreached - rows[j].cost
-            p = chance(gain, rows[j].coefficients - rows[i].coefficients)
+def _refute_by_likelihood(laws: Sequence[Law], refuted: dict[str, str]) -> None:
+    """Refute laws that others contain, or that contain others: adds the reasons by name."""
+    for law, larger in product(laws, laws):
+        if law.name not in refuted and contains(larger.name, law.name):
+            p = chance(law.cost - law.unreached - larger.cost, larger.coefficients - law.coefficients)
             if p < REFUTED_PROBABILITY:
-                reasons[i] = f"lacks what {rows[j].name} has (p = {p:.1g})"
+                refuted[law.name] = f"lacks what {larger.name} has (p = {p:.1g})"
     # from the simplest law on: a law is needless only if a simpler law that it contains remains
-    for j, i in product(sorted(alive, key=lambda j: rows[j].coefficients), alive):
-        if not reasons[j] and not reasons[i] and contains(rows[j].name, rows[i].name):
-            p = chance(rows[i].cost - rows[j].cost, rows[j].coefficients - rows[i].coefficients)
-            more = set(LAWS[rows[j].name]) - set(LAWS[rows[i].name])
-            # if a law has several more parts, one of them alone must be undecided
-            between = [k for k in alive if contains(rows[k].name, rows[i].name)]
-            between = [k for k in between if contains(rows[j].name, rows[k].name)]
-            if between:
-                open_parts = any(not reasons[k] for k in between)
-            else:
-                open_parts = more & set(rows[j].unseen)
-            if p > NEEDLESS_PROBABILITY and not open_parts:
-                reasons[j] = f"needs no more than {rows[i].name} (p = {p:.1g})"
-    return reasons
+    for law, smaller in product(sorted(laws, key=lambda law: law.coefficients), laws):
+        if not refuted.keys() & {law.name, smaller.name} and contains(law.name, smaller.name):
+            p = chance(smaller.cost - law.cost, law.coefficients - smaller.coefficients)
+            if p > NEEDLESS_PROBABILITY and not _has_open_part(law, smaller, laws, refuted):
+                refuted[law.name] = f"needs no more than {smaller.name} (p = {p:.1g})"
 
 
-def _by_prediction(rows: list[Law], reasons: list[str], logs: np.ndarray, alive: list[int]) -> list[str]:
-    """Reasons to reject laws that predict worse than others of no more coefficients."""
-    reasons = list(reasons)
-    for i, j in product(alive, alive):
-        if not reasons[i] and not reasons[j] and i != j and rows[i].coefficients >= rows[j].coefficients:
-            apart = logs[j] - logs[i]
-            loss = float(apart.sum())
-            error = float(sum_errors(apart[None])[0])
+def _has_open_part(law: Law, smaller: Law, laws: Sequence[Law], refuted: Mapping[str, str]) -> bool:
+    """Whether a part that a law has in addition to a smaller one is undecided; of several, one of them alone."""
+    between = [one.name for one in laws if contains(law.name, one.name) and contains(one.name, smaller.name)]
+    if between:
+        return not refuted.keys() >= set(between)
+    return not set(law.unseen) <= set(LAWS[smaller.name])
+
+
+def _refute_by_prediction(laws: Sequence[Law], logs: Mapping[str, np.ndarray], refuted: dict[str, str]) -> None:
+    """Refute laws that predict worse than others of no more coefficients: adds the reasons by name.
+
+    Args:
+        logs: log scores of the windows (K,) by law.
+    """
+    for law, other in product(laws, laws):
+        possible = law is not other and not refuted.keys() & {law.name, other.name}
+        if possible and law.coefficients >= other.coefficients and not contains(law.name, other.name):
+            apart = logs[other.name] - logs[law.name]
+            loss = apart.sum()
+            error = sum_errors(apart[None])[0]
             predicts = loss > REFUTING_LOSS and loss > REFUTING_ERRORS * error
-            likelier = rows[i].cost - rows[j].cost > REFUTING_LOSS and loss > 0
-            if not contains(rows[i].name, rows[j].name) and (predicts or likelier):
-                reasons[i] = f"predicts worse than {rows[j].name}, by {loss:.1f} +- {error:.1f}"
-    return reasons
+            likelier = law.cost - other.cost > REFUTING_LOSS and loss > 0
+            if predicts or likelier:
+                refuted[law.name] = f"predicts worse than {other.name}, by {loss:.1f} +- {error:.1f}"
 
 
 def deviation(rows: np.ndarray) -> np.ndarray:

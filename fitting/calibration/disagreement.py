@@ -104,17 +104,17 @@ def _row(name: str, link: int, mine: Deviations, rest: list[Deviations], edges: 
     mean = np.where(both, mine.mean - total / others, 0.0)
     error = np.sqrt(1 / np.where(mine.weight > 0, mine.weight, 1.0) + 1 / others)
     size = np.abs(mean) / error
-    worst = int(np.argmax(size))
+    worst = np.argmax(size)
     return Disagreement(
         recording=name,
         link=link + 1,
         samples=len(mine.off),
         rms=float(np.sqrt(np.mean(mine.off**2))),
         noise=float(np.sqrt(np.mean(mine.noise**2))),
-        low=float(edges[worst]),
-        high=float(edges[worst + 1]),
-        mean=float(mean[worst]),
-        std_error=float(error[worst]),
+        low=edges[worst],
+        high=edges[worst + 1],
+        mean=mean[worst],
+        std_error=error[worst],
         stretches=int((size > DISAGREEMENT_ERRORS).sum()),
     )
 

@@ -94,7 +94,7 @@ def _with_width(model: Model, p: Parameter) -> Parameter:
     elif isinstance(p.where, ModelTarget) and p.where.section == "lines":
         width = PRIOR_FRACTION * abs(p.value)
     elif isinstance(p.where, ModelTarget) and p.where.section == "points":
-        width = PRIOR_FRACTION * float(np.mean(np.asarray(model.line.length)))
+        width = PRIOR_FRACTION * np.mean(np.asarray(model.line.length))
     if width > 0:
         return replace(p, prior=(p.value, width))
     return p

@@ -45,7 +45,7 @@ def name_wrong_file(prepared: Prepared) -> str:
     pieces = moving_pieces(prepared)
     links = prepared.traces[0].links
     found = fit_short_windows(prepared, pieces)
-    given = float(np.median(found.chi2))
+    given = np.median(found.chi2)
     if not given > WRONG_CHI_SQUARE:
         return ""
     name = ", ".join(trace.name for trace in prepared.traces)
@@ -56,9 +56,9 @@ def name_wrong_file(prepared: Prepared) -> str:
         tried = []
         for correction in group:
             traces = [_corrected(trace, correction) for trace in prepared.traces]
-            tried.append(float(np.median(fit_short_windows(prepared, pieces, traces=traces).chi2)))
+            tried.append(np.median(fit_short_windows(prepared, pieces, traces=traces).chi2))
         left = min(tried)
-        best = group[int(np.argmin(tried))]
+        best = group[np.argmin(tried)]
         if left < min(CHI_SQUARE_LEFT * given, LARGEST_CHI_SQUARE):
             return (
                 f"{name}: {best.mistake}, as it seems: {size}, {np.sqrt(left):.2g} times without this mistake; "
@@ -91,5 +91,5 @@ def _resting_shifts(prepared: Prepared) -> Iterator[Correction]:
     off = wrap(resting_angles(model) - mean) * trace.convention.turn
     for part in SHIFT_PARTS:
         for j, by in enumerate(off):
-            yield shifted_zero(j, part * float(by))
-        yield shifted_zero(None, part * float(np.mean(off)))
+            yield shifted_zero(j, part * by)
+        yield shifted_zero(None, part * np.mean(off))

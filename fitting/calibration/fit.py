@@ -20,12 +20,12 @@ from fitting.calibration.kicks import without_kicks
 from fitting.calibration.law_candidates import QUADRATIC
 from fitting.calibration.law_fits import with_law
 from fitting.calibration.law_tests import LawTest
-from fitting.calibration.likely_cause import free_too
-from fitting.calibration.lost_windows import FIRST_ITERATIONS, with_sound_windows
+from fitting.calibration.likely_cause import freeing_advice
 from fitting.calibration.method import Method, as_method, estimate
 from fitting.calibration.preparation import TracesLike, prepare
 from fitting.calibration.prepared import Prepared
 from fitting.calibration.result import FitResult
+from fitting.calibration.sound_windows import FIRST_ITERATIONS, with_sound_windows
 from fitting.calibration.spans import Interval
 from fitting.calibration.summarise import summarise
 from fitting.estimate.loss import LEAST_SQUARES, Loss, as_loss
@@ -139,17 +139,15 @@ def fit_and_free(
         whole, kicks = without_kicks(whole, again, loss)
         if kicks:
             sound = with_sound_windows(whole, loss, chosen.iterations, progress, keep_jumps=True)
-    joined = "shooting"
-    if chosen.name != "gradient":
-        joined = chosen.name
+    by_gradient = chosen.name == "gradient"
+    joined = "shooting" if by_gradient else chosen.name
     end = free_by_advice(sound, again, joined, loss, progress=progress)
     freed = [*kicks, *end.freed]
-    doubt = omitted_parameter_bias(freed, end.prepared.parameters)
     prepared = end.prepared
     solution = end.solution
-    if chosen.name == "gradient":
+    if by_gradient:
         solution = again(prepared, "gradient", end.loss)
-    known = replace(prepared.known, doubt=doubt)
+    known = replace(prepared.known, doubt=omitted_parameter_bias(freed, prepared.parameters))
     solution.problem = replace(solution.problem, known=known)
     solution.iterations += prepared.iterations
     result = summarise(replace(prepared, known=known), chosen.name, solution)
@@ -228,10 +226,9 @@ def with_wrong_file(result: FitResult, prepared: Prepared) -> FitResult:
 
 def likeliest(result: FitResult) -> str:
     """The force or the number of the scene that explains most of a misfit, and what frees it; empty if none does."""
-    candidates: list[Candidate | LawTest] = []
-    candidates += [candidate for candidate in result.tested if candidate.worth_naming][:1]
-    candidates += [test for test in result.laws.significant if test.free][:1]
-    best = max(candidates, key=lambda candidate: candidate.gain, default=None)
+    candidate = next((one for one in result.tested if one.worth_naming), None)
+    test = next((one for one in result.laws.significant if one.free), None)
+    best = max(filter(None, (candidate, test)), key=lambda one: one.gain, default=None)
     if best is None:
         return ""
-    return f"{best.name}; {free_too(result.prepared, best.free)}"
+    return f"{best.name}; {freeing_advice(result.prepared, best.free)}"

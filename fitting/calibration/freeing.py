@@ -22,15 +22,16 @@ from dropper_jax.base.errors import Progress, silent
 from fitting.calibration.advice import score_candidates
 from fitting.calibration.candidate import LEAST_GAIN, NAME_SEPARATOR, Candidate
 from fitting.calibration.group_trials import WRONG_CHI_SQUARE, free_groups, is_model_wrong
-from fitting.calibration.lost_frames import lost_frames, starts_from_previous_windows, windows_far_off
+from fitting.calibration.lost_frames import Lost, lost_frames, starts_from_previous_windows, windows_far_off
 from fitting.calibration.outliers import SEVERAL_OUTLIERS, count_outliers
-from fitting.calibration.possible_faults import candidate_simulator, with_freed
+from fitting.calibration.possible_faults import RESERVED_JUMPS, candidate_simulator, with_freed
 from fitting.calibration.prepared import Prepared
+from fitting.estimate.factors import invert_spd
 from fitting.estimate.least_squares import fit_windows
 from fitting.estimate.loss import LEAST_SQUARES, Loss, StudentT
-from fitting.estimate.noise import log_volume
 from fitting.estimate.residuals import Solution
 from fitting.estimate.simulator import Simulator
+from fitting.estimate.whitening import log_volume
 from fitting.estimate.windows import pick
 from fitting.parameters.targets import LOST
 
@@ -62,7 +63,7 @@ def likelihood(solution: Solution) -> float:
     return -(solution.cost + 0.5 * log_volume(solution.windows)) / solution.problem.memory
 
 
-def _back(prepared: Prepared, solution: Solution, mine: Sequence[str]) -> dict[str, float]:
+def _moves_back(prepared: Prepared, solution: Solution, mine: Sequence[str]) -> dict[str, float]:
     """Moves that return some parameters to their start values."""
     return {p.name: p.value - solution.by_name[p.name] for p in prepared.parameters if p.name in mine}
 
@@ -134,6 +135,12 @@ class Freeing:
         self.freed = trial.freed
         return True
 
+    def accept(self, prepared: Prepared, solution: Solution, candidate: Candidate) -> None:
+        """Continue from a fit with a candidate free."""
+        self.prepared = prepared
+        self.solution = solution
+        self.freed.append(candidate)
+
     def free_groups(self, method: str) -> None:
         """Free whole groups by trials, with the simulator that knows their parameters."""
         found = free_groups(self.prepared, self.solution, self.loss, self.progress)
@@ -166,16 +173,14 @@ class Freeing:
         if others:
             k = len(self.solution.values)
             names = best.prepared.names
-            back = _back(best.prepared, best.solution, names[k:])
+            back = _moves_back(best.prepared, best.solution, names[k:])
             doubt = {}
             for other, trial in others:
                 moved = trial.solution.values[:k] - best.solution.values[:k]
                 doubt[other.name] = dict(zip(names[:k], moved.tolist(), strict=True)) | back
             candidate = replace(candidate, name=NAME_SEPARATOR.join(c.name for c, _ in near), doubt=doubt)
             self.refused.update(doubt)
-        self.prepared = best.prepared
-        self.solution = best.solution
-        self.freed.append(candidate)
+        self.accept(best.prepared, best.solution, candidate)
 
     def free_outliers(self) -> None:
         """Student's loss if there are isolated outliers."""
@@ -186,9 +191,7 @@ class Freeing:
         solution = self.fit(prepared, "windows", StudentT())
         if solution.status == "ok":
             self.loss = StudentT()
-            self.prepared = prepared
-            self.solution = solution
-            self.freed.append(Candidate(f"outliers ({count} samples)", ("--student",), gain=float(count)))
+            self.accept(prepared, solution, Candidate(f"outliers ({count} samples)", ("--student",), gain=float(count)))
 
     def reconsider(self, candidate: Candidate) -> Freeing:
         """The fit without one of several freed candidates, or with another one instead, if that is more likely.
@@ -231,14 +234,12 @@ class Freeing:
             if solution.status != "ok":
                 self.refused.add(best.name)
                 continue
-            back = _back(prepared, solution, list(best.changes))
+            back = _moves_back(prepared, solution, list(best.changes))
             doubt = {}
             for c in named:
                 if c is not best and (c.name in best.alike or 0 <= best.worth - c.worth < INDISTINGUISHABLE_GAIN):
                     doubt[c.name] = {p: c.moves.get(p, 0.0) - move for p, move in best.moves.items()} | back
-            self.prepared = prepared
-            self.solution = solution
-            self.freed.append(replace(best, doubt=doubt))
+            self.accept(prepared, solution, replace(best, doubt=doubt))
 
     def fit_without_far_off(self) -> Solution:
         """A fit without the windows that contain a jump: their misfit would be taken for damping and for noise."""
@@ -257,45 +258,53 @@ class Freeing:
         return self.solution
 
     def free_jumps(self) -> None:
-        """Jumps of the clock at missing frames."""
-        while sum(p.is_lost for p in self.prepared.parameters) < 2:
+        """Jumps of the clock at missing frames, as long as they gain."""
+        while sum(p.is_lost for p in self.prepared.parameters) < RESERVED_JUMPS:
             clean = self.fit_without_far_off()
             lost = lost_frames(self.prepared, clean)
-            if lost is None:
+            if lost is None or not self._free_jump(lost, clean):
                 return
-            trace = self.prepared.traces[lost.run]
-            # the window with the jump starts where the previous one ends
-            windows = self.prepared.windows
-            time = trace.t[lost.frame]
-            k = int(np.flatnonzero((windows.run == lost.run) & (windows.begin <= time + 1e-6 * trace.interval))[-1])
-            others = np.arange(windows.count) != k
-            clean = replace(clean, starts=starts_from_previous_windows(clean, ~others))
-            if windows.follows[k] and abs(windows.begin[k] - time) < 0.5 * trace.interval:
-                # merged: a jump between separate windows costs nothing
-                pieces = windows.pieces()
-                merged = pieces[k - 1]._replace(steps=pieces[k - 1].steps + pieces[k].steps)
-                clean = replace(clean, starts=pick(clean.starts, others))
-                self.prepared = self.prepared.with_pieces([*pieces[: k - 1], merged, *pieces[k + 1 :]])
-                self.prepared = self.prepared.starting_at(clean)
-                self.solution = self.fit(self.prepared, "windows", self.loss)
-            name = f"{LOST}.{lost.run}.{lost.frame}"
-            begin = lost.frames * trace.interval
-            prepared = with_freed(self.prepared.starting_at(clean), [name], self.simulator, begin)
-            solution = self.fit(prepared, "windows", self.loss)
-            gain = likelihood(solution) - likelihood(self.solution)
-            seconds = float(solution.values[-1])
-            if (
-                solution.status != "ok"
-                or gain < LEAST_GAIN + JUMP_SEARCH_GAIN
-                or abs(seconds) < LEAST_LOST_FRAMES * trace.interval
-            ):
-                return
-            self.prepared = prepared
-            self.solution = solution
-            words = f"{seconds / trace.interval:.1f} lost frames before frame {lost.frame} of {trace.name}"
-            words += f" ({trace.t[lost.frame]:.3f} s)"
-            errors = {name: float(solution.information[-1, -1]) ** -0.5}
-            self.freed.append(Candidate(words, (name,), {name: seconds}, errors, gain))
+
+    def _free_jump(self, lost: Lost, clean: Solution) -> bool:
+        """Whether a jump gains, which is then free.
+
+        Args:
+            clean: the fit without windows that contain a jump.
+        """
+        trace = self.prepared.traces[lost.run]
+        time = trace.t[lost.frame]
+        begin = self._joined_at(lost.run, time, clean)
+        name = f"{LOST}.{lost.run}.{lost.frame}"
+        prepared = with_freed(begin, [name], self.simulator, lost.frames * trace.interval)
+        solution = self.fit(prepared, "windows", self.loss)
+        gain = likelihood(solution) - likelihood(self.solution)
+        seconds = float(solution.values[-1])
+        frames = seconds / trace.interval
+        if solution.status != "ok" or gain < LEAST_GAIN + JUMP_SEARCH_GAIN or abs(frames) < LEAST_LOST_FRAMES:
+            return False
+        words = f"{frames:.1f} lost frames before frame {lost.frame} of {trace.name} ({time:.3f} s)"
+        error = float(np.sqrt(invert_spd(solution.information)[-1, -1]))
+        self.accept(prepared, solution, Candidate(words, (name,), {name: seconds}, {name: error}, gain))
+        return True
+
+    def _joined_at(self, run: int, time: float, clean: Solution) -> Prepared:
+        """The preparation, started from `clean`; the window with a jump at `time` [s] starts where the previous one
+        ends.
+
+        A jump between separate windows costs nothing: these two are merged first.
+        """
+        interval = self.prepared.traces[run].interval
+        windows = self.prepared.windows
+        k = np.flatnonzero((windows.run == run) & (windows.begin <= time + 1e-6 * interval))[-1]
+        others = np.arange(windows.count) != k
+        clean = replace(clean, starts=starts_from_previous_windows(clean, ~others))
+        if windows.follows[k] and abs(windows.begin[k] - time) < 0.5 * interval:
+            pieces = windows.pieces()
+            merged = pieces[k - 1]._replace(steps=pieces[k - 1].steps + pieces[k].steps)
+            clean = replace(clean, starts=pick(clean.starts, others))
+            self.prepared = self.prepared.with_pieces([*pieces[: k - 1], merged, *pieces[k + 1 :]]).starting_at(clean)
+            self.solution = self.fit(self.prepared, "windows", self.loss)
+        return self.prepared.starting_at(clean)
 
 
 def free_by_advice(

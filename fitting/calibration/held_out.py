@@ -48,11 +48,11 @@ def score_held_out(prepared: Prepared, values: np.ndarray, span: Interval, run: 
     for i, trace in enumerate(prepared.traces):
         if frames[i] >= needed:
             part = trace.between(low, high)
-            end = min(high, float(part.t[-1]) + trace.interval)
-            pieces.append(Span(i, max(low, float(part.t[0])), end))
+            end = min(high, part.t[-1] + trace.interval)
+            pieces.append(Span(i, max(low, part.t[0]), end))
     shortest = min(piece.high - piece.low for piece in pieces)
     windows = prepared.cut(min(window_length(prepared, span), shortest), pieces).pad_to(*_shape(prepared))
-    return HeldOut(low, high, fit_starts(prepared, windows, values))
+    return HeldOut(low, high, fit_starts_in_parts(prepared, windows, values))
 
 
 #: Maximum growth of an error over a held-out window, in e-folds: its start must still be found.
@@ -85,7 +85,7 @@ START_ITERATIONS = 30
 FITTED_PARTS = (0.2, 0.5, 1.0)
 
 
-def fit_starts(prepared: Prepared, windows: Windows, values: np.ndarray) -> Solution:
+def fit_starts_in_parts(prepared: Prepared, windows: Windows, values: np.ndarray) -> Solution:
     """Fit only the starts of windows, on a growing fraction of each."""
     traces = list(prepared.traces)
     for i in np.unique(windows.run):  # earlier fitted samples must not affect the smoothing of a held-out start

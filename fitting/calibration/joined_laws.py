@@ -14,7 +14,8 @@ from dataclasses import replace
 from fitting.calibration.compared_laws import ComparedLaws
 from fitting.calibration.law_fits import better_fit, fit_law
 from fitting.calibration.laws import LAWS, contains
-from fitting.estimate.least_squares import Objective, descend
+from fitting.estimate.least_squares import descend
+from fitting.estimate.objective import Objective
 from fitting.estimate.residuals import Solution
 from fitting.estimate.shooting import GAP_WEIGHTS, fit_shooting
 from fitting.estimate.step_size import with_finer_step

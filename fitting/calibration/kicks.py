@@ -77,7 +77,7 @@ def without_kicks(
     candidates = []
     removed = []
     for kick in found:
-        last = float(windows.ends[kick.windows[-1]])
+        last = windows.ends[kick.windows[-1]]
         what = "is kicked or touched at"
         if len(kick.windows) > 1:
             what = "is disturbed, or moves out of its plane, from"
@@ -129,7 +129,7 @@ class _TrimmedFit(NamedTuple):
     @property
     def limit(self) -> float:
         """Misfit above which only a kick explains a window."""
-        return KICK_RATIO * float(np.median(self.misfit[self.good]))
+        return KICK_RATIO * np.median(self.misfit[self.good])
 
 
 def _min_windows(windows: Windows) -> int:
@@ -202,8 +202,8 @@ def _kicks_at(windows: Windows, first: np.ndarray, times: np.ndarray, good: np.n
     for k, time in zip(first, times, strict=True):
         others = np.flatnonzero(good[k:] | (windows.run[k:] != windows.run[k]))
         last = k + min(others, default=windows.count - k)
-        begin = float(min(time, windows.begin[k]))
-        found.append(Kick(int(windows.run[k]), float(time), begin, np.arange(k, last)))
+        begin = min(time, windows.begin[k])
+        found.append(Kick(int(windows.run[k]), time, begin, np.arange(k, last)))
     return found
 
 
@@ -214,10 +214,9 @@ def _first_missed(solution: Solution, which: np.ndarray, starts: Starts, limit: 
     predicted from the other frames. Frames that are missing around a kick leave such a window.
     """
     mine = solution.windows.pick(which)
-    known = (mine.weight > 0).any(axis=2)
+    known = mine.known.any(axis=2)
     late = known & (np.cumsum(known, axis=1) > MISFIT_QUANTILE * known.sum(axis=1, keepdims=True))
-    earlier = replace(mine, weight=np.where(late[..., None], 0.0, mine.weight))
-    found = _only_starts(solution, earlier, pick(starts, which))
+    found = _only_starts(solution, mine.with_slots(~late), pick(starts, which))
     error = np.abs(wrap(found.evaluation.theta - mine.theta)) * mine.weight
     missed = late & ~(error < limit).all(axis=2)
     return np.where(missed, mine.times(), np.inf).min(axis=1)
@@ -227,7 +226,7 @@ def misfit(solution: Solution) -> np.ndarray:
     """Size of every window's residuals relative to its noise (K,); 0 for windows without samples."""
     windows = solution.windows
     error = np.abs(solution.errors) * windows.weight
-    rows = np.where(windows.weight > 0, error, np.nan).reshape(windows.count, -1)
+    rows = np.where(windows.known, error, np.nan).reshape(windows.count, -1)
     known = ~np.isnan(rows).all(axis=1)
     found = np.zeros(windows.count)
     found[known] = np.nanquantile(rows[known], MISFIT_QUANTILE, axis=1) / NORMAL_QUANTILE
@@ -237,8 +236,8 @@ def misfit(solution: Solution) -> np.ndarray:
 def _only_starts(solution: Solution, windows: Windows, starts: Starts) -> Solution:
     """The starts of windows alone, at a solution's parameters."""
     problem = replace(solution.problem, windows=windows)
-    starts, evaluation = fit_starts(problem, solution.values, starts, START_ITERATIONS)
-    return replace(solution, problem=problem, starts=starts, evaluation=evaluation)
+    evaluation = fit_starts(problem, solution.values, starts, START_ITERATIONS)
+    return replace(solution, problem=problem, starts=evaluation.starts, evaluation=evaluation)
 
 
 #: Halvings of the window that locate the time of the kick: to 1 % of the window.
@@ -254,8 +253,7 @@ def _fit_following(solution: Solution, which: np.ndarray, starts: Starts, limit:
     high = mine.lengths
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
-        early = replace(mine, weight=mine.weight * (elapsed <= middle[:, None])[..., None])
-        found = _only_starts(solution, early, starts)
+        found = _only_starts(solution, mine.with_slots(elapsed <= middle[:, None]), starts)
         fine = misfit(found) <= limit
         low = np.where(fine, middle, low)
         high = np.where(fine, high, middle)

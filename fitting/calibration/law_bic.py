@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from fitting.calibration.laws import Law
-from fitting.estimate.noise import lag_one
+from fitting.estimate.neighbour_correlation import lag_one
 from fitting.estimate.windows import Windows
 
 #: Maximum correlation of neighbours that is used [-]: above it a trace would count as almost no sample at all.
@@ -22,8 +22,8 @@ def with_bic(rows: list[Law], residuals: list[np.ndarray], windows: Windows) -> 
     """The laws with their BIC, all by the effective number of samples of the law with the smallest chi-square."""
     chi2 = np.array([np.sum(r**2) for r in residuals])
     samples = windows.samples
-    rho = lag_one(residuals[int(np.argmin(chi2))], windows.weight > 0)[0]
+    rho = lag_one(residuals[np.argmin(chi2)], windows.known)[0]
     rho = np.clip(rho, 0.0, MAX_CORRELATION)
     effective = samples * (1 - rho) / (1 + rho)
     scores = effective * np.log(chi2 / samples) + np.array([row.free for row in rows]) * np.log(effective)
-    return [replace(row, bic=float(score)) for row, score in zip(rows, scores, strict=True)]
+    return [replace(row, bic=score) for row, score in zip(rows, scores, strict=True)]

@@ -82,7 +82,7 @@ def with_coefficient_changes(solution: Solution, evaluation: Evaluation, changes
     causes = {"time": 0.5 * (windows.begin + windows.ends), "amplitude": window_rates(solution)}
     for candidate in changes:
         cause = causes[candidate.changes_with]
-        factor = (cause - cause.mean()) / max(float(np.std(cause)), 1e-300)
+        factor = (cause - cause.mean()) / max(np.std(cause), 1e-300)
         for field in ("jacobian", "start_jacobian", "end_jacobian"):
             slopes = getattr(evaluation, field)
             by_window = factor.reshape(-1, *[1] * (slopes.ndim - 2))

@@ -123,25 +123,20 @@ def least_loss(full: Solution, family: Family, law: str) -> float:
     lacks = np.flatnonzero(free & ~used)
     c = full.values[lacks]
     inverse = eliminate_rows(full.information, np.flatnonzero(free & used), lacks)
-    return 0.5 * float(c @ inverse @ c) / full.problem.memory
+    return 0.5 * c @ inverse @ c / full.problem.memory
 
 
 def with_law(prepared: Prepared, paths: Sequence[str], solution: Solution) -> Prepared:
     """The preparation with further parts of the law free, from the end of a fit without them."""
     scene = with_zero_damping(prepared.scene, paths)
     model, _ = build(scene)
-    old = {p.name: p for p in prepared.parameters}
     release = prepared.simulator.release
     resolved = {p.name: p for p in resolve(model, [*names_in_scene(prepared.parameters), *paths], release=release)}
-    parameters = []
-    for name, p in old.items():
-        if name in resolved:
-            p = replace(p, where=resolved[name].where)
-        parameters.append(p)
-    parameters += [p for name, p in resolved.items() if name not in old]
+    parameters = [replace(p, where=resolved.pop(p.name, p).where) for p in prepared.parameters]
+    more = list(resolved.values())
+    parameters += more
     stepper = choose_stepper(model, solver=scene.run.solver)
     simulator = Simulator(model, parameters, stepper, release, more=tested_parameters(model, parameters))
     windows = replace(prepared.windows, substeps=substeps_of(prepared, simulator))
-    own = [p.value for p in parameters if p.name not in old]
     changed = replace(prepared, scene=scene, windows=windows, starts=solution.starts)
-    return changed.with_parameters(parameters, np.append(solution.values, own), simulator)
+    return changed.with_parameters(parameters, np.append(solution.values, [p.value for p in more]), simulator)

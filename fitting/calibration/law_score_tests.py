@@ -37,8 +37,8 @@ from fitting.calibration.law_tests import NOTICED_SHARE, SIGNIFICANCE, LawTest, 
 from fitting.calibration.prepared import Prepared
 from fitting.estimate.blocks import TimePieces, block_length, jackknife, time_pieces
 from fitting.estimate.factors import eliminate_rows, solve_spd
-from fitting.estimate.least_squares import objective_at
 from fitting.estimate.normal_equations import Evaluation, Prior, eliminate, move_along
+from fitting.estimate.objective import objective_at
 from fitting.estimate.residuals import Solution
 from fitting.estimate.shooting import GAP_WEIGHTS, loosest_of
 from fitting.estimate.uncertainty import Uncertainty
@@ -122,7 +122,7 @@ class LinearModel(NamedTuple):
             step = solve_spd(self.information[np.ix_(free, free)], gradient)
         except LinAlgError:
             return -np.inf
-        return self.evidence + 0.5 * float(gradient @ step) / variance
+        return self.evidence + 0.5 * gradient @ step / variance
 
 
 def linear_models(solution: Solution, evaluation: Evaluation, prior: Prior, variance: float) -> list[LinearModel]:
@@ -247,16 +247,16 @@ class ScoreTests:
         if degrees < FEWEST_DEGREES:
             return None
         degrees += NOISE_DEGREES
-        change = float(moved[-1])
-        error = float(errors[-1])
+        change = moved[-1]
+        error = errors[-1]
         t = change / error
         if candidate.only_grows:
-            p = float(stdtr(degrees, -t))
+            p = stdtr(degrees, -t)
         else:
-            p = 2 * float(stdtr(degrees, -abs(t)))
+            p = 2 * stdtr(degrees, -abs(t))
         own = moved[: len(self.free)]
         names = self.solution.problem.names
-        moves = {names[j]: float(move) for j, move in zip(self.free, own, strict=True)}
+        moves = {names[j]: move for j, move in zip(self.free, own, strict=True)}
         off = np.abs(own)
         if candidate.coefficient is not None:  # a changing coefficient is off by its own spread
             off = np.where(self.free == candidate.coefficient, np.maximum(off, abs(change)), off)
@@ -288,7 +288,7 @@ class ScoreTests:
         row = self.row(tested.candidate)
         information = tested.model.information
         slope = solve_spd(information[np.ix_(free, free)], information[free, row])[: len(self.free)]
-        largest = max(tested.test.change, 0.0) + float(ndtri(EXCLUSION_PROBABILITY)) * tested.test.error
+        largest = max(tested.test.change, 0.0) + ndtri(EXCLUSION_PROBABILITY) * tested.test.error
         return np.sign(slope) * (np.abs(slope) * largest > self._noticed(INCLUDED_ERRORS))
 
     def _signs_of_duplicate(self, row: int) -> np.ndarray:

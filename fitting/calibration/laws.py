@@ -24,9 +24,10 @@ LAW_PARTS = {
 #: Parts that are friction in the joints; their coefficient is a list where joints have separate values.
 JOINT_PARTS = ("joint viscous", "dry")
 #: Parts of every law by its name, the simplest first, each after all laws that it contains.
-LAWS = {
-    " + ".join(parts) or "none": parts for size in range(len(LAW_PARTS) + 1) for parts in combinations(LAW_PARTS, size)
-}
+LAWS: dict[str, tuple[str, ...]] = {}
+for size in range(len(LAW_PARTS) + 1):
+    for parts in combinations(LAW_PARTS, size):
+        LAWS[" + ".join(parts) or "none"] = parts
 
 
 def part_of(name: str) -> str | None:

@@ -64,8 +64,8 @@ def likely_cause(prepared: Prepared, pieces: Sequence[Span]) -> Cause:
         )
     given = fit_short_windows(prepared, pieces)
     return (
-        _wrong_number(prepared, pieces, float(np.median(given.chi2)))
-        or driven_beginning(prepared, pieces[0][2] - pieces[0][1])
+        _wrong_number(prepared, pieces, np.median(given.chi2))
+        or driven_beginning(prepared, pieces[0].high - pieces[0].low)
         or _shared_errors(prepared, given.part)
         or Cause(
             "a line of other links than the scene's, or a force that the scene lacks",
@@ -81,29 +81,27 @@ def _wrong_number(prepared: Prepared, pieces: Sequence[Span], given: float) -> C
     best = max(CHI_SQUARE_LEFT * given, EXPLAINED_CHI_SQUARE)
     cause = None
     for name, paths, _ in possible_faults(prepared.simulator.model, prepared.simulator.release):
-        if any(path.startswith((NODE, RELEASE_TIME)) for path in paths) or any(
-            one.startswith(tuple(paths)) for one in free
-        ):
+        marked_or_released = paths[0].startswith((NODE, RELEASE_TIME))
+        if marked_or_released or any(one.startswith(tuple(paths)) for one in free):
             continue
         tried = with_freed(prepared, paths, simulator)
         found = fit_short_windows(tried, pieces, paths)
-        left = float(np.median(found.chi2))
+        left = np.median(found.chi2)
         if left < best and _plausible(tried.parameters, found.values):
             best = LATER_SHARE * left
-            cause = Cause(f"wrong {name}", free_too(prepared, paths))
+            cause = Cause(f"wrong {name}", freeing_advice(prepared, paths))
     return cause
 
 
 def _plausible(parameters: Sequence[Parameter], values: np.ndarray) -> bool:
     """Whether no number outside the effects is changed by more than `PLAUSIBLE_CHANGE`."""
-    for p, value in zip(parameters, values, strict=True):
-        in_effects = p.name.startswith("effects.")
-        if p.value and not in_effects and abs(value - p.value) > PLAUSIBLE_CHANGE * abs(p.value):
-            return False
-    return True
+    start = np.array([p.value for p in parameters])
+    in_effects = np.array([p.name.startswith("effects.") for p in parameters])
+    large = np.abs(values - start) > PLAUSIBLE_CHANGE * np.abs(start)
+    return not np.any(large & (start != 0) & ~in_effects)
 
 
-def free_too(prepared: Prepared, paths: Sequence[str]) -> str:
+def freeing_advice(prepared: Prepared, paths: Sequence[str]) -> str:
     """The option that also frees these paths."""
     return f"free them: {free_option(prepared.names, paths)}"
 
@@ -115,8 +113,8 @@ def driven_beginning(prepared: Prepared, length: float) -> Cause | None:
         length: of a short window [s].
     """
     windows = prepared.windows
-    low = float(windows.begin.min())
-    high = float(windows.ends.max())
+    low = windows.begin.min()
+    high = windows.ends.max()
     starts = np.linspace(low, high - length, BEGINNING_WINDOWS)
     mine = np.unique(windows.run)
     if len(mine) > 1 or length >= (high - low) / BEGINNING_WINDOWS:
@@ -141,8 +139,8 @@ def _shared_errors(prepared: Prepared, part: float) -> Cause | None:
     if part > SMOOTHED_MISS:
         return None
     trace = prepared.traces[0]
-    sigma = float(np.median(prepared.sigma[0]))
-    error = max(part * float(np.median(np.nanstd(trace.theta, axis=0))), sigma)
+    sigma = np.median(prepared.sigma[0])
+    error = max(part * np.median(np.nanstd(trace.theta, axis=0)), sigma)
     return Cause(
         f"smoothed or hand-clicked angles, whose errors exceed the noise between neighbours, {sigma:.2g} rad",
         f"use angles that are not smoothed, or state their error: # model_error={error:.1g} in the file",
@@ -155,4 +153,4 @@ def _interpolated(trace: Trace) -> float:
     bend = np.abs(np.diff(slope, axis=0))
     size = np.nanmedian(np.abs(slope), axis=0)
     known = np.isfinite(bend)
-    return float(np.sum((bend < 1e-6 * size) & known) / max(known.sum(), 1))
+    return np.sum((bend < 1e-6 * size) & known) / max(known.sum(), 1)

@@ -48,7 +48,7 @@ def lost_frames(prepared: Prepared, solution: Solution) -> Lost | None:
     Windows left out of the solution start at the end of the previous ones: their own samples contain the jump.
     """
     windows = prepared.windows
-    fitted = np.any(solution.windows.weight > 0, axis=(1, 2))
+    fitted = np.any(solution.windows.known, axis=(1, 2))
     right = np.flatnonzero(windows.follows)
     if not len(right):
         return None
@@ -59,7 +59,7 @@ def lost_frames(prepared: Prepared, solution: Solution) -> Lost | None:
         return None
     best = JUMP_GAIN
     where = None
-    half = np.any(windows.weight > 0, axis=2).sum(axis=1) // 2  # none of windows that were not fitted
+    half = np.any(windows.known, axis=2).sum(axis=1) // 2  # none of windows that were not fitted
     for pair, times in enumerate(both.times()):
         slots = np.flatnonzero(np.r_[True, np.diff(times) > 0])  # without empty ones at the end
         left = right[pair] - 1
@@ -85,8 +85,8 @@ def starts_from_previous_windows(solution: Solution, which: np.ndarray) -> Start
 
 def windows_far_off(solution: Solution) -> np.ndarray:
     """Windows (K,) whose residuals are far larger than those of most; none if there are many."""
-    known = solution.windows.weight > 0
-    size = np.sum(np.where(known, solution.errors, 0.0) ** 2, axis=(1, 2)) / np.maximum(known.sum(axis=(1, 2)), 1)
+    counts = solution.windows.known.sum(axis=(1, 2))
+    size = np.sum(solution.errors**2, axis=(1, 2)) / np.maximum(counts, 1)
     off = size > OMITTED_RATIO * np.median(size)
     return off & (off.mean() <= MOST_OMITTED)
 
@@ -103,7 +103,7 @@ def _extend_windows(prepared: Prepared, right: np.ndarray) -> Windows:
         stop = first + 2  # at least the next one, then as long as windows follow and fit
         while stop < windows.count and windows.follows[stop] and windows.step_counts[first : stop + 1].sum() <= longest:
             stop += 1
-        pieces.append(windows.piece(first)._replace(steps=int(windows.step_counts[first:stop].sum()), follows=False))
+        pieces.append(windows.piece(first)._replace(steps=windows.step_counts[first:stop].sum(), follows=False))
     found = fill(prepared.traces, pieces, windows.dt, prepared.sigma)
     return replace(found, released=windows.released[right - 1]).pad_to(longest, 0)
 
@@ -125,7 +125,7 @@ def best_jump(angle: np.ndarray, measured: np.ndarray, weight: np.ndarray, first
         begin = max(first - low, 0)
         at = begin + int(np.argmax(gain[begin : high - low - FRAMES_AFTER_JUMP + 1]))
         if gain[at] > best[0]:
-            best = float(gain[at]), low + at, lag
+            best = gain[at], low + at, lag
     return best
 
 

@@ -12,7 +12,7 @@ and parameters, A(w) its block of the starts and G = 1/w^2 gaps, the fit's evide
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,17 +20,19 @@ import numpy as np
 from dropper_jax.base.errors import Progress, SceneError, require_positive, silent
 from dropper_jax.base.json_values import Json
 from dropper_jax.base.markdown import Rows, cells, text_row
-from dropper_jax.load.scene import load_scene
+from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.run.build import SceneLike
 from fitting.calibration.preparation import prepare
 from fitting.estimate.factors import invert_spd
-from fitting.estimate.least_squares import Objective, fit_windows
+from fitting.estimate.least_squares import fit_windows
 from fitting.estimate.normal_equations import Step
+from fitting.estimate.objective import Objective
 from fitting.estimate.residuals import Solution
-from fitting.estimate.shooting import GAP_WEIGHTS, SAME_EVIDENCE
+from fitting.estimate.shooting import GAP_WEIGHTS, loosest_of
 from fitting.estimate.windows import pick
 from fitting.parameters.names import full_names
 from fitting.traces.synthetic import Camera, observe, simulate_truth
+from fitting.traces.trace import Trace
 
 #: Rounds of the search for the windows' starts on a trace without noise.
 START_ROUNDS = 4
@@ -93,8 +95,8 @@ def plan(
     _check_positive("duration", durations, " s")
     _check_positive("noise", noises, " rad")
     if gap_weight is not None:
-        _check_positive("gap_weight", [gap_weight], "")
-    _check_positive("rate", [rate], " Hz")
+        require_positive("gap_weight", gap_weight, "")
+    require_positive("rate", rate, " Hz")
     plans = []
     for i, source in enumerate(scenes):
         scene = load_scene(source)
@@ -105,24 +107,32 @@ def plan(
         foreign = [name for name in asked if name not in names]
         if foreign:
             raise SceneError(f"for: {foreign[0]!r} is not free; allowed: {', '.join(names)}")
-        stems = tuple(f"{name}." for name in asked)
         motion = simulate_truth(scene, max(durations), rate)
         for noise in sorted(noises):
             progress((i + noise / max(noises) / 2) / len(scenes), f"{scene.name}, {noise:g} rad")
             trace = observe(motion, Camera(rate=rate), 0, scene.name)
-            trace = replace(trace, se=np.full_like(trace.theta, noise))
-            prepared = prepare([trace], scene, names)
-            held = prepared.problem(frozen=np.ones(len(prepared.values), bool))
-            solution = fit_windows(held, prepared.values, prepared.starts, iterations=START_ROUNDS)
-            solution = replace(solution, problem=prepared.problem())
+            solution = _along_truth(replace(trace, se=np.full_like(trace.theta, noise)), scene, names)
             for duration in durations:
                 errors, weight = _errors(solution, duration, gap_weight)
                 by_name = dict(zip(solution.by_name, errors.tolist(), strict=True))
-                requested_errors = [error for name, error in by_name.items() if f"{name}.".startswith(stems)]
-                score = float(np.mean(np.log(requested_errors)))
+                score = _mean_log(by_name, asked)
                 plans.append(Planned(scene.name, duration, noise, by_name, score, weight))
     progress(1.0, "ok")
     return sorted(plans, key=lambda row: row.score)
+
+
+def _along_truth(trace: Trace, scene: Scene, names: Sequence[str]) -> Solution:
+    """Windows of a trace without noise at the scene's own values, with their starts on the motion."""
+    prepared = prepare([trace], scene, names)
+    held = prepared.problem(frozen=np.ones(len(prepared.values), bool))
+    solution = fit_windows(held, prepared.values, prepared.starts, iterations=START_ROUNDS)
+    return replace(solution, problem=prepared.problem())
+
+
+def _mean_log(errors: Mapping[str, float], asked: Sequence[str]) -> float:
+    """Mean log of the errors of the parameters at these paths."""
+    stems = tuple(f"{name}." for name in asked)
+    return float(np.mean(np.log([error for name, error in errors.items() if f"{name}.".startswith(stems)])))
 
 
 def _check_positive(key: str, numbers: Sequence[float], unit: str) -> None:
@@ -155,19 +165,20 @@ def at_weight(solution: Solution, weight: float) -> Step:
 
 def _expected_weight(solution: Solution) -> float:
     """The gap weight that a fit chooses by the mean of its evidence if the model is right."""
-    gaps = int(solution.windows.follows.sum()) * solution.problem.freedoms
+    gaps = solution.windows.follows.sum() * solution.problem.freedoms
 
-    def logs(weight: float) -> np.ndarray:
-        """log|A| and log|H|."""
+    def log_curvature(weight: float) -> float:
+        """log|H|."""
         step = at_weight(solution, weight)
-        return step.log_determinant + np.array([0.0, np.linalg.slogdet(step.information)[1]])
+        return step.log_determinant + np.linalg.slogdet(step.information)[1]
 
     evidence = []
     for weight in GAP_WEIGHTS:
-        change = logs(weight * (1 + WEIGHT_STEP))[1] - logs(weight / (1 + WEIGHT_STEP))[1]
+        change = log_curvature(weight * (1 + WEIGHT_STEP)) - log_curvature(weight / (1 + WEIGHT_STEP))
         slope = change / (2 * np.log(1 + WEIGHT_STEP))
-        evidence.append(-gaps * np.log(weight) - 0.5 * logs(weight)[0] + 0.25 * slope)
-    return next(w for w, each in zip(GAP_WEIGHTS, evidence, strict=True) if each >= max(evidence) - SAME_EVIDENCE)
+        starts = at_weight(solution, weight).log_determinant
+        evidence.append(-gaps * np.log(weight) - 0.5 * starts + 0.25 * slope)
+    return GAP_WEIGHTS[loosest_of(evidence)]
 
 
 def rows(plans: Sequence[Planned]) -> Rows:

@@ -22,7 +22,7 @@ def count_outliers(solution: Solution) -> int:
         residual = solution.errors * windows.weight
     else:
         residual = solution.evaluation.residual
-    known = windows.weight > 0
+    known = windows.known
     inner = known[:, 1:-1] & known[:, :-2] & known[:, 2:]
     off = np.abs(residual[:, 1:-1] - 0.5 * (residual[:, :-2] + residual[:, 2:]))
     usual = np.ma.median(np.ma.array(off, mask=~inner), axis=(0, 1)) / NORMAL_MEDIAN
@@ -42,7 +42,7 @@ NAMED_SAMPLES = 5
 def outlier_warnings(prepared: Prepared, solution: Solution) -> list[str]:
     """A line on outlying samples, with run, link and time, if there are any."""
     windows = solution.windows
-    residual = np.ma.array(np.abs(solution.evaluation.residual), mask=windows.weight == 0)
+    residual = np.ma.array(np.abs(solution.evaluation.residual), mask=~windows.known)
     # the median gives the spread of the residuals themselves, which outliers do not widen
     spread = np.ma.median(residual, axis=(0, 1)) / NORMAL_MEDIAN
     size = np.ma.filled(residual / np.maximum(spread, 1e-300), 0.0)

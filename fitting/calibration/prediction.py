@@ -19,9 +19,9 @@ from jax import Array
 
 from fitting.calibration.result import FitResult
 from fitting.estimate.window_run import Start, march
+from fitting.parameters.forward_derivatives import vary
 from fitting.parameters.observation import camera_angles, clock_rate, lost_frames
 from fitting.parameters.parameter import with_parameter_values
-from fitting.parameters.varied import vary
 from fitting.traces import planar
 
 #: RMS over the links [rad] at which two motions count as diverged.
@@ -47,7 +47,7 @@ class Prediction:
     @property
     def begin(self) -> float:
         """Time of its start [s]."""
-        return float(self.t[0])
+        return self.t[0]
 
     @property
     def text(self) -> str:
@@ -72,16 +72,16 @@ MOST_STEPS = 200_000
 def predict(result: FitResult, run: int = 0) -> Prediction | None:
     """The run for trace `run`; None if no window of it has its own start, or if the run fails or is too long."""
     windows = result.windows
-    solution = result.solution
     mine = np.flatnonzero((windows.run == run) & ~windows.released)
     if not len(mine):
         return None
     first = mine[np.argmin(windows.begin[mine])]
     trace = result.traces[run]
-    begin = float(windows.begin[first])
-    # the clock changes at lost frames
-    lost = lost_frames(result.parameters).values()
-    end = min([trace.t[-1], *(frame.time for frame in lost if frame.run == run)])
+    begin = windows.begin[first]
+    end = trace.t[-1]
+    for lost in lost_frames(result.parameters).values():  # the clock changes there
+        if lost.run == run and lost.time > begin:
+            end = min(end, lost.time)
     inside = (trace.t >= begin - 1e-9) & (trace.t <= end + 1e-9)
     t = trace.t[inside]
     steps = 0
@@ -89,27 +89,34 @@ def predict(result: FitResult, run: int = 0) -> Prediction | None:
         steps = int(np.ceil((t[-1] - begin) / windows.dt + 1e-9))
     if not 0 < steps * windows.substeps <= MOST_STEPS:
         return None
-    values = np.asarray(result.values, float)
-    n = trace.links
-    theta, omega = np.split(solution.evaluation.start[first], 2)
-    samples = max(float((windows.weight[first] > 0).sum()) / n, 1.0)
-    # signs that differ between links, the same in every call
-    aside = result.noise / np.sqrt(samples) * np.sign(np.sin(1.0 + np.arange(n)))
-    error = np.where(np.isfinite(result.uncertainty.std_error), result.uncertainty.std_error, 0.0)
-    low, high = solution.problem.bounds(values)
     simulate = _simulator_of(result, steps)
     at = np.arange(steps + 1) * windows.dt + begin
-    near = _at_times(t, at, simulate(values, theta, omega))
+    theta, omega = np.split(result.solution.evaluation.start[first], 2)
+    near = _at_times(t, at, simulate(result.values, theta, omega))
     # where the run of the fit has no motion, as after a step that did not solve, there is nothing to compare
     runs = np.all(np.isfinite(near), axis=1)
     if not runs[0]:
         return None
     t = t[runs]
     near = near[runs]
-    other = _at_times(t, at, simulate(np.clip(values + error, low, high), theta + aside, omega))
+    other = _at_times(t, at, simulate(_values_aside(result), theta + _angles_aside(result, first), omega))
     measured = trace.theta[inside][runs]
     trusted = min(_parting(t, other - near), _first_missing(t, other))
     return Prediction(t, measured, near, trusted, _parting(t, measured - near))
+
+
+def _values_aside(result: FitResult) -> np.ndarray:
+    """Every parameter one standard error away (k,), inside its bounds."""
+    error = np.where(np.isfinite(result.uncertainty.std_error), result.uncertainty.std_error, 0.0)
+    return np.clip(result.values + error, *result.solution.problem.bounds(result.values))
+
+
+def _angles_aside(result: FitResult, window: int) -> np.ndarray:
+    """One standard error (n,) [rad] of a window's first angles, with signs that differ between links."""
+    weight = result.windows.weight[window]
+    links = result.solution.evaluation.start.shape[1] // 2
+    samples = max((weight > 0).sum() / links, 1.0)
+    return result.noise / np.sqrt(samples) * np.sign(np.sin(1.0 + np.arange(links)))
 
 
 def _simulator_of(result: FitResult, steps: int) -> Callable[..., tuple[Array, Array]]:
@@ -123,9 +130,9 @@ def _simulator_of(result: FitResult, steps: int) -> Callable[..., tuple[Array, A
     @jax.jit
     def run(values: Array, theta: Array, omega: Array) -> tuple[Array, Array]:
         model = with_parameter_values(base, parameters, values)
-        rate: Array | float | None = clock_rate(parameters, values)
+        rate = clock_rate(parameters, values)
         if rate is None:
-            rate = 1.0
+            rate = jnp.ones(())
         theta, omega = planar.close_chain(model, theta, omega)
         state = planar.to_state(model, theta, omega)
         whole = jnp.arange(steps), jnp.zeros(steps)
@@ -151,7 +158,7 @@ def _at_times(t: np.ndarray, at: np.ndarray, motion: tuple[Array, Array]) -> np.
 
     angles, rates = (np.asarray(part) for part in motion)
     finite = np.isfinite(angles).all(axis=1) & np.isfinite(rates).all(axis=1)
-    count = int(np.logical_and.accumulate(finite).sum())
+    count = np.logical_and.accumulate(finite).sum()
     found = np.full((len(t), angles.shape[1]), np.nan)
     if count > 1:
         before = t <= at[count - 1] + 1e-9
@@ -164,7 +171,7 @@ def _first_missing(t: np.ndarray, angles: np.ndarray) -> float:
     """First time [s] at which angles (m, n) are not finite; infinite without any."""
     missing = np.flatnonzero(~np.isfinite(angles).all(axis=1))
     if len(missing):
-        return float(t[missing[0]])
+        return t[missing[0]]
     return np.inf
 
 
@@ -179,7 +186,7 @@ def _parting(t: np.ndarray, difference: np.ndarray) -> float:
     sample does not count.
     """
     difference = difference - 2 * np.pi * np.round(np.nan_to_num(difference) / (2 * np.pi))
-    width = max(1, round(AVERAGED_TIME / max(float(np.median(np.diff(t))), 1e-9)))
+    width = max(1, round(AVERAGED_TIME / max(np.median(np.diff(t)), 1e-9)))
     known = np.isfinite(difference)
     square = np.sum(np.where(known, difference, 0.0) ** 2, axis=1)
     square = np.convolve(square, np.ones(width), "same")
@@ -187,5 +194,5 @@ def _parting(t: np.ndarray, difference: np.ndarray) -> float:
     rms = np.sqrt(square / np.maximum(count, 1))
     beyond = np.flatnonzero(rms > DIVERGED_ANGLE)
     if len(beyond):
-        return float(t[beyond[0]])
+        return t[beyond[0]]
     return np.inf

@@ -29,7 +29,8 @@ from fitting.estimate.simulator import Simulator, choose_stepper
 from fitting.parameters.missing_forces import tested_parameters
 from fitting.parameters.names import by_full_path, default_free, default_rig, full_names
 from fitting.parameters.parameter import Bounds, Parameter, Priors, StartValues, adjust_parameters, with_zero_damping
-from fitting.parameters.recordings import SharedMotion, convention_distance, merge_recordings
+from fitting.parameters.recording_delay import convention_distance
+from fitting.parameters.recordings import SharedMotion, merge_recordings
 from fitting.parameters.rig_priors import rig_priors
 from fitting.parameters.scene_parameters import free_of_traces
 from fitting.parameters.targets import RECORDING, LostTarget
@@ -96,10 +97,10 @@ def prepare(
     changed = by_full_path(scene, start, bounds, priors, (RECORDING,))
     parameters = free_of_traces(scene, model, [*names, *rig], release)
     if settings.same_motion:
-        motion = _same_motion(read, start, settings, release)
+        motion = _same_motion(read, changed.start, settings, release)
         notes += motion.notes
         read = [motion.trace]
-        parameters = (*parameters, *some_of(motion.parameters, of_recordings))
+        parameters = (*parameters, *parameters_named(motion.parameters, of_recordings))
         for p in motion.parameters:  # a given delay is where the search for it starts
             if p.name.endswith(".delay") and p.name in changed.start:
                 changed.start[p.name] = p.value
@@ -108,21 +109,22 @@ def prepare(
     parameters = adjust_parameters(parameters, *changed)
     parameters, known = rig_priors(scene, model, at_frames(parameters, read))
     samples = choose_samples(read, scene, model, until, held_out, settings, release is not None)
+    samples = replace(samples, warnings=(*notes, *samples.warnings))
     if simulator is None:
         stepper = choose_stepper(model, settings.integrator, scene.run.solver)
         simulator = Simulator(model, parameters, stepper, release, more=tested_parameters(model, parameters))
-    else:
-        simulator = simulator.view_of(parameters)
+    simulator = simulator.view_of(parameters)
     plan = plan_windows(samples, simulator, settings)
     simulator.capacity = program_capacity(samples, plan)
     progress(0.02, f"windows of at most {plan.length:.3g} s: compiling")
     values = np.array([p.value for p in parameters])
     windows, starts, growth = windows_along_motion(samples, simulator, release, plan, values)
+    if release is not None:
+        parameters = release.bound_times(parameters, windows)
     _check_effective(simulator, simulator(values, starts, windows))
     if release is not None:
-        values = release.guess(lambda *at: simulator(*at).residual, simulator.parameters, windows, starts, values)
-        parameters = tuple(replace(p, value=float(v)) for p, v in zip(simulator.parameters, values, strict=True))
-    samples = replace(samples, warnings=(*notes, *samples.warnings))
+        values = release.guess(lambda *at: simulator(*at).residual, parameters, windows, starts, values)
+        parameters = tuple(replace(p, value=float(v)) for p, v in zip(parameters, values, strict=True))
     return Prepared(
         **vars(samples),
         scene=scene,
@@ -138,7 +140,7 @@ def prepare(
 
 
 def _same_motion(
-    traces: list[Trace], start: StartValues | None, settings: FitSettings, release: Release | None
+    traces: list[Trace], start: StartValues, settings: FitSettings, release: Release | None
 ) -> SharedMotion:
     """The recordings of one motion.
 
@@ -208,7 +210,7 @@ def read_traces(
     return in_model, notes
 
 
-def some_of(parameters: Sequence[Parameter], names: Sequence[str]) -> tuple[Parameter, ...]:
+def parameters_named(parameters: Sequence[Parameter], names: Sequence[str]) -> tuple[Parameter, ...]:
     """The parameters with these names, or that belong to them; all of them without any.
 
     Raises:

@@ -140,7 +140,7 @@ class Prepared(Samples):
         """The windows with the noise that the traces claim, and a solution's steps."""
         return replace(self.windows, substeps=point.windows.substeps)
 
-    def noisy(self, noise: Noise | None) -> Prepared:
+    def with_noise(self, noise: Noise | None) -> Prepared:
         """The preparation with the noise estimated by a fit, if any: in the windows and in all that are cut later."""
         if noise is None:
             return self
@@ -190,8 +190,9 @@ class Prepared(Samples):
             rounding = fit.resolution("angle") / np.sqrt(12)
         claimed = []
         for sigma, trace in zip(self.sigma, self.traces, strict=True):
-            if trace.se is not None:
-                sigma = np.sqrt(np.nanmean(trace.se**2, axis=0))
+            if trace.se is not None:  # perhaps not of every link
+                stated = np.where(np.isfinite(trace.se).any(axis=0), trace.se, sigma)
+                sigma = np.sqrt(np.nanmean(stated**2, axis=0))
             claimed.append(sigma)
         return np.maximum(rounding / np.array(claimed), 1e-9)
 

@@ -184,7 +184,7 @@ class FitResult(SceneFit[Problem, Evaluation]):
             reason = f"neighbours correlate by {self.uncertainty.correlation_1[0]:.2f}"
             if self.has_unexplained_joins or not self.windows_join:
                 reason = "the windows of the fit do not join to one motion"
-            times = float(np.sqrt(self.chi2_per_dof))
+            times = np.sqrt(self.chi2_per_dof)
             found.append(
                 f"the residuals are {times:.3g} times the noise and {reason}: the model misses the trace. "
                 f"{self._advice_on_misfit(self.rms / times)}"
@@ -268,7 +268,7 @@ class FitResult(SceneFit[Problem, Evaluation]):
         for trace in self.traces:
             theta = trace.across_gaps(MAX_GAP_PERIODS * pendulum_period(length))
             rates = np.abs(np.diff(theta, axis=0)) / np.diff(trace.t)[:, None]
-            fastest = max(fastest, float(np.max(np.nansum(rates * length, axis=1), initial=0.0)))
+            fastest = max(fastest, np.max(np.nansum(rates * length, axis=1), initial=0.0))
         return fastest
 
     @property
@@ -279,7 +279,8 @@ class FitResult(SceneFit[Problem, Evaluation]):
         certain. With covariance C, `v = -C_lq/C_qq` has the minimum variance. None if no node moves at that speed: the
         combination would have no meaning.
         """
-        mine = [i for name in DRAG_PATHS for i, p in enumerate(self.parameters) if p.name == name]
+        names = self.solution.problem.names
+        mine = [names.index(name) for name in DRAG_PATHS if name in names]
         C = self.uncertainty.covariance[np.ix_(mine, mine)]
         if len(mine) < 2 or not (np.diag(C) > 0).all():
             return None
@@ -312,8 +313,8 @@ class FitResult(SceneFit[Problem, Evaluation]):
         `kept` is the fraction of its noise that a sample passes to the next one.
         """
         windows = self.windows
-        known = windows.weight > 0
-        square = mean_by_run(1 / np.where(known, windows.weight, 1.0) ** 2, known, windows.run, len(self.traces))
+        known = windows.known
+        square = mean_by_run(1 / np.where(known, windows.weight, 1.0) ** 2, windows, len(self.traces))
         noise = self.solution.problem.noise or Noise.as_claimed(*square.shape)
         found: dict[str, Any] = {"kind": noise.kind, "sigma_rad": np.sqrt(square)}
         if noise.kind == "correlated":

@@ -45,18 +45,23 @@ def refuse_rising_energy(trace: Trace, model: Model, spans: Sequence[Interval], 
     """
     if any(e.name not in ("weight", *DAMPING) for e in model.effects):
         return  # water and springs have energies of their own
-    low = spans[0][0]
-    high = spans[-1][1]
-    motion = smooth_stretch(trace, (low, high), SMOOTHER_PERIODS * period)
+    whole = (spans[0][0], spans[-1][1])
+    if not np.isfinite(trace.between(*whole).theta).any(axis=0).all():
+        return  # the energy of a link that is not seen is unknown
+    motion = smooth_stretch(trace, whole, SMOOTHER_PERIODS * period)
     if motion is None:
         return
     t, theta, omega = motion
     rest = resting_angles(model)
-    *energy, at_rest = np.asarray(energies(model, np.vstack([theta, rest]), np.vstack([omega, 0 * rest])))
-    energy = np.array(energy) - at_rest
+    every = np.asarray(energies(model, np.vstack([theta, rest]), np.vstack([omega, 0 * rest])))
+    energy = every[:-1] - every[-1]
     inside = np.any([(t >= begin) & (t < end) for begin, end in spans], axis=0)
-    t = t[inside]
-    energy = energy[inside]
+    _refuse_second_run(trace, t[inside], energy[inside], period)
+    _refuse_reversed_time(trace, energy[inside])
+
+
+def _refuse_second_run(trace: Trace, t: np.ndarray, energy: np.ndarray, period: float) -> None:
+    """Reject energies (k,) [J] at times (k,) [s] that rise where the angles jump."""
     for at in _breaks(trace):
         before = energy[(t > at - period) & (t < at)]
         after = energy[(t > at) & (t < at + period)]
@@ -69,9 +74,12 @@ def refuse_rising_energy(trace: Trace, model: Model, spans: Sequence[Interval], 
                 f"rises from {np.median(before):.3g} to {np.median(after):.3g} J. Use one file per run, or "
                 f"--until {at:.4g} for the first one"
             )
+
+
+def _refuse_reversed_time(trace: Trace, energy: np.ndarray) -> None:
+    """Reject energies (k,) [J] that rise in most stretches."""
     parts = np.array([np.median(part) for part in np.array_split(energy, STRETCHES)])
-    rising = float(np.mean(np.diff(parts) > 0))
-    if rising >= RISING_FRACTION and parts[-2:].mean() > RISE_FACTOR * parts[:2].mean():
+    if np.mean(np.diff(parts) > 0) >= RISING_FRACTION and parts[-2:].mean() > RISE_FACTOR * parts[:2].mean():
         raise SceneError(
             f"{trace.name}: time is reversed, as it seems: the energy of the motion rises from "
             f"{parts[:2].mean():.3g} to {parts[-2:].mean():.3g} J. Reverse the rows"

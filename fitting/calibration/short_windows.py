@@ -71,7 +71,7 @@ def fit_short_windows(
     chi2 = _mean_square(solution.errors * weight, weight)
     moved = _mean_square((windows.theta - mean[:, None]) * weight, weight)
     chi2 = np.where(np.isfinite(chi2), chi2, np.inf)
-    part = float(np.median(np.sqrt(chi2 / np.maximum(moved, 1e-300))))
+    part = np.median(np.sqrt(chi2 / np.maximum(moved, 1e-300)))
     return Misfit(chi2, part, solution.values)
 
 
@@ -90,7 +90,7 @@ def moving_pieces(prepared: Prepared) -> list[Span]:
     windows = prepared.windows
     interval = max(trace.interval for trace in prepared.traces)
     length = min(windows.length, max(WINDOW_PERIODS * prepared.period, WINDOW_FRAMES * interval))
-    known = windows.weight > 0
+    known = windows.known
     mean = np.sum(windows.theta * known, axis=1) / np.maximum(known.sum(axis=1), 1)
     moved = np.sum(known * (windows.theta - mean[:, None]) ** 2, axis=(1, 2)) / np.maximum(known.sum(axis=(1, 2)), 1)
     moved = np.where(windows.lengths > length * (1 - 1e-6), moved, -1.0)  # the rest of a window is too short

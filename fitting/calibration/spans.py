@@ -50,10 +50,10 @@ def fitted_spans(
     """
     spans = []
     for i, trace in enumerate(traces):
-        low = float(trace.t[0])
+        low = trace.t[0]
         if begin is not None:
             low = max(low, begin)
-        last = float(trace.t[-1]) + trace.interval
+        last = trace.t[-1] + trace.interval
         if until is not None:
             last = min(last, until)
         for start, end in [*held_out, (last, last)]:

@@ -76,7 +76,7 @@ def still_spans(trace: Trace, sigma: np.ndarray, slowest: float) -> list[Interva
         count = still_frames(times, trace.theta[whole][::direction], sigma)
         shortest = max(SHORTEST_REST, periods * slowest)
         if count >= max(FEWEST_REST_FRAMES, 2 * MEAN_FRAMES) and abs(times[count - 1] - times[0]) >= shortest:
-            low, high = sorted((float(times[0]), float(times[count - 1])))
+            low, high = sorted((times[0], times[count - 1]))
             spans.append((low, high))
     return list(dict.fromkeys(spans))
 
@@ -88,7 +88,7 @@ def still_frames(t: np.ndarray, theta: np.ndarray, sigma: np.ndarray) -> int:
         known = np.flatnonzero(np.isfinite(column))
         pause = np.abs(np.diff(t[known], prepend=t[0])) > SHORTEST_REST
         if pause.any():
-            known = known[: int(np.argmax(pause))]
+            known = known[: np.argmax(pause)]
         if len(known) < 2 * MEAN_FRAMES:
             return 0
         mean = np.convolve(column[known], np.full(MEAN_FRAMES, 1 / MEAN_FRAMES), "valid")
@@ -100,7 +100,7 @@ def still_frames(t: np.ndarray, theta: np.ndarray, sigma: np.ndarray) -> int:
         still = known[-1] + 1
         if len(moves):
             still = known[moves[0] + 1]
-        fewest = min(fewest, int(still))
+        fewest = min(fewest, still)
     return fewest
 
 
@@ -123,7 +123,7 @@ def held_start(trace: Trace, sigma: np.ndarray, slowest: float, model: Model) ->
     off = wrap(np.nanmedian(still.theta, axis=0) - resting_angles(model))
     later = known[trace.t[known] > spans[0][1]][MEAN_FRAMES:]
     if len(later) and np.abs(off).max() > HELD_ANGLE:
-        return float(trace.t[later[0]])
+        return trace.t[later[0]]
     return None
 
 

@@ -14,9 +14,9 @@ from fitting.calibration.law_tests import law_warnings
 from fitting.calibration.outliers import outlier_warnings
 from fitting.calibration.prepared import Prepared
 from fitting.calibration.result import FitResult, chi2_per_dof, direction_text
+from fitting.estimate.error_growth import lyapunov, transitions
 from fitting.estimate.residuals import CHI2_RANGE, CORRELATION_FLOOR, Solution
 from fitting.estimate.scene_fit import common_warnings
-from fitting.estimate.shooting import lyapunov
 from fitting.estimate.uncertainty import Uncertainty, uncertainty
 
 #: Warnings for noise that is not white.
@@ -55,7 +55,7 @@ def warnings_of(prepared: Prepared, solution: Solution, u: Uncertainty, chi2: fl
         )
     found += _noise_warnings(prepared, solution, u, chi2)
     found += outlier_warnings(prepared, solution)
-    failed = int(solution.evaluation.failed.sum())
+    failed = solution.evaluation.failed.sum()
     if failed:
         found.append(f"{failed} steps of the final simulation are above the solver's tolerance or have no derivative")
     if solution.status != "ok":
@@ -68,7 +68,7 @@ def warnings_of(prepared: Prepared, solution: Solution, u: Uncertainty, chi2: fl
 def _noise_warnings(prepared: Prepared, solution: Solution, u: Uncertainty, chi2: float) -> list[str]:
     """Lines on residuals that are not the claimed white noise."""
     found = []
-    correlation = float(u.correlation_1[0])
+    correlation = u.correlation_1[0]
     if u.inflation > 1 or abs(correlation) > 4 * CORRELATION_FLOOR:
         found.append(
             f"residuals are not noise: neighbours correlate by {correlation:.2f}; standard errors were multiplied "
@@ -90,14 +90,14 @@ def summarise(prepared: Prepared, method: str, solution: Solution) -> FitResult:
     """The result of a solution: errors, held-out scores, warnings."""
     simulator = prepared.simulator
     windows = solution.windows
-    rate = lyapunov(simulator, windows, solution.evaluation, solution.values)
+    rate = lyapunov(windows, transitions(simulator, solution.evaluation, solution.values))
     u = uncertainty(solution)
     expected = prepared.windows.weight
     claimed = float(np.sqrt(np.mean(1 / expected[expected > 0] ** 2)))
     chi2 = chi2_per_dof(prepared, solution)
     # held-out stretches use the same step size as the fit
     finer = replace(prepared, windows=replace(prepared.windows, substeps=windows.substeps))
-    scored = finer.noisy(solution.problem.noise)
+    scored = finer.with_noise(solution.problem.noise)
     laws = score_tests(prepared, solution, u)
     rows = disagreements(prepared, solution)
     compiled = simulator.compile_s - prepared.compiled_before

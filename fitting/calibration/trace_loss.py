@@ -15,7 +15,6 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.run.build import SceneLike
 from fitting.calibration.preparation import TracesLike, prepare
 from fitting.calibration.prepared import Prepared
-from fitting.estimate.simulator import Simulator
 from fitting.estimate.window_run import run_window
 from fitting.estimate.windows import Starts
 from fitting.parameters.parameter import with_parameter_values
@@ -102,8 +101,6 @@ class TraceLoss:
         self.starts = Starts(*map(jnp.asarray, prepared.starts))
         self.samples = windows.samples
         own = prepared.simulator
-        simulator = Simulator(own.model, prepared.parameters, own.stepper)
-        on_grid = not windows.fraction.any()
         self._window = partial(
             run_window,
             model=own.model,
@@ -112,12 +109,11 @@ class TraceLoss:
             stepper=own.stepper,
             dt=windows.dt,
             capacity=windows.steps,
-            on_grid=on_grid,
+            on_grid=not windows.fraction.any(),
         )
-        samples = (windows.theta, windows.weight, windows.index, windows.fraction, simulator.jumps(windows))
+        samples = (windows.theta, windows.weight, windows.index, windows.fraction, own.jumps(windows))
         self._samples = tuple(jnp.asarray(a) for a in (*samples, windows.step_counts.astype(np.int32)))
-        model = prepared.simulator.model_at(prepared.values)
-        self._basis = jnp.asarray(planar.chart(model, prepared.starts.theta))
+        self._basis = jnp.asarray(planar.chart(own.model_at(prepared.values), prepared.starts.theta))
         self._cost = differentiable(self._half_square)
         self.loss = jax.jit(self._loss)
         self.gauss_newton = jax.jit(self._gauss_newton)
@@ -184,10 +180,14 @@ class TraceLoss:
 
     def _prior(self, params: Array) -> Array:
         """Half of the squared distances from the priors."""
-        priors = [(i, *p.prior) for i, p in enumerate(self.prepared.parameters) if p.prior is not None]
-        known = [(params[i] - mean) / sigma for i, mean, sigma in priors]
-        known += [(each.share @ params - 1) / each.sigma for each in self.prepared.known.common]
-        return 0.5 * sum((one**2 for one in known), jnp.zeros((), params.dtype))
+        total = jnp.zeros((), params.dtype)
+        for i, p in enumerate(self.prepared.parameters):
+            if p.prior is not None:
+                mean, sigma = p.prior
+                total += ((params[i] - mean) / sigma) ** 2
+        for each in self.prepared.known.common:
+            total += ((each.share @ params - 1) / each.sigma) ** 2
+        return 0.5 * total
 
     def _best(self, params: Array, starts: Starts[Array] | None) -> Blocks:
         """Every window at the best start found, beginning at `starts`."""

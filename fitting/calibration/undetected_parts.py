@@ -4,10 +4,10 @@ Let w_i be the energy that a unit of coefficient i would dissipate in the measur
 trace, without any simulation). A part of a law with coefficients c dissipates w . c, the whole law W, the total loss.
 That a part dissipates a fraction `DETECTABLE_SHARE` of W is excluded if
 
-    w . c + z sqrt(w' C w) < SHARE W,       C: covariance of c given all other parameters of the law
+    w . c + z sqrt(w' C w) < DETECTABLE_SHARE W,       C: covariance of c given all other parameters of the law
 
-at the optimum without bounds. A part that is neither significant nor excluded remains undecided: its damping of this
-motion was too weak to be detected.
+with z = `LIMIT_DEVIATIONS`, at the optimum without bounds. A part that is neither significant nor excluded remains
+undecided: its damping of this motion was too weak to be detected.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ def _damping_power(model: Model, theta: Array, omega: Array) -> Array:
 #: Fraction of the lost energy that must be detectable for a part.
 DETECTABLE_SHARE = 0.1
 #: Normal quantile of the upper limit of a part's share, that of one end of a 90 % interval.
-LIMIT_DEVIATIONS = float(ndtri(0.95))
+LIMIT_DEVIATIONS = ndtri(0.95)
 #: Half width of the smoother of the measured motion, as a fraction of the shortest link's period.
 SMOOTHER_PERIODS = 0.06
 
@@ -77,14 +77,14 @@ def dissipated_per_unit(prepared: Prepared, simulator: Simulator, owner: Sequenc
         mine = prepared.windows.run == run
         if not mine.any():
             continue
-        span = float(prepared.windows.begin[mine].min()), float(prepared.windows.ends[mine].max())
+        span = prepared.windows.begin[mine].min(), prepared.windows.ends[mine].max()
         motion = smooth_stretch(trace, span, SMOOTHER_PERIODS * prepared.period)
         if motion is None:
             continue
         t, theta, omega = motion
         for i in np.flatnonzero(~others):
             values = np.where(others, whole, np.arange(len(owner)) == i)
-            found[i] += float(np.mean(power(jnp.asarray(values), theta, omega))) * float(t[-1] - t[0])
+            found[i] += np.mean(power(jnp.asarray(values), theta, omega)) * t[-1] - t[0]
     return found
 
 
@@ -103,12 +103,12 @@ def undetected_parts(law: Solution, owner: Sequence[str | None], per_unit: np.nd
     information = ((law.information - prior) / memory + prior)[np.ix_(free, free)]
     covariance = solve_spd(information, np.eye(len(free)))
     centre = law.values[free] - covariance @ law.gradient[free] / memory
-    lost = float(per_unit @ law.values)
-    owners = [owner[i] for i in free]
+    lost = per_unit @ law.values
+    owners = np.array(owner, object)[free]
     found = []
-    for part in dict.fromkeys(owners):
-        work = np.where([other == part for other in owners], per_unit[free], 0.0)
-        highest = float(work @ centre) + LIMIT_DEVIATIONS * np.sqrt(work @ covariance @ work)
-        if part is not None and highest >= DETECTABLE_SHARE * lost:
+    for part in filter(None, dict.fromkeys(owners)):
+        work = np.where(owners == part, per_unit[free], 0.0)
+        highest = work @ centre + LIMIT_DEVIATIONS * np.sqrt(work @ covariance @ work)
+        if highest >= DETECTABLE_SHARE * lost:
             found.append(part)
     return tuple(found)

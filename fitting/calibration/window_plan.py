@@ -10,21 +10,21 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from fitting.calibration.fit_settings import FitSettings
 from fitting.calibration.prepared import STEPS_PER_PERIOD, Samples, program_space
+from fitting.estimate.error_growth import follow_motion, lyapunov, transitions
 from fitting.estimate.first_starts import first_starts
 from fitting.estimate.release import Release
-from fitting.estimate.shooting import lyapunov, transitions
 from fitting.estimate.simulator import Simulator
-from fitting.estimate.windows import (
-    SHORTEST_WINDOW_PERIODS,
-    Starts,
-    Windows,
-    cut,
-    fewest_frames,
-    fill,
-    follow_motion,
-    longest_window,
-)
+from fitting.estimate.windows import Starts, Windows, cut, fewest_frames, fill
 from fitting.traces.trace import Trace
+
+#: Shortest windows that are joined, as a fraction of the shortest link's period: links that whip at ten times the rate
+#: of their own swing turn by less than one turn in it.
+SHORTEST_WINDOW_PERIODS = 0.2
+#: Length [m] of a link whose chain gets windows of at most one second.
+ONE_SECOND_LINK = 0.1
+#: Longest automatic window [s], and as a fraction of the trace.
+LONGEST_WINDOW = 10.0
+LONGEST_TRACE_PART = 0.125
 
 
 @dataclass(frozen=True)
@@ -64,13 +64,30 @@ def plan_windows(samples: Samples, simulator: Simulator, settings: FitSettings) 
     return WindowPlan(dt, length, max(1, frames // parts) * frame)
 
 
+def longest_window(freedoms: int, length: float, span: float, shortest: float) -> float:
+    """Longest automatic window [s].
+
+    It is a part of the span. A chain may be chaotic: its windows are also at most as long as the time scale of its
+    links, one second for links of `ONE_SECOND_LINK` and growing as the root of their length.
+
+    Args:
+        length: of a link [m].
+        span: [s].
+        shortest: [s].
+    """
+    longest = min(LONGEST_WINDOW, LONGEST_TRACE_PART * span)
+    if freedoms > 1:  # one angle cannot be chaotic
+        longest = min(longest, np.sqrt(length / ONE_SECOND_LINK))
+    return max(shortest, longest)
+
+
 #: Maximum length of held-out spans, in windows, that run in the windows' own program, compiled with space for them.
 LONGEST_HELD_OUT = 2.5
 
 
 def program_capacity(samples: Samples, plan: WindowPlan) -> tuple[int, int]:
     """Steps and sample slots of the windows' programs."""
-    end = max(float(trace.t[-1]) for trace in samples.traces)
+    end = max(trace.t[-1] for trace in samples.traces)
     length = max((min(high, end) - low for low, high in samples.held_out), default=0.0)
     if not plan.length < length < LONGEST_HELD_OUT * plan.length:
         length = plan.length
@@ -100,17 +117,16 @@ def windows_along_motion(
         windows = release.mark(windows, samples.traces)
     starts = first_starts(model, fitted, windows, sigma)
     # subdivisions of a step in which the fastest link of nearly all windows turns by at most `TURN_PER_STEP`
-    fastest = float(np.quantile(np.abs(starts.omega).max(axis=1), TURN_QUANTILE))
+    fastest = np.quantile(np.abs(starts.omega).max(axis=1), TURN_QUANTILE)
     halvings = max(0, int(np.ceil(np.log2(max(plan.dt * fastest / TURN_PER_STEP, 1e-9)))))
     windows = replace(windows, substeps=2**halvings)
     evaluation = simulator(values, starts, windows)
-    rate = lyapunov(simulator, windows, evaluation, values)
     move = transitions(simulator, evaluation, values)
+    rate = lyapunov(windows, move)
     pieces = follow_motion(windows, move, int(plan.length / plan.dt + 1e-6))
     windows = replace(fill(samples.traces, pieces, plan.dt, sigma), substeps=windows.substeps)
     if release is not None:
         windows = release.mark(windows, samples.traces)
-        simulator.parameters = release.bound_times(simulator.parameters, windows)
     return windows, first_starts(model, fitted, windows, sigma), rate
 
 

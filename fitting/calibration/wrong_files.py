@@ -54,8 +54,7 @@ def refuse_wrong_file(trace: Trace, model: Model, requested: Convention, free: S
     Raises:
         SceneError: the change that closes the frames, or that none does.
     """
-    frames = trace.theta[np.isfinite(trace.theta).all(axis=1)]
-    if not model.end_held or len(frames) < FEWEST_FRAMES:
+    if not model.end_held or len(_complete(trace.theta)) < FEWEST_FRAMES:
         return []
     stated = requested.over(trace.convention)
     every = [Convention(zero, int(sign), "rad") for zero, sign in product(ZEROS, SIGNS)]
@@ -69,11 +68,7 @@ def refuse_wrong_file(trace: Trace, model: Model, requested: Convention, free: S
     tried = [TriedCorrection(one, at) for at in allowed for one in _plain_corrections(trace, stated)]
     if not moves:  # free parameters may cause the shift of the angles
         tried += [TriedCorrection(one, at) for at in allowed for one in _closing_shifts(model, rows, at)]
-    for at in every:
-        if at not in allowed:
-            words = f"angles count as zero={at.zero}, sign={at.sign}"
-            option = f"--zero {at.zero} --sign={at.sign}"
-            tried.append(TriedCorrection(Correction(words, option, lambda theta: theta), at))
+    tried += [_other_convention(at) for at in every if at not in allowed]
     apart = f"the links at their angles end {given * _reach(model):.2g} m from the second hook"
     openings = np.array([_opening(model, one.angles(rows)) for one in tried])
     if openings.min() < min(OPEN_ANGLE, CLOSING_SHARE * given):
@@ -88,6 +83,13 @@ def refuse_wrong_file(trace: Trace, model: Model, requested: Convention, free: S
         cause = _open_cause(model, own.in_model(rows), free)
         raise SceneError(f"{trace.name}: {apart} in the median frame; likeliest cause: {cause}")
     return [f"{trace.name}: {apart} in the median frame: check lengths, hooks and the zeros of the angles"]
+
+
+def _other_convention(at: Convention) -> TriedCorrection:
+    """Angles that count by another convention than the one that is stated."""
+    words = f"angles count as zero={at.zero}, sign={at.sign}"
+    option = f"--zero {at.zero} --sign={at.sign}"
+    return TriedCorrection(Correction(words, option, lambda theta: theta), at)
 
 
 def _plain_corrections(trace: Trace, stated: Convention) -> list[Correction]:
@@ -116,7 +118,7 @@ class TriedCorrection(NamedTuple):
 
 def _open_cause(model: Model, theta: np.ndarray, free: Sequence[str]) -> str:
     """Why frames (k, n) do not close that no change of the file closes, and what to try."""
-    theta = theta[np.isfinite(theta).all(axis=1)]
+    theta = _complete(theta)
     length = np.asarray(model.line.length)
     missing = missing_reach(model, theta)
     off = complex(np.median(missing.real), np.median(missing.imag))
@@ -124,12 +126,12 @@ def _open_cause(model: Model, theta: np.ndarray, free: Sequence[str]) -> str:
     links = np.exp(1j * theta)
     rows = np.concatenate([links.real, links.imag])
     more = np.linalg.lstsq(rows, np.concatenate([missing.real, missing.imag]), rcond=None)[0]
-    by_hook = float(np.median(np.abs(missing - off)))
-    by_lengths = float(np.median(np.abs(missing - links @ more)))
+    by_hook = np.median(np.abs(missing - off))
+    by_lengths = np.median(np.abs(missing - links @ more))
     # there are more lengths than coordinates of the hook: they must close the frames clearly better
     if by_hook < min(still_open, 2.0 * by_lengths):
         where = f"{-off.real:+.2g} m in x and {off.imag:+.2g} m in z"
-        hook = f"point.{int(model.geometry.held_points[-1])}.position"
+        hook = f"point.{model.geometry.held_points[-1]}.position"
         paths = (f"{hook}.0", f"{hook}.2")
         return f"the second hook is {where} from its position; free it: {free_option(free, paths)}"
     if by_lengths < still_open and np.all(np.abs(more) < 0.5 * length):
@@ -141,26 +143,30 @@ def _open_cause(model: Model, theta: np.ndarray, free: Sequence[str]) -> str:
     )
 
 
+def _complete(theta: np.ndarray) -> np.ndarray:
+    """The frames (k, n) in which every angle is known."""
+    return theta[np.isfinite(theta).all(axis=1)]
+
+
 def _opening(model: Model, theta: np.ndarray) -> float:
     """RMS change of every angle [rad] that closes the frames (k, n), by their median frame."""
-    theta = theta[np.isfinite(theta).all(axis=1)]
+    theta = _complete(theta)
     if len(theta) < FEWEST_FRAMES:
         return np.inf
     size = np.abs(missing_reach(model, theta[:: max(1, len(theta) // MOST_FRAMES)]))
-    return float(np.median(size) / _reach(model))
+    return np.median(size) / _reach(model)
 
 
 def _reach(model: Model) -> float:
     """Distance [m] from the second hook, in the median frame, for a change of every angle by 1 rad."""
     # the median of a squared deviation in two directions is log(2) of its mean
-    return float(np.sqrt(np.log(2) * np.sum(np.asarray(model.line.length) ** 2)))
+    return np.sqrt(np.log(2) * np.sum(np.asarray(model.line.length) ** 2))
 
 
 def _closing_shifts(model: Model, theta: np.ndarray, at: Convention) -> Iterator[Correction]:
     """Shifts of one column, or of all, that close the frames best."""
-    angle = at.in_model(theta)
-    angle = angle[np.isfinite(angle).all(axis=1)]
+    angle = _complete(at.in_model(theta))
     missing = missing_reach(model, angle)
     link = np.asarray(model.line.length) * np.exp(1j * angle)
     for j, reach in [*enumerate(link.T), (None, link.sum(axis=1))]:
-        yield shifted_zero(j, at.turn * float(np.angle(np.sum((missing + reach) * reach.conj()))))
+        yield shifted_zero(j, at.turn * np.angle(np.sum((missing + reach) * reach.conj())))

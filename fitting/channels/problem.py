@@ -18,8 +18,9 @@ from dropper_jax.run.build import build_model, stepper_of
 from fitting.channels.data import ByChannel, Data, Run, Series
 from fitting.channels.observe import Plan, differentiate_channels
 from fitting.channels.setup import setup_with_directions
-from fitting.estimate.noise import is_correlated, lag_one_by_source, whiten
+from fitting.estimate.neighbour_correlation import is_correlated, lag_one_by_source
 from fitting.estimate.residuals import Residuals, Solution, Timing
+from fitting.estimate.whitening import whiten
 from fitting.parameters.parameter import Parameter
 from fitting.parameters.targets import SetupTarget
 

@@ -50,51 +50,65 @@ TARGET_PIECES = 60
 MOST_PIECES = 10**9
 
 
+class Contributions(NamedTuple):
+    """Contributions to the gradient (N, k) and the information (N, k, k) at times (N,) [s] of runs (N,)."""
+
+    t: np.ndarray
+    run: np.ndarray
+    gradient: np.ndarray
+    information: np.ndarray
+
+
+def _sample_scores(solution: Solution, free: np.ndarray) -> Contributions:
+    """Contributions of the frames with samples."""
+    timing = solution.problem.timing()
+    known = timing.known
+    weights = solution.weights
+    score = residual_scores(solution.evaluation, solution)[..., free]
+    gradient = np.einsum("ksnp,ksn->ksp", score, weights * solution.evaluation.residual)
+    information = np.einsum("ksnp,ksn,ksnq->kspq", score, weights, score, optimize=True)
+    return Contributions(timing.t[known], timing.run[known], gradient[known], information[known])
+
+
+def _gap_scores(solution: Solution, free: np.ndarray, weight: float) -> Contributions:
+    """Contributions of the gaps with this weight, each at the start of the next window."""
+    windows = solution.windows
+    gaps = solution.problem.gaps(solution.evaluation, solution.values)
+    right = gaps.left + 1
+    along = solution.eliminated
+    slope = (gaps.shared + gaps.before @ along[gaps.left] + gaps.after @ along[right])[..., free] / weight
+    gradient = np.einsum("gip,gi->gp", slope, gaps.value / weight)
+    return Contributions(windows.begin[right], windows.run[right], gradient, np.einsum("gip,giq->gpq", slope, slope))
+
+
 def time_pieces(solution: Solution, free: np.ndarray) -> TimePieces:
     """Parts of the gradient and the information of the free parameters (their numbers), of equal duration."""
     timing = solution.problem.timing()
-    weights = solution.weights
-    score = residual_scores(solution.evaluation, solution)[..., free]
-    weighted_score = np.einsum("ksnp,ksn->ksp", score, weights * solution.evaluation.residual)
-    square = np.einsum("ksnp,ksn,ksnq->kspq", score, weights, score, optimize=True)
-    duration = timing.duration / max(TARGET_PIECES, timing.blocks) * (1 + 1e-9)
-
-    def number(t: np.ndarray, run: np.ndarray) -> np.ndarray:
-        """Run and piece of these times of runs, combined in one number."""
-        since = np.floor((t - timing.begin[run]) / duration + 1e-6).astype(int)
-        return run * MOST_PIECES + np.maximum(since, 0)
-
-    known = timing.known
-    rows = [(number(timing.t, timing.run)[known], weighted_score[known], square[known])]
+    scores = _sample_scores(solution, free)
     if solution.gap_weight and solution.windows.follows.any():
-        windows = solution.windows
-        gaps = solution.problem.gaps(solution.evaluation, solution.values)
-        right = gaps.left + 1
-        along = solution.eliminated
-        slope = (gaps.shared + gaps.before @ along[gaps.left] + gaps.after @ along[right])[..., free]
-        slope = slope / solution.gap_weight
-        gradient = np.einsum("gip,gi->gp", slope, gaps.value / solution.gap_weight)
-        square = np.einsum("gip,giq->gpq", slope, slope)
-        rows.append((number(windows.begin[right], windows.run[right]), gradient, square))
-    numbers, gradients, squares = (np.concatenate(column) for column in zip(*rows, strict=True))
-    names, index = np.unique(numbers, return_inverse=True)
-    gradient = np.zeros((len(names), *gradients.shape[1:]))
-    information = np.zeros((len(names), *squares.shape[1:]))
-    np.add.at(gradient, index, gradients)
-    np.add.at(information, index, squares)
-    return TimePieces(gradient, information, names // MOST_PIECES)
+        gaps = _gap_scores(solution, free, solution.gap_weight)
+        scores = Contributions(*map(np.concatenate, zip(scores, gaps, strict=True)))
+    duration = timing.duration / max(TARGET_PIECES, timing.blocks) * (1 + 1e-9)
+    piece = np.floor((scores.t - timing.begin[scores.run]) / duration + 1e-6).astype(int)
+    # run and piece as one number
+    numbers, index = np.unique(scores.run * MOST_PIECES + np.maximum(piece, 0), return_inverse=True)
+    gradient = np.zeros((len(numbers), *scores.gradient.shape[1:]))
+    information = np.zeros((len(numbers), *scores.information.shape[1:]))
+    np.add.at(gradient, index, scores.gradient)
+    np.add.at(information, index, scores.information)
+    return TimePieces(gradient, information, numbers // MOST_PIECES)
 
 
 def correlation_time(series: np.ndarray, run: np.ndarray) -> float:
     """Integrated correlation time of a series (P,) over several runs, in its steps: `1 + 2 sum rho_l` up to the first
     non-positive sum of a pair of neighbouring lags (Geyer 1992); two correlation times for an exponential decay."""
     series = series - series.mean()
-    size = max(float(series @ series), 1e-300)
+    size = max(series @ series, 1e-300)
     count = len(series)
 
     def rho(lag: int) -> float:
         earlier = series[: count - lag] * (run[lag:] == run[: count - lag])
-        return float(series[lag:] @ earlier) / size
+        return series[lag:] @ earlier / size
 
     total = 0.0
     for lag in range(0, max(2, count // 2) - 1, 2):
@@ -116,7 +130,7 @@ def block_length(parts: TimePieces, information: np.ndarray) -> int:
     return int(max(1, min(np.ceil(longest), len(parts.run) // FEWEST_BLOCKS)))
 
 
-def scatter(solution: Solution) -> tuple[np.ndarray, int] | None:
+def block_covariance(solution: Solution) -> tuple[np.ndarray, int] | None:
     """Covariance (k, k) of the free parameters by the scatter of this many blocks; None with too few pieces of time."""
     free = solution.free
     parts = time_pieces(solution, free)
@@ -180,7 +194,7 @@ def resample(
     inner = invert_spd(information)
     share = np.einsum("ij,bjk,ki->bi", inner, apart, inner)
     share = share / np.maximum(share.sum(axis=0), 1e-300)
-    return found, float(np.min(1 / np.maximum(np.sum(share**2, axis=0), 1e-300), initial=number))
+    return found, np.min(1 / np.maximum(np.sum(share**2, axis=0), 1e-300), initial=number)
 
 
 def _half_difference(parts: TimePieces, information: np.ndarray) -> np.ndarray:

@@ -34,8 +34,9 @@ from scipy.linalg import eigvalsh, solve_triangular
 
 from dropper_jax.base.errors import Progress, SceneError, nearest
 from fitting.estimate.factors import cholesky_root
-from fitting.estimate.least_squares import Objective, Point
+from fitting.estimate.least_squares import LEAST_DAMPING, Point
 from fitting.estimate.normal_equations import Normal, Step
+from fitting.estimate.objective import Objective
 
 #: Steps between restarts of an optimizer without a line search (Loshchilov and Hutter 2017: adam's cosine decay).
 CYCLE_STEPS = 20
@@ -202,10 +203,6 @@ class Coordinates:
         return found
 
 
-#: Minimum damping of the starts' steps.
-LEAST_DAMPING = 1e-9
-
-
 class GradientSteps:
     """Steps of an optimizer down an objective (`least_squares.Mover`).
 
@@ -226,16 +223,19 @@ class GradientSteps:
 
     def report(self, point: Point, progress: Progress) -> None:
         record = self.objective.record(point.cost, point.values)
-        stage = "separate windows" if record.gap_weight is None else f"gap weight {record.gap_weight:g}"
+        stage = "separate windows"
+        if record.gap_weight is not None:
+            stage = f"gap weight {record.gap_weight:g}"
         text = f"{stage}, {self.descent.name} step {self.taken}, loss per sample {record.loss:.5g}"
         progress(min(self.taken / self.descent.steps, 0.99), text)
 
     def is_minimum(self, moved: float, decrease: float) -> bool:
-        close = self.objective.close
-        part = INTERMEDIATE_SHARE if close > CONVERGED_DISTANCE**2 else 1.0
-        return (
-            moved < max(INTERMEDIATE_SHARE * close, CONVERGED_DISTANCE**2) and decrease < part * self.objective.little()
-        )
+        close = CONVERGED_DISTANCE**2
+        little = self.objective.little()
+        if self.objective.close > close:
+            close = max(INTERMEDIATE_SHARE * self.objective.close, close)
+            little *= INTERMEDIATE_SHARE
+        return moved < close and decrease < little
 
     def move(self, point: Point, system: Normal, newton: Step | None, near: bool) -> Point | None:
         if self.taken == 0:
@@ -257,7 +257,7 @@ class GradientSteps:
         self.taken += 1
         if found.cost < DIVERGED_GROWTH * max(self.first, 0.5 * self.objective.problem.samples):
             return found
-        self.why = self._divergence(found.cost)
+        self.why = self._explain_divergence(found.cost)
         return None
 
     def _free(self, point: Point, newton: Step) -> np.ndarray:
@@ -267,38 +267,43 @@ class GradientSteps:
         stays = (point.values <= low) & (size < BOUND_STEP) | (point.values >= high) & (size > -BOUND_STEP)
         return ~self.objective.problem.held_mask & ~stays
 
-    def _divergence(self, cost: float) -> str:
+    def _explain_divergence(self, cost: float) -> str:
         """A loss that grew, in words."""
         descent = self.descent
-        size = f"grew from {self.first:.3g} to {cost:.3g}" if np.isfinite(cost) else "is not finite"
-        advice = f"Use {descent.usual_rate:g}" if descent.rate > descent.usual_rate else "Use a smaller one"
+        size = "is not finite"
+        if np.isfinite(cost):
+            size = f"grew from {self.first:.3g} to {cost:.3g}"
+        advice = "Use a smaller one"
+        if descent.rate > descent.usual_rate:
+            advice = f"Use {descent.usual_rate:g}"
         steps = f"{self.taken} steps of {descent.name}"
         return f"the loss {size} after {steps} with learning rate {descent.rate:g}. {advice}"
 
     def _next(self, x: Coordinates, point: Point, system: Normal, newton: Step) -> Point | None:
         """The next point; None if a line search finds none."""
-        problem = self.objective.problem
         direction = x.step(point.values, newton.gradient)
-        low, high = problem.bounds(point.values)
-        span = np.where(direction > 0, high - point.values, low - point.values)
+        low, high = self.objective.problem.bounds(point.values)
+        span = np.where(direction > 0, high, low) - point.values
         ahead = (direction != 0) & (span != 0)
         direction = np.where(ahead, direction, 0.0) * np.min(span[ahead] / direction[ahead], initial=1.0)
-        slope = float(newton.gradient @ direction)
-        searched = self.descent.searches
+        slope = newton.gradient @ direction
         trials = 1
-        if searched:
+        if self.descent.searches:
             trials = SEARCH_TRIALS
             if not slope < 0:
                 return None
             # the first trial is not beyond the minimum that the information predicts along the direction
-            direction = direction * min(-slope / max(float(direction @ newton.information @ direction), 1e-300), 1.0)
-            slope = float(newton.gradient @ direction)
+            direction = direction * min(-slope / max(direction @ newton.information @ direction, 1e-300), 1.0)
+            slope = newton.gradient @ direction
         for trial in range(trials):
             # starts follow the parameters; a shorter step also withholds more of their own move
             damping = self.damping * 10.0**trial
             part = SEARCH_FACTOR**trial
             found = self._moved(point, system, part * direction, damping)
-            if found is not None and (not searched or found.cost <= point.cost + SUFFICIENT_DECREASE * part * slope):
+            most = np.inf
+            if self.descent.searches:
+                most = point.cost + SUFFICIENT_DECREASE * part * slope
+            if found is not None and found.cost <= most:
                 return self._accepted(found, damping)
         # far from the minimum of the starts a step of the parameters changes the loss by less than the starts do
         found = self._moved(point, system, 0 * direction, self.damping)
@@ -315,8 +320,7 @@ class GradientSteps:
         step = objective.solve(system, point.values, damping, nowhere, nowhere)
         if step is None:
             return None
-        low, high = problem.bounds(point.values)
-        values = np.clip(point.values + change, low, high)
+        values = np.clip(point.values + change, *problem.bounds(point.values))
         dz = step.dz + step.eliminated @ (values - point.values)
         evaluation = problem.evaluate(values, problem.move_starts(point.evaluation.starts, point.values, dz))
         return Point(values, evaluation, objective.cost(evaluation, values), None)

@@ -15,7 +15,7 @@ class Factor:
         for block, coupling in zip(diagonal[1:], below, strict=True):
             block = block - coupling @ cho_solve(self.factors[-1], coupling.T)
             self.factors.append(cho_factor(block, lower=True))
-        self.log_determinant = sum(2 * float(np.sum(np.log(np.diag(factor)))) for factor, _ in self.factors)
+        self.log_determinant = sum(2 * np.sum(np.log(np.diag(factor))) for factor, _ in self.factors)
 
     def solve(self, rhs: np.ndarray) -> np.ndarray:
         """The solution for right-hand sides (K, m, c)."""

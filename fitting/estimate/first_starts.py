@@ -67,7 +67,7 @@ def local_motion(t: np.ndarray, theta: np.ndarray, at: float, sigma: np.ndarray,
         reach = max(longest, shortest)
         while len(columns):  # those links whose cubic may still need a smaller reach
             near = np.abs(x) <= reach
-            degree = min(DEGREE, int(near.sum()) - 1)
+            degree = min(DEGREE, near.sum() - 1)
             basis = np.vander(x[near] / reach, degree + 1, increasing=True)
             y = theta[np.ix_(frames[near], columns)]
             c = np.linalg.lstsq(basis, y, rcond=None)[0]

@@ -11,151 +11,24 @@ from dataclasses import replace
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from scipy.linalg import LinAlgError
 
 from dropper_jax.base.errors import Progress, silent
-from fitting.estimate.normal_equations import Evaluation, Normal, Step, eliminate, join, normal_blocks
-from fitting.estimate.residuals import Problem, Residuals, Solution, Visited
+from fitting.estimate.normal_equations import Evaluation, Normal, Step, normal_blocks
+from fitting.estimate.objective import DECREASE_TOLERANCE, FIRST_DAMPING, Objective, objective_at
+from fitting.estimate.residuals import Problem, Residuals, Solution
 from fitting.estimate.windows import Starts, pick, with_rows
 
-#: A fit has converged if the next step would move the parameters by less than this [standard errors, squared],
-#: and would lower chi-square by less than this times the root of the number of samples.
-STEP_TOLERANCE = 1e-4
-DECREASE_TOLERANCE = 1e-2
-#: Maximum damping: larger values make steps too short to be useful.
+#: Range of the damping: larger values make steps too short to be useful.
+LEAST_DAMPING = 1e-9
 LARGEST_DAMPING = 1e8
-
-
+#: Ratios of the cost's decrease to the predicted one: up to the first the damping grows, above the second it falls.
+POOR_GAIN = 0.1
+GOOD_GAIN = 0.5
 #: Limit of a remaining step that does not lower the cost: switching of dry friction makes the cost non-smooth. Measured
 #: double pendulum: jumps of 1e-8 to 1e-4 of the cost, remaining steps of 0.015 to 0.083 standard errors; three links
 #: with dry joints: 0.12. The limit is 0.3 standard errors. Window starts that are far off predict more than the
 #: standard deviation of chi-square itself, about the root of the samples, even if the parameters are fixed.
 SWITCHING_STEP = 0.3
-
-
-#: Damping of the first step, of separate and of joined windows.
-FIRST_DAMPING = 1e-3
-JOINED_DAMPING = 1e-4
-#: The same tolerances at intermediate gap weights: parameters within 0.2 standard errors, evidence within 0.25.
-#: Only the chosen weight is solved to the end.
-INTERMEDIATE_STEP = 0.2**2
-INTERMEDIATE_DECREASE = 0.5
-
-
-class Objective:
-    """Cost and steps of windows that are separate, or joined by gaps of one weight.
-
-    Args:
-        weight: of the gaps; None: the windows are separate.
-        intermediate: whether the descent only has to be accurate enough for the choice of the weight.
-
-    Attributes:
-        damping: of the first step.
-        goal: message if the descent does not converge.
-        close: convergence limit of the parameters' next step in standard errors, squared.
-    """
-
-    def __init__(self, problem: Residuals, weight: float | None = None, intermediate: bool = False) -> None:
-        self.problem = problem
-        self.weight = weight
-        self.intermediate = intermediate
-        self.close = INTERMEDIATE_STEP if intermediate else STEP_TOLERANCE
-        self.damping = FIRST_DAMPING
-        self.goal = "no convergence"
-        if weight is not None:
-            self.damping = JOINED_DAMPING
-            self.goal = f"no convergence at gap weight {weight:g}"
-
-    def little(self) -> float:
-        """Permitted remaining decrease of chi-square: well below its own standard deviation."""
-        if self.intermediate:
-            return INTERMEDIATE_DECREASE
-        return DECREASE_TOLERANCE * float(np.sqrt(self.problem.samples))
-
-    def cost(self, evaluation: Evaluation, values: np.ndarray) -> float:
-        """The objective; infinite if the motion is not finite."""
-        total = self.problem.data_cost(evaluation) + self.problem.prior(values).cost
-        if not np.isfinite(total):
-            return np.inf
-        if self.weight is None:
-            return total
-        value = self.problem.gaps(evaluation, values).value
-        return total + 0.5 * float(np.sum((value / self.weight) ** 2))
-
-    def unit(self, evaluation: Evaluation, cost: float) -> float:
-        """Variance of the noise in units of the assumed one, multiplied by the memory of the samples."""
-        if self.weight is not None:
-            cost = self.problem.data_cost(evaluation)
-        return 2 * cost / max(self.problem.samples, 1) * self.problem.memory
-
-    def system(self, evaluation: Evaluation, values: np.ndarray) -> Normal:
-        """Normal equations."""
-        normal = self.problem.normal(evaluation)
-        if self.weight is None:
-            return normal
-        return join(normal, self.problem.gaps(evaluation, values), self.weight)
-
-    def solve(
-        self, system: Normal, values: np.ndarray, damping: float, low: np.ndarray, high: np.ndarray
-    ) -> Step | None:
-        """The damped step with parameter changes between low and high (k,); None if the equations are singular."""
-        try:
-            return eliminate(system, damping, self.problem.prior(values), low, high)
-        except LinAlgError:
-            return None
-
-    def undamped_step(
-        self, evaluation: Evaluation, values: np.ndarray, reach: np.ndarray | float | None = None
-    ) -> Step | None:
-        """The step without damping; parameters move by at most `reach` (k,), by default inside their bounds."""
-        if reach is None:
-            limits = self.problem.step_bounds(values)
-        else:
-            limits = np.outer([-1, 1], reach + 0 * values)
-        return self.solve(self.system(evaluation, values), values, 0.0, *limits)
-
-    def evidence(self, point: Solution) -> float:
-        """Laplace's log evidence of the gap weight w, up to constants: -cost - (gaps) log w - log det H / 2.
-
-        The cost is the minimum of its linear model at the point.
-        """
-        step = self.undamped_step(point.evaluation, point.values)
-        if step is None:
-            return -np.inf
-        return step.predicted - self.cost(point.evaluation, point.values) - self.log_volume(step)
-
-    def log_volume(self, step: Step) -> float:
-        """The terms of the evidence that are not the cost; without joins all weights are one."""
-        if self.weight is None:
-            return 0.0
-        count = int(self.problem.windows.follows.sum()) * self.problem.freedoms
-        return count * float(np.log(self.weight)) + 0.5 * step.log_determinant
-
-    def record(self, cost: float, values: np.ndarray) -> Visited:
-        """A row of the history."""
-        return Visited(cost, values.tolist(), 2 * cost / max(self.problem.samples, 1), self.weight)
-
-    def solution(self, values: np.ndarray, evaluation: Evaluation, cost: float, step: Step | Solution) -> Solution:
-        """The solution at a point, not converged, with the normal equations of a step from it."""
-        return Solution(
-            problem=self.problem,
-            values=values,
-            starts=evaluation.starts,
-            evaluation=evaluation,
-            weights=self.problem.weights(evaluation),
-            cost=cost,
-            information=step.information,
-            gradient=step.gradient,
-            eliminated=step.eliminated,
-            gap_weight=self.weight,
-        )
-
-
-def objective_at(problem: Residuals, gap_weight: float | None) -> Objective:
-    """Cost and steps of a problem whose windows are separate (None) or joined with this gap weight."""
-    if gap_weight is None or not problem.windows.follows.any():
-        return Objective(problem)
-    return Objective(problem, gap_weight)
 
 
 def first_solution(problem: Residuals, values: np.ndarray, evaluation: Evaluation) -> Solution:
@@ -203,18 +76,17 @@ def window_costs(problem: Residuals, residual: np.ndarray) -> np.ndarray:
     return costs
 
 
-def fit_starts(problem: Problem, values: np.ndarray, starts: Starts, iterations: int) -> tuple[Starts, Evaluation]:
+def fit_starts(problem: Problem, values: np.ndarray, starts: Starts, iterations: int) -> Evaluation:
     """Fit the start of every window alone, with fixed parameters (k,).
 
     The Levenberg-Marquardt method with a separate damping for each window, so that one on a wrong branch does not slow
     the others.
 
     Returns:
-        The starts and their evaluation.
+        The evaluation at the starts that were found, which it has.
     """
     evaluation = problem.evaluate(values, starts)
-    starts = evaluation.starts
-    damping = np.full(len(starts.theta), FIRST_DAMPING)
+    damping = np.full(len(evaluation.start), FIRST_DAMPING)
     cost = window_costs(problem, evaluation.residual)
     for _ in range(iterations - 1):
         normal = normal_blocks(evaluation, problem.weights(evaluation), problem.freedoms)
@@ -225,13 +97,13 @@ def fit_starts(problem: Problem, values: np.ndarray, starts: Starts, iterations:
         dz = -np.linalg.solve(A, slope[..., None])[..., 0]
         if not (-np.einsum("ki,ki->k", dz, slope) > DECREASE_TOLERANCE).any():
             break
-        trial = problem.evaluate(values, problem.move_starts(starts, values, dz))
+        trial = problem.evaluate(values, problem.move_starts(evaluation.starts, values, dz))
         lower = window_costs(problem, trial.residual) < cost
         evaluation = with_rows(evaluation, lower, pick(trial, lower))
-        starts = evaluation.starts
         cost = window_costs(problem, evaluation.residual)
-        damping = np.clip(np.where(lower, 0.1 * damping, np.maximum(10 * damping, 1e-3)), 1e-9, LARGEST_DAMPING)
-    return starts, evaluation
+        damping = np.where(lower, 0.1 * damping, np.maximum(10 * damping, FIRST_DAMPING))
+        damping = np.clip(damping, LEAST_DAMPING, LARGEST_DAMPING)
+    return evaluation
 
 
 #: Maximum evaluations when a solution continues with other noise or finer steps.
@@ -295,7 +167,7 @@ class DampedSteps:
 
     def move(self, point: Point, system: Normal, newton: Step | None, near: bool) -> Point | None:
         objective = self.objective
-        problem = self.objective.problem
+        problem = objective.problem
         failure = ""
         limits = problem.step_bounds(point.values)
         while self.count < self.iterations and self.damping < LARGEST_DAMPING:
@@ -311,18 +183,20 @@ class DampedSteps:
             failure = problem.failure(evaluation) or failure
             if cost < point.cost:
                 gain = (point.cost - cost) / max(step.predicted, 1e-300)
-                if gain <= 0.1:
+                if gain <= POOR_GAIN:
                     self.damping *= 3.0
-                elif gain > 0.5:
-                    self.damping = max(0.1 * self.damping, 1e-9)
+                elif gain > GOOD_GAIN:
+                    self.damping = max(0.1 * self.damping, LEAST_DAMPING)
                 return Point(values, evaluation, cost, objective.system(evaluation, values))
             if near:  # a smooth cost would have decreased
                 break
-            self.damping = max(10 * self.damping, 1e-3)
-        if near or self.damping >= LARGEST_DAMPING:
+            self.damping = max(10 * self.damping, FIRST_DAMPING)
+        if near:
             self.why = ""
-        if not near:
-            self.why = failure or self.why
+        elif failure:
+            self.why = failure
+        elif self.damping >= LARGEST_DAMPING:
+            self.why = ""
         return None
 
 
@@ -351,12 +225,7 @@ def descend(
     while point.system is not None:
         mover.report(point, progress)
         newton = objective.solve(point.system, point.values, 0.0, *problem.step_bounds(point.values))
-        moved = np.inf
-        decrease = np.inf
-        if newton is not None:
-            unit = max(objective.unit(point.evaluation, point.cost), 1e-12)
-            moved = float(newton.dp @ newton.information @ newton.dp) / unit
-            decrease = 2 * newton.predicted / unit
+        moved, decrease = _remaining(objective, point, newton)
         if newton is not None and mover.is_minimum(moved, decrease):
             best = point
             known = newton
@@ -379,3 +248,12 @@ def descend(
         history.append(objective.record(point.cost, point.values))
     found = objective.solution(best.values, best.evaluation, best.cost, known)
     return replace(found, status=status, message=message, iterations=mover.count, history=history)
+
+
+def _remaining(objective: Objective, point: Point, newton: Step | None) -> tuple[float, float]:
+    """The rest of a full step from a point: its move of the parameters in standard errors, squared, and its decrease of
+    chi-square; infinite without a step."""
+    if newton is None:
+        return np.inf, np.inf
+    unit = max(objective.unit(point.evaluation, point.cost), 1e-12)
+    return newton.dp @ newton.information @ newton.dp / unit, 2 * newton.predicted / unit

@@ -25,7 +25,7 @@ class Evaluation(NamedTuple):
     """All windows at one point; derivatives are by the chart coordinates z (m angles, m rates) and the parameters.
 
     Attributes:
-        theta: simulated angles minus the camera's offset (K, S, n) [rad].
+        theta: simulated angles as the camera sees them (K, S, n) [rad].
         residual: (simulated - measured)/sigma (K, S, n), 0 where there is no sample.
         jacobian: of `residual` (K, S, n, 2 m + k).
         start, end: angles and rates at both ends of each window (K, 2 n).
@@ -61,7 +61,7 @@ def drop_undefined(e: Evaluation) -> Evaluation:
     moving = size[size > 0]  # windows without samples have no derivative
     typical = 0.0
     if len(moving):
-        typical = float(np.median(moving))
+        typical = np.median(moving)
     wild = ~(size <= UNDEFINED_RATIO * max(typical, 1e-300))
     if not wild.any():
         return e
@@ -117,12 +117,12 @@ def prior_of(parameters: Sequence[Parameter], values: np.ndarray, common: Sequen
     mean, sigma = np.array([p.prior or (0.0, np.inf) for p in parameters]).reshape(-1, 2).T
     rest = (values - mean) / sigma
     scale = 1 / sigma
-    cost = 0.5 * float(rest @ rest)
+    cost = 0.5 * rest @ rest
     gradient = rest * scale
     curvature = np.diag(scale**2)
     for each in common:
         row = each.share / each.sigma
-        off = (float(each.share @ values) - 1) / each.sigma
+        off = (each.share @ values - 1) / each.sigma
         cost = cost + 0.5 * off**2
         gradient = gradient + off * row
         curvature = curvature + np.outer(row, row)
@@ -135,7 +135,7 @@ def normal_blocks(evaluation: Evaluation, weights: np.ndarray, m2: int) -> Norma
     root = np.sqrt(weights).reshape(count, -1)
     r = root * evaluation.residual.reshape(count, -1)
     jacobian = root[..., None] * evaluation.jacobian.reshape(count, r.shape[1], -1)
-    square = np.swapaxes(jacobian, 1, 2) @ jacobian
+    square = jacobian.mT @ jacobian
     held = ~np.any(jacobian[..., :m2], axis=(1, 2))  # a released window; or one without a derivative
     square[:, :m2, :m2] += held[:, None, None] * np.eye(m2)
     slope = np.einsum("kij,ki->kj", jacobian, r)
@@ -228,12 +228,12 @@ def eliminate(normal: Normal, damping: float, prior: Prior, low: np.ndarray, hig
     gradient = normal.gp + prior.gradient - np.einsum("kij,ki->j", normal.B, Ag)
     dp = bounded_step(information + damping * np.diag(np.diag(information)), gradient, low, high)
     dz = -(Ag + AB @ dp)
-    slope = float(normal.gz.ravel() @ dz.ravel() + (normal.gp + prior.gradient) @ dp)
+    slope = normal.gz.ravel() @ dz.ravel() + (normal.gp + prior.gradient) @ dp
     if factor is None:
         square = np.einsum("ki,kij,kj->", dz, normal.A, dz) + 2 * np.einsum("ki,kij,j->", dz, normal.B, dp)
         square = square + dp @ (normal.C + prior.curvature) @ dp
-        return Step(dp, dz, -(slope + 0.5 * float(square)), information, gradient, -AB)
+        return Step(dp, dz, -(slope + 0.5 * square), information, gradient, -AB)
     # at the exact minimum of the damped model: decrease = -(slope)/2, plus the part withheld by the damping
     diagonal = np.einsum("kii->ki", normal.A)
-    held = damping * (float(np.sum(diagonal * dz**2)) + float(np.diag(information) @ dp**2))
+    held = damping * (np.sum(diagonal * dz**2) + np.diag(information) @ dp**2)
     return Step(dp, dz, -0.5 * slope + 0.5 * held, information, gradient, -AB, factor.log_determinant)

@@ -10,7 +10,8 @@ from scipy.special import chdtri
 
 from dropper_jax.base.errors import Progress, SceneError, nearest, silent
 from fitting.estimate.factors import invert_spd
-from fitting.estimate.least_squares import descend, objective_at
+from fitting.estimate.least_squares import descend
+from fitting.estimate.objective import Objective, objective_at
 from fitting.estimate.residuals import Solution
 from fitting.estimate.scene_fit import Profile, SceneFit
 from fitting.estimate.uncertainty import degrees_of_freedom
@@ -43,43 +44,47 @@ def profile(result: SceneFit, name: str, *, points: int = 3) -> Profile:
         raise SceneError(f"profile: {name!r} is one of {1 + len(others)} parameters of this name. Use its full path")
     solution = result.solution
     index = solution.problem.names.index(name)
-    std_error = float(result.uncertainty.std_error[index])
+    std_error = result.uncertainty.std_error[index]
     p = solution.problem.parameters[index]
     frozen = solution.problem.held_mask.copy()
     frozen[index] = True
     fixed_objective = objective_at(replace(solution.problem, frozen=frozen), solution.gap_weight)
     unit = _unit(solution, index, std_error)
-    best = float(solution.values[index])
+    best = solution.values[index]
     cost = objective_at(solution.problem, solution.gap_weight).cost(solution.evaluation, solution.values)
     found = {best: 0.0}
     converged = True
     for side in (-1, 1):
         point = solution
         for j in range(1, points + 1):
-            value = float(np.clip(best + side * PROFILE_REACH * std_error * j / points, p.low, p.high))
+            value = np.clip(best + side * PROFILE_REACH * std_error * j / points, p.low, p.high)
             if value in found:
                 break
-            values = point.values.copy()
-            values[index] = value
-            along = point.eliminated[..., index] * (value - point.values[index])
-            starts = point.problem.move_starts(point.starts, point.values, along)
-            evaluation = fixed_objective.problem.evaluate(values, starts)
-            begin = replace(point, values=values, starts=evaluation.starts, evaluation=evaluation, history=[])
-            point = descend(fixed_objective, begin, PROFILE_ITERATIONS)
+            point = _refit(point, fixed_objective, index, value)
             converged &= point.status == "ok"
             found[value] = (point.cost - cost) / unit
     at, growth = np.array(sorted(found.items())).T
-    limit = 0.5 * float(chdtri(1, 1 - PROFILE_LEVEL))
+    limit = 0.5 * chdtri(1, 1 - PROFILE_LEVEL)
     low = _crossing(at, growth, best, limit, -1)
     high = _crossing(at, growth, best, limit, 1)
     return Profile(name, at, growth, low, high, converged)
+
+
+def _refit(point: Solution, objective: Objective, index: int, value: float) -> Solution:
+    """The fit from a point, with one parameter moved to a value and fixed there by the objective."""
+    values = point.values.copy()
+    values[index] = value
+    along = point.eliminated[..., index] * (value - point.values[index])
+    evaluation = objective.problem.evaluate(values, point.problem.move_starts(point.starts, point.values, along))
+    begin = replace(point, values=values, starts=evaluation.starts, evaluation=evaluation, history=[])
+    return descend(objective, begin, PROFILE_ITERATIONS)
 
 
 def _unit(solution: Solution, index: int, std_error: float) -> float:
     """Growth of the cost [units of the assumed noise] that counts as one."""
     own = np.diag(invert_spd(solution.free_information))[solution.free == index]
     noise = solution.chi2 / degrees_of_freedom(solution)
-    return max(noise, std_error**2 / max(float(own[0]), 1e-300), 1e-300)
+    return max(noise, std_error**2 / max(own[0], 1e-300), 1e-300)
 
 
 def _crossing(at: np.ndarray, growth: np.ndarray, best: float, limit: float, side: int) -> float:
@@ -88,16 +93,16 @@ def _crossing(at: np.ndarray, growth: np.ndarray, best: float, limit: float, sid
     distance = np.abs(at[outwards] - best)
     root = np.sqrt(np.maximum(growth[outwards], 0.0))
     if root[-1] < np.sqrt(limit):
-        return best + side * float(distance[-1])
-    return best + side * float(np.interp(np.sqrt(limit), np.maximum.accumulate(root), distance))
+        return best + side * distance[-1]
+    return best + side * np.interp(np.sqrt(limit), np.maximum.accumulate(root), distance)
 
 
 #: Fraction of the whole work that is done when the profiles start, for progress reports: the fit takes most of it.
 PROFILES_FRACTION = 0.96
 
 
-def profiles(result: SceneFit, names: Sequence[str] = (), progress: Progress = silent) -> list[Profile]:
-    """Profile likelihoods of free parameters, by their names or those of their fields; of all by default.
+def profiles(result: SceneFit, names: Sequence[str], progress: Progress = silent) -> list[Profile]:
+    """Profile likelihoods of free parameters, by their names or those of their fields; of all without names.
 
     Raises:
         SceneError: a parameter that is not free.

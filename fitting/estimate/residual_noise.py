@@ -23,21 +23,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from fitting.estimate.least_squares import objective_at
-from fitting.estimate.noise import (
-    WHITE_CORRELATION,
-    Noise,
-    in_noise_units,
-    is_correlated,
-    lag_one,
-    lag_one_by_source,
-    log_volume,
-    motion,
-    whiten,
-)
+from fitting.estimate.neighbour_correlation import WHITE_CORRELATION, is_correlated, lag_one, lag_one_by_source
+from fitting.estimate.noise import Noise, motion
 from fitting.estimate.normal_equations import Evaluation
+from fitting.estimate.objective import objective_at
 from fitting.estimate.residuals import Residuals, Solution
 from fitting.estimate.uncertainty import leverage, start_covariances
+from fitting.estimate.whitening import in_noise_units, log_volume, whiten
 from fitting.estimate.windows import Windows
 from fitting.traces.trace import Trace
 
@@ -228,7 +220,7 @@ def minus_two_log_likelihood(point: Solution) -> float:
     if step is None:
         return np.inf
     free = np.flatnonzero(reach)
-    shared = float(np.linalg.slogdet(step.information[np.ix_(free, free)])[1])  # 0 of an empty matrix
+    shared = np.linalg.slogdet(step.information[np.ix_(free, free)])[1]  # 0 of an empty matrix
     return 2 * (point.cost - step.predicted) + start_covariances(point)[1] + shared + log_volume(point.windows)
 
 

@@ -9,10 +9,12 @@ from typing import Any, ClassVar, Generic, NamedTuple, Protocol, TypeVar
 import numpy as np
 
 from fitting.estimate.loss import LEAST_SQUARES, Loss
-from fitting.estimate.noise import Noise, in_noise_units, is_correlated, lag_one, whiten
+from fitting.estimate.neighbour_correlation import is_correlated, lag_one
+from fitting.estimate.noise import Noise
 from fitting.estimate.normal_equations import Evaluation, Gaps, Normal, Prior, normal_blocks, prior_of
 from fitting.estimate.rest import Rest
 from fitting.estimate.simulator import Simulator
+from fitting.estimate.whitening import in_noise_units, whiten
 from fitting.estimate.windows import Starts, Windows
 from fitting.parameters.parameter import Parameter
 from fitting.parameters.rig_priors import JointPrior
@@ -229,7 +231,7 @@ class Problem(Residuals):
         """
         if self.noise is None or self.noise.kind != "white":
             return True
-        return float(np.mean(self.noise.factor**2)) < CHI2_RANGE[1]
+        return np.mean(self.noise.factor**2) < CHI2_RANGE[1]
 
     def move_starts(self, starts: Starts, values: np.ndarray, dz: np.ndarray) -> Starts:
         """Starts after a step in the chart, each window's move limited to `LARGEST_MOVE`; not yet closed."""
@@ -247,7 +249,7 @@ class Problem(Residuals):
         left = right - 1
         n = evaluation.start.shape[1] // 2
         m2 = self.freedoms
-        turn = np.swapaxes(chart(self.simulator.model_at(values), evaluation.start[right, :n]), 1, 2)
+        turn = chart(self.simulator.model_at(values), evaluation.start[right, :n]).mT
         rows = np.zeros((len(left), m2, 2 * n))
         rows[:, : m2 // 2, :n] = turn / GAP_SCALE[0]
         rows[:, m2 // 2 :, n:] = turn / GAP_SCALE[1]
@@ -268,7 +270,7 @@ class Problem(Residuals):
         known = np.any(self.sample_mask, axis=2)
         times = windows.times()
         run = np.broadcast_to(windows.run[:, None], times.shape)
-        return Timing(times, run, known, begin, float(windows.lengths.sum()), windows.count)
+        return Timing(times, run, known, begin, windows.lengths.sum(), windows.count)
 
     def correlation(self, point: Solution) -> tuple[np.ndarray, bool]:
         """Correlation of neighbours, of all links together."""
@@ -328,7 +330,7 @@ class Solution(Generic[ProblemType, EvaluationType]):
         values: parameters (k,).
         starts: window starts.
         evaluation: at this point.
-        weights: robust weights (K, S, n), 1 for least squares.
+        weights: robust weights (K, S, n), 1 for least squares; those of the fit's end along its linear model too.
         cost: 1/2 chi-square, with prior and gaps.
         information: S (k, k), the inverse of the covariance for noise of standard deviation sigma.
         gradient: of the cost by the parameters (k,), along the optimum of the starts.
@@ -380,15 +382,15 @@ class Solution(Generic[ProblemType, EvaluationType]):
     @property
     def chi2(self: Solution[Problem, Evaluation]) -> float:
         """Sum of squared weighted residuals of the measured angles."""
-        return float(np.sum(self.weights * self.evaluation.residual**2))
+        return np.sum(self.weights * self.evaluation.residual**2)
 
     @property
     def errors(self: Solution[Problem, Evaluation]) -> np.ndarray:
         """Simulated minus measured angles (K, S, n) [rad], 0 where there is no sample."""
-        off = wrap(self.evaluation.theta - self.problem.windows.theta)
-        return np.where(self.problem.windows.weight > 0, off, 0.0)
+        off = wrap(self.evaluation.theta - self.windows.theta)
+        return np.where(self.windows.known, off, 0.0)
 
     @property
     def rms(self: Solution[Problem, Evaluation]) -> float:
         """RMS of the errors [rad]."""
-        return float(np.sqrt(np.sum(self.errors**2) / (self.windows.weight > 0).sum()))
+        return np.sqrt(np.sum(self.errors**2) / self.windows.samples)

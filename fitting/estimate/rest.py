@@ -78,7 +78,7 @@ class Rest:
         off = planar.wrap(pose - self.theta)
         weighted = np.einsum("rij,rj->ri", self.precision, off)
         curvature = slope.T @ self.precision.sum(axis=0) @ slope
-        return Prior(0.5 * float(np.sum(off * weighted)), slope.T @ weighted.sum(axis=0), curvature)
+        return Prior(0.5 * np.sum(off * weighted), slope.T @ weighted.sum(axis=0), curvature)
 
 
 def static_pose(simulator: Simulator, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -139,4 +139,4 @@ def _location(x: np.ndarray, sigma: float) -> float:
     at = np.nanmedian(x)
     for _ in range(20):
         at += np.nanmean(np.clip(x - at, -HUBER_DEVIATIONS * sigma, HUBER_DEVIATIONS * sigma))
-    return float(at)
+    return at

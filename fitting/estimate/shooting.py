@@ -19,12 +19,9 @@ from dataclasses import replace
 import numpy as np
 
 from dropper_jax.base.errors import Progress, part_of, silent
-from fitting.estimate.least_squares import CONTINUED_ITERATIONS, Objective, descend
-from fitting.estimate.normal_equations import Evaluation
-from fitting.estimate.residuals import GAP_SCALE, Solution
-from fitting.estimate.simulator import Simulator
-from fitting.estimate.windows import Windows
-from fitting.traces.planar import chart
+from fitting.estimate.least_squares import CONTINUED_ITERATIONS, descend
+from fitting.estimate.objective import Objective
+from fitting.estimate.residuals import Solution
 
 #: Gap weights, in order. Larger ratios lose the neighbourhood of the optimum (measured on the lab dropper).
 GAP_WEIGHTS = (1.0, 0.1, 0.03, 0.01, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5)
@@ -35,39 +32,6 @@ SAME_EVIDENCE = 0.2
 #: Difference from the maximum log evidence at which the maximum counts as passed; and from the evidence that the linear
 #: model predicts, at which the motion does not follow that model.
 EVIDENCE_DROP = 5.0
-
-
-def transitions(simulator: Simulator, evaluation: Evaluation, values: np.ndarray) -> np.ndarray:
-    """Derivatives (K, m2, m2) of windows' ends by their starts, in units of a gap's scale; NaN if a run failed."""
-    n = evaluation.start.shape[1] // 2
-    m2 = simulator.freedoms
-    end = evaluation.end[:, :n]
-    ran = np.all(np.isfinite(end), axis=1)  # a start from few samples, next to missing ones, may be infeasible
-    turn = np.swapaxes(chart(simulator.model_at(values), np.where(ran[:, None], end, 0.0)), 1, 2)
-    scale = np.repeat(GAP_SCALE, m2 // 2)
-    angles, rates = np.split(evaluation.end_jacobian[..., :m2], 2, axis=1)
-    move = np.concatenate([turn @ angles, turn @ rates], axis=1)
-    return np.where(ran[:, None, None], move * scale[None, None, :] / scale[None, :, None], np.nan)
-
-
-def lyapunov(simulator: Simulator, windows: Windows, evaluation: Evaluation, values: np.ndarray) -> float:
-    """Growth rate [1/s] of the fastest growing small error, by QR of the windows' transition matrices, chained."""
-    m2 = simulator.freedoms
-    move = transitions(simulator, evaluation, values)
-    frame = np.eye(m2)
-    total = 0.0
-    time = 0.0
-    known = np.all(np.isfinite(move), axis=(1, 2))
-    for k, matrix in enumerate(move):
-        if windows.released[k] or (known[k] and not windows.follows[k]):
-            frame = np.eye(m2)
-        if known[k] and not windows.released[k]:  # a released one has no start of its own, hence no error
-            frame, upper = np.linalg.qr(matrix @ frame)
-            total += float(np.log(max(abs(upper[0, 0]), 1e-300)))
-            time += float(windows.lengths[k])
-    if time:
-        return total / time
-    return 0.0
 
 
 def continue_at(objective: Objective, begin: Solution, count: int, progress: Progress) -> Solution:
@@ -113,7 +77,7 @@ def fit_shooting(
     if memory > 1:  # with correlated residuals the maximum of the evidence is clear
         patience = 1
     separate = begin.problem.gaps(begin.evaluation, begin.values).value
-    wide = WIDE_GAPS * float(np.sqrt(np.mean(separate**2)))
+    wide = WIDE_GAPS * np.sqrt(np.mean(separate**2))
     schedule = [*(w for w in schedule[:-1] if w < wide), schedule[-1]]
     if choose and memory == 1:
         found_at_once = follow_linear_model(begin, schedule, finer, progress)
@@ -209,7 +173,7 @@ def follow_linear_model(
             if point.status != "ok" or not expected[chosen] > before[chosen] - EVIDENCE_DROP:
                 return None
             continue
-        point.evidence = float(expected[chosen])
+        point.evidence = expected[chosen]
         fell = np.flatnonzero(expected[chosen:] < expected.max() - SAME_EVIDENCE)
         again = None
         if len(fell):

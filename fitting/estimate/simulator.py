@@ -1,4 +1,4 @@
-"""Simulation of all windows, with exact derivatives by their starts and the parameters; each runs by itself."""
+"""Simulation of all windows, each on its own, with exact derivatives by their starts and the parameters."""
 
 from __future__ import annotations
 
@@ -58,6 +58,13 @@ class Key(NamedTuple):
         return self[:3] == other[:3] and self.steps >= other.steps and self.slots >= other.slots
 
 
+class Program(NamedTuple):
+    """A compiled program, and the time that its compilation took [s]."""
+
+    run: jax.stages.Compiled
+    compile_s: float
+
+
 class Simulator:
     """Runs windows of one model, in parallel; a program serves all windows up to its own length.
 
@@ -79,7 +86,6 @@ class Simulator:
         capacity: minimum steps and sample slots that programs are compiled for.
         rest_poses: angles of the line at rest, as seen by the camera.
         starts_only: whether derivatives by the parameters are not taken, but zero.
-        compile_s: time spent compiling [s].
     """
 
     def __init__(
@@ -101,16 +107,20 @@ class Simulator:
         self.freedoms = 2 * planar.freedoms(model)
         self.tangents = tangents or max(self.freedoms + len(self.parameters), 1)
         self.starts_only = False
-        self.compile_s = 0.0
         self.capacity = 0, 0
         self._plain = self.stepper.plain != self.stepper
-        self._programs: dict[Key, jax.stages.Compiled] = {}
+        self._programs: dict[Key, Program] = {}  # the same for all views
         self._model: tuple[np.ndarray, Model] | None = None
         # a fit starts at the last evaluation of its preparation
         self._last: tuple[np.ndarray, Starts, Windows, Evaluation] | None = None
 
     def _seen_by_camera(self, model: Model, values: Array, theta: Array) -> Array:
         return camera_angles(model, self.compiled, values, theta)
+
+    @property
+    def compile_s(self) -> float:
+        """Time spent compiling, also by views with the same programs [s]."""
+        return sum(program.compile_s for program in self._programs.values())
 
     def view_of(self, parameters: Sequence[Parameter]) -> Simulator:
         """The same programs for some of the parameters that they know, or with other lost frames instead of theirs."""
@@ -210,7 +220,7 @@ class Simulator:
             inputs[i] = np.pad(inputs[i], [(0, 0), (0, key.slots - slots), *others])
         if key not in self._programs:
             self._programs[key] = self._compile(key, values, inputs)
-        program = self._programs[key]
+        program = self._programs[key].run
         substeps = np.int32(windows.substeps)
         seeds = self._seeds()
         jobs = list(product(seeds, zip(*inputs, strict=True)))
@@ -250,7 +260,7 @@ class Simulator:
         """The model with these parameter values (k,)."""
         values = np.asarray(values, float)
         if self._model is None or not np.array_equal(self._model[0], values):
-            self._model = values.copy(), with_parameter_values(self.model, self.parameters, jnp.asarray(values, float))
+            self._model = values.copy(), with_parameter_values(self.model, self.parameters, jnp.asarray(values))
         return self._model[1]
 
     def _key(self, windows: Windows, plain: bool) -> Key:
@@ -265,7 +275,7 @@ class Simulator:
             return requested
         return Key(plain, windows.dt, on_grid, *map(max, size, self.capacity))
 
-    def _compile(self, key: Key, values: np.ndarray, inputs: Sequence[np.ndarray]) -> jax.stages.Compiled:
+    def _compile(self, key: Key, values: np.ndarray, inputs: Sequence[np.ndarray]) -> Program:
         """The program of a key, for windows with such inputs."""
         started = time.perf_counter()
         stepper = self.stepper.plain if key.plain else self.stepper
@@ -293,8 +303,7 @@ class Simulator:
             "tangents": self.tangents,
         }
         program = compile_program(run_window, known_by, (values, seeds, count, count, *like), one, kernel=True)
-        self.compile_s += time.perf_counter() - started
-        return program
+        return Program(program, time.perf_counter() - started)
 
 
 def choose_stepper(model: Model, integrator: str | None = None, solver: str = "auto") -> Stepper:
@@ -307,10 +316,10 @@ def choose_stepper(model: Model, integrator: str | None = None, solver: str = "a
         SceneError: a solver that does not support this scene or scheme.
     """
     if integrator is None and Rattle4().refuse(model) is None:
-        if solver != "auto" and (reason := SOLVERS[solver].refuse(model, Rattle4())):
-            raise SceneError(f"run.solver: {solver!r} cannot serve this fit: {reason}")
         if solver == "auto":
             solver = "condensed"
+        elif reason := SOLVERS[solver].refuse(model, Rattle4()):
+            raise SceneError(f"run.solver: {solver!r} cannot serve this fit: {reason}")
         # Newton iterations of a rattle_4 stage: its Jacobian is exact, three reach rounding at 1/60 s (residual 8e-16)
         return Stepper(integrator=Rattle4(), solver=SOLVERS[solver], iterations=3, track_work=False)
     # No halving: a window whose steps do not solve means that the fit's step was too long; it then tries a shorter one.

@@ -17,7 +17,8 @@ from dataclasses import replace
 import numpy as np
 
 from dropper_jax.base.errors import Progress, silent
-from fitting.estimate.least_squares import continue_fit, fit_windows, objective_at
+from fitting.estimate.least_squares import continue_fit, fit_windows
+from fitting.estimate.objective import objective_at
 from fitting.estimate.residuals import Solution
 from fitting.estimate.uncertainty import uncertainty
 
@@ -52,7 +53,7 @@ def refine(
     """
     while True:
         solution.step_bias, ahead = step_bias(solution)
-        worst = float(np.max(np.abs(solution.step_bias), initial=0.0))
+        worst = np.max(np.abs(solution.step_bias), initial=0.0)
         if not worst > LARGEST_BIAS or ahead.problem.finest:
             return solution
         progress(0.0, f"the step's bias is {worst:.2g} standard errors: halving the step")

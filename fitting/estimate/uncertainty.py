@@ -15,10 +15,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtr, ndtri, stdtr, stdtrit
 
-from fitting.estimate.blocks import residual_scores, scatter, with_minimum_variance
+from fitting.estimate.blocks import block_covariance, residual_scores, with_minimum_variance
 from fitting.estimate.factors import Factor, invert_spd, scale_diagonal
-from fitting.estimate.least_squares import objective_at
 from fitting.estimate.loss import Loss
+from fitting.estimate.objective import objective_at
 from fitting.estimate.residuals import Solution
 
 #: Number of blocks below which intervals use Student's quantile and a warning is given.
@@ -90,7 +90,7 @@ class Uncertainty:
 
 def degrees_of_freedom(solution: Solution) -> float:
     """Number of samples minus the degrees of freedom that the fit has used, by leverage."""
-    return max(1.0, solution.problem.samples - float(leverage(solution).sum()))
+    return max(1.0, solution.problem.samples - leverage(solution).sum())
 
 
 def variance(solution: Solution) -> float:
@@ -110,8 +110,8 @@ def robust_variance(residual: np.ndarray, loss: Loss, freedom: float) -> float:
     and chi-square per degree of freedom for least squares (Huber 1973).
     """
     weights = loss.weights(residual)
-    square = float(np.sum((weights * residual) ** 2)) / freedom
-    return square * float(np.mean(weights)) / max(float(np.mean(loss.curvature(residual))), 1e-3) ** 2
+    square = np.sum((weights * residual) ** 2) / freedom
+    return square * np.mean(weights) / max(np.mean(loss.curvature(residual)), 1e-3) ** 2
 
 
 def uncertainty(solution: Solution) -> Uncertainty:
@@ -126,7 +126,7 @@ def uncertainty(solution: Solution) -> Uncertainty:
     inflation = 1.0
     blocks = 0
     if real or not problem.explains_residuals:
-        found = scatter(solution)
+        found = block_covariance(solution)
         if found is not None:
             prior = problem.prior(solution.values).curvature[np.ix_(free, free)]
             data = solution.free_information - prior
@@ -189,15 +189,15 @@ def quantile(chance: float, blocks: float = 0) -> float:
     Student's law holds for fewer blocks than `FEW_BLOCKS`.
     """
     if 0 < blocks < FEW_BLOCKS:
-        return float(stdtrit(blocks - 1, chance))
-    return float(ndtri(chance))
+        return stdtrit(blocks - 1, chance)
+    return ndtri(chance)
 
 
 def chance_below(distance: float, blocks: float) -> float:
     """The inverse of `quantile`."""
     if 0 < blocks < FEW_BLOCKS:
-        return float(stdtr(blocks - 1, distance))
-    return float(ndtr(distance))
+        return stdtr(blocks - 1, distance)
+    return ndtr(distance)
 
 
 #: Relative standard error above which a direction counts as undetermined, and the share in it from which a parameter is
@@ -219,5 +219,5 @@ def open_directions(solution: Solution, covariance: np.ndarray) -> tuple[dict[st
         several = np.flatnonzero(np.abs(column) > NOTABLE_SHARE)
         if variance > UNDETERMINED_ERROR**2 and len(several) > 1:
             column = column / np.abs(column).max()
-            found.append({parameters[free[j]].name: float(column[j]) for j in several})
+            found.append({parameters[free[j]].name: column[j] for j in several})
     return tuple(found)

@@ -7,6 +7,7 @@ Start, steps and camera are functions of the window's start and the parameters, 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, Generic, NamedTuple
 
@@ -21,10 +22,10 @@ from dropper_jax.stepping.integrate import advance, scan_steps
 from dropper_jax.stepping.progress import begin
 from fitting.estimate.release import LEAST_STRETCH, Release, ReleaseState
 from fitting.estimate.windows import ArrayType
+from fitting.parameters.forward_derivatives import Varied, split, swap_rows, vary
 from fitting.parameters.missing_forces import add_missing_forces
 from fitting.parameters.observation import camera_angles, clock_rate, lost_frames, recording
 from fitting.parameters.parameter import Parameter, with_parameter_values
-from fitting.parameters.varied import Varied, split, stack_rows, vary
 from fitting.traces import planar
 
 #: Position of a jump of the clock that a window does not have [steps].
@@ -92,67 +93,103 @@ def run_window(
         dt: time step [s].
         on_grid: whether all samples lie on whole steps.
     """
-    own = WindowInputs(*inputs[: len(WindowInputs._fields)])
+    count_of_inputs = len(WindowInputs._fields)
+    own = WindowInputs(*inputs[:count_of_inputs])
     release_state = None
     if release is not None:
-        release_state = ReleaseState(*inputs[len(WindowInputs._fields) :])
-    links, m = own.basis.shape
-    recordings = own.measured.shape[1] // links
+        release_state = ReleaseState(*inputs[count_of_inputs:])
+    window = WindowMotion(own, release_state, values, model, parameters, release, dt, on_grid)
+    point = jnp.concatenate([jnp.zeros(2 * window.freedoms), values])
+    start = vary(window.start_at, point, seeds)
+    rows, failed = march(stepper, window.model_at, point, seeds, start, capacity, substeps, count, own.steps)
+    found = vary(window.read_out, point, seeds, start, rows)
+    residual, first, end, angle = found.tree
+    by_residual, by_first, by_end = (jnp.moveaxis(slope, 0, -1) for slope in found.slopes[:3])
+    return angle, residual, by_residual, first, end, by_first, by_end, failed
 
-    def model_at(x: Array) -> Model:
-        p = x[2 * m :]
-        return add_missing_forces(with_parameter_values(model, parameters, p), parameters, p)
 
-    def start_at(x: Array) -> Start:
-        z = x[: 2 * m]
-        p = x[2 * m :]
-        here = model_at(x)
+@dataclass(frozen=True)
+class WindowMotion:
+    """A window as functions of x: the coordinates (2 m,) of its start in its chart, then the parameters' values (k,).
+
+    Attributes:
+        values: around which the start of a released window follows the parameters (k,).
+        others: as of `run_window`.
+    """
+
+    own: WindowInputs[Array]
+    release_state: ReleaseState[Array] | None
+    values: Array
+    model: Model
+    parameters: Sequence[Parameter]
+    release: Release | None
+    dt: float
+    on_grid: bool
+
+    @property
+    def freedoms(self) -> int:
+        """Number m of coordinates of the angles."""
+        return self.own.basis.shape[1]
+
+    def split(self, x: Array) -> tuple[Array, Array, Array]:
+        """Coordinates of angles (m,) and rates (m,), and values of the parameters (k,)."""
+        m = self.freedoms
+        return x[:m], x[m : 2 * m], x[2 * m :]
+
+    def model_at(self, x: Array) -> Model:
+        """The model with its parameters set, and with the missing forces among them."""
+        p = self.split(x)[2]
+        return add_missing_forces(with_parameter_values(self.model, self.parameters, p), self.parameters, p)
+
+    def start_at(self, x: Array) -> Start:
+        """The start: closed angles and rates, and the window's clock."""
+        own = self.own
+        angles, rates, p = self.split(x)
+        here = self.model_at(x)
         # sums and not matrix products, which may call a library and so prevent one kernel
-        theta = own.theta + jnp.sum(own.basis * z[:m], axis=1)
-        h: Array | float = dt
+        theta = own.theta + jnp.sum(own.basis * angles, axis=1)
+        h: Array | float = self.dt
         samples = (own.index, own.fraction)
         late: Array | float = 0.0
-        if release is not None and release_state is not None:
-            theta = theta + jnp.sum(release_state.slope * (p - values), axis=1)
-            late = release.late(parameters, p, release_state)
-        if release is not None or lost_frames(parameters):
-            h, samples = _clock(own, parameters, p, late, dt)
-        rate = clock_rate(parameters, p)
+        if self.release is not None and self.release_state is not None:
+            theta = theta + jnp.sum(self.release_state.slope * (p - self.values), axis=1)
+            late = self.release.late(self.parameters, p, self.release_state)
+        if self.release is not None or lost_frames(self.parameters):
+            h, samples = _clock(own, self.parameters, p, late, self.dt)
+        rate = clock_rate(self.parameters, p)
         if rate is not None:
             h = h * rate
-        theta, omega = planar.close_chain(here, theta, own.omega + jnp.sum(own.basis * z[m:], axis=1))
+        theta, omega = planar.close_chain(here, theta, own.omega + jnp.sum(own.basis * rates, axis=1))
         return Start(theta, omega, planar.to_state(here, theta, omega), jnp.asarray(h, theta.dtype), samples)
 
-    def read_out(x: Array, start: Start, rows: tuple[Array, Array]) -> tuple[Array, ...]:
-        p = x[2 * m :]
-        here = model_at(x)
+    def read_out(self, x: Array, start: Start, rows: tuple[Array, Array]) -> tuple[Array, ...]:
+        """Residuals (S, R n), angles and rates at both ends (2 n,), and angles as seen (S, R n), by those of the nodes
+        after every step."""
+        own = self.own
+        here = self.model_at(x)
         angles, rates = jax.vmap(partial(planar.from_nodes, here))(*rows)
-        shown = []
-        for number in range(recordings):
-            reading = recording(parameters, p, number, links)
-            at = start.samples
-            if number:  # the first recording's clock is that of the motion
-                position = at[0] + at[1] - reading.delay / dt
-                # the fraction of a sample just outside the window lies outside 0 to 1
-                whole = jnp.clip(jnp.floor(jax.lax.stop_gradient(position)), 0, own.steps - 1)
-                at = (whole.astype(jnp.int32), position - whole)
-            poses = at_samples(start, angles, rates, *at, on_grid and not number)
-            seen = camera_angles(here, parameters, p, poses)
-            if number:
-                seen = reading.read(seen, own.measured[:, number * links : (number + 1) * links])
-            shown.append(seen)
+        recordings = own.measured.shape[1] // len(own.theta)
+        shown = [self._reading(x, here, start, angles, rates, number) for number in range(recordings)]
         angle = jnp.concatenate(shown, axis=-1)
         residual = planar.wrap(angle - own.measured) * own.weight
         end = jnp.concatenate([angles[own.steps - 1], rates[own.steps - 1]])
         return residual, jnp.concatenate([start.theta, start.omega]), end, angle
 
-    point = jnp.concatenate([jnp.zeros(2 * m), values])
-    start = vary(start_at, point, seeds)
-    rows, failed = march(stepper, model_at, point, seeds, start, capacity, substeps, count, own.steps)
-    found = vary(read_out, point, seeds, start, rows)
-    residual, first, end, angle = found.tree
-    by_residual, by_first, by_end = (jnp.moveaxis(slope, 0, -1) for slope in found.slopes[:3])
-    return angle, residual, by_residual, first, end, by_first, by_end, failed
+    def _reading(self, x: Array, here: Model, start: Start, angles: Array, rates: Array, number: int) -> Array:
+        """Angles (S, n) that a recording reads; the clock of the first one is that of the motion."""
+        own = self.own
+        p = self.split(x)[2]
+        if not number:
+            poses = at_samples(start, angles, rates, *start.samples, self.on_grid)
+            return camera_angles(here, self.parameters, p, poses)
+        links = len(own.theta)
+        reading = recording(self.parameters, p, number, links)
+        position = start.samples[0] + start.samples[1] - reading.delay / self.dt
+        # the fraction of a sample just outside the window lies outside 0 to 1
+        whole = jnp.clip(jnp.floor(jax.lax.stop_gradient(position)), 0, own.steps - 1)
+        poses = at_samples(start, angles, rates, whole.astype(jnp.int32), position - whole, on_grid=False)
+        seen = camera_angles(here, self.parameters, p, poses)
+        return reading.read(seen, own.measured[:, number * links : (number + 1) * links])
 
 
 def _clock(
@@ -235,9 +272,8 @@ def march(
         return (s, jnp.zeros((), jnp.int32)), shelf
 
     now, shelf = split(vary(first, x, directions, start))
-    rows = Varied(shelf.tree, [jnp.swapaxes(slope, 0, 1) for slope in shelf.slopes])
-    now, rows = scan_steps(save, now, steps, rows)
-    return stack_rows(rows), now.tree[1]
+    now, rows = scan_steps(save, now, steps, swap_rows(shelf))
+    return swap_rows(rows), now.tree[1]
 
 
 def at_samples(start: Start, angles: Array, rates: Array, index: Array, fraction: Array, on_grid: bool) -> Array:

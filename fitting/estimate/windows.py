@@ -1,13 +1,8 @@
 """Cutting traces into windows, and the start of each window.
 
 A chaotic trace cannot be fitted as one run: its sensitivity to the start grows as exp(lambda t). Each window has a
-start of its own (angles and rates, in a local chart, see `planar`), and only the parameters are shared.
-
-Windows are as long as the growth of small errors in the motion allows. Let M_k be the transition of window k, the
-derivative of its end by its start in units of a gap's scale. Errors grow over windows j to k by at most the largest
-singular value of M_k ... M_j. The largest Lyapunov exponent is the mean growth rate of the product of all. A whipping
-motion grows by far more than this mean at some moments. Windows are therefore joined from short ones, up to the length
-that the growth of their own product allows.
+start of its own (angles and rates, in a local chart, see `planar`), and only the parameters are shared. Their lengths
+follow the growth of small errors (`error_growth`).
 """
 
 from __future__ import annotations
@@ -91,6 +86,11 @@ class Windows:
         return len(self.begin)
 
     @property
+    def known(self) -> np.ndarray:
+        """Which samples exist (K, S, n) bool."""
+        return self.weight > 0
+
+    @property
     def source(self) -> np.ndarray:
         """Number of the run whose noise a window has (K,)."""
         return self.run
@@ -98,7 +98,7 @@ class Windows:
     @property
     def samples(self) -> int:
         """Total number of measured angles."""
-        return int((self.weight > 0).sum())
+        return int(self.known.sum())
 
     @property
     def lengths(self) -> np.ndarray:
@@ -113,7 +113,7 @@ class Windows:
     @property
     def length(self) -> float:
         """Duration of the longest window [s]."""
-        return float(self.lengths.max())
+        return self.lengths.max()
 
     def piece(self, k: int) -> Piece:
         """Window k without its samples."""
@@ -140,22 +140,31 @@ class Windows:
                 padded[f] = np.pad(a, [(0, 0), (0, more), *[(0, 0)] * (a.ndim - 2)])
         return replace(self, steps=max(steps, self.steps), **padded)
 
+    @property
+    def elapsed(self) -> np.ndarray:
+        """Fraction of its window that has passed before each slot (K, S), in whole steps."""
+        return self.index / self.step_counts[:, None]
+
     def early(self, part: float) -> Windows:
         """The same windows, of which only the first fraction (0 to 1) is fitted."""
-        elapsed = self.index / self.step_counts[:, None]
-        return replace(self, weight=self.weight * (elapsed <= part)[:, :, None])
+        return self.with_slots(self.elapsed <= part)
+
+    def with_slots(self, which: np.ndarray) -> Windows:
+        """The same windows with samples in some slots (K, S) bool alone, or of some windows (K, 1)."""
+        return replace(self, weight=np.where(which[..., None], self.weight, 0.0))
 
     def end_early(self, k: int, end: float) -> Windows:
         """The same windows, of which window k ends at a time [s]; its later slots are empty."""
         mine = np.arange(self.count) == k
         late = mine[:, None] & (self.times() > end - 0.5 * self.dt)
         counts = np.where(mine, round((end - self.begin[k]) / self.dt), self.step_counts)
-        emptied = {f: np.where(late, 0, getattr(self, f)) for f in ("index", "fraction")}
-        return replace(self, step_counts=counts, weight=np.where(late[..., None], 0.0, self.weight), **emptied)
+        index = np.where(late, 0, self.index)
+        fraction = np.where(late, 0, self.fraction)
+        return replace(self.with_slots(~late), step_counts=counts, index=index, fraction=fraction)
 
     def without_samples(self, which: np.ndarray) -> Windows:
         """The same windows, of which some (K,) bool have no samples."""
-        return replace(self, weight=np.where(which[:, None, None], 0.0, self.weight))
+        return self.with_slots(~which[:, None])
 
     def pick(self, which: np.ndarray) -> Windows:
         """Some of the windows, none of which follows another."""
@@ -182,7 +191,7 @@ def cut(
     length: float,
     dt: float,
     sigma: Sequence[np.ndarray],
-    spans: Sequence[Span] | None = None,
+    spans: Sequence[Span],
 ) -> Windows:
     """Windows of `length` [s], one after another.
 
@@ -192,12 +201,10 @@ def cut(
     Args:
         traces: runs in the model's convention.
         sigma: noise of each run's links (n,) [rad], used if the trace has no standard errors.
-        spans: to cut; default: each run as a whole.
+        spans: to cut.
     """
     steps = max(1, int(length / dt + 1e-6))
     whole = steps * dt
-    if not spans:
-        spans = [Span(i, float(trace.t[0]), float(trace.t[-1]) + trace.interval) for i, trace in enumerate(traces)]
     pieces = []
     for i, low, high in spans:
         count = int((high - low) / whole + 1e-6)
@@ -221,7 +228,7 @@ def fill(traces: Sequence[Trace], pieces: Sequence[Piece], dt: float, sigma: Seq
     most = int(steps.max())
     found = Windows(begin, run, follows, theta, weight, index, fraction, dt, most, released, steps)
     # windows in which some link has too few samples to determine its start are dropped
-    seen = (found.weight > 0).sum(axis=1).reshape(len(begin), -1, traces[0].links)
+    seen = found.known.sum(axis=1).reshape(len(begin), -1, traces[0].links)
     empty = seen.sum(axis=1).min(axis=1) < 2
     if empty.all():
         raise SceneError("window: no window has two samples of every link. Use longer windows or denser traces")
@@ -265,60 +272,6 @@ def _samples(trace: Trace, begin: float, steps: int, dt: float, sigma: np.ndarra
     if trace.se is not None:
         error = np.where(np.isfinite(trace.se[keep]), trace.se[keep], sigma)
     return np.where(known, theta, 0.0), np.where(known, 1.0 / error, 0.0), index, fraction
-
-
-#: Maximum growth of an error over a fit window, in e-folds.
-FIT_GROWTH = 2.0
-#: Shortest windows that are joined, as a fraction of the shortest link's period: links that whip at ten times the rate
-#: of their own swing turn by less than one turn in it.
-SHORTEST_WINDOW_PERIODS = 0.2
-#: Length [m] of a link whose chain gets windows of at most one second.
-ONE_SECOND_LINK = 0.1
-#: Longest automatic window [s], and as a fraction of the trace.
-LONGEST_WINDOW = 10.0
-LONGEST_TRACE_PART = 0.125
-
-
-def longest_window(freedoms: int, length: float, span: float, shortest: float) -> float:
-    """Longest automatic window [s].
-
-    It is a part of the span. A chain may be chaotic: its windows are also at most as long as the time scale of its
-    links, one second for links of `ONE_SECOND_LINK` and growing as the root of their length.
-
-    Args:
-        length: of a link [m].
-        span: [s].
-        shortest: [s].
-    """
-    longest = min(LONGEST_WINDOW, LONGEST_TRACE_PART * span)
-    if freedoms > 1:  # one angle cannot be chaotic
-        longest = min(longest, float(np.sqrt(length / ONE_SECOND_LINK)))
-    return max(shortest, longest)
-
-
-def follow_motion(windows: Windows, move: np.ndarray, steps: int) -> list[Piece]:
-    """Windows joined from short ones while an error grows by at most `FIT_GROWTH` e-folds over them.
-
-    Args:
-        windows: short ones, each ending on a whole frame.
-        move: their transitions (K, m2, m2).
-        steps: maximum steps of a window.
-    """
-    found: list[Piece] = []
-    one = np.eye(move.shape[1])
-    move = np.where(windows.released[:, None, None], one, move)  # the start of a released window comes from the model
-    product = one
-    for k, matrix in enumerate(move):
-        piece = windows.piece(k)
-        further = matrix @ product
-        grows = not np.isfinite(further).all() or np.linalg.norm(further, 2) > np.exp(FIT_GROWTH)
-        if found and piece.follows and not grows and found[-1].steps + piece.steps <= steps:
-            found[-1] = found[-1]._replace(steps=found[-1].steps + piece.steps)
-            product = further
-        else:
-            found.append(piece)
-            product = matrix
-    return found
 
 
 #: Arrays of NumPy or of JAX.

@@ -75,7 +75,7 @@ def _scaled(scene: Scene, model: Model, scale: float) -> Scene:
 def _of_all_lines(scene: Scene, where: ModelTarget, value: float) -> Scene:
     """The scene with a value of one link, counted among those of all lines, as in the model of a system."""
     ends = np.cumsum([line.links for line in scene.lines])
-    i = int(np.searchsorted(ends, where.entry or 0, side="right"))
+    i = np.searchsorted(ends, where.entry or 0, side="right")
     line = scene.lines[i]
     each = np.array(np.broadcast_to(np.asarray(getattr(line, where.field), float), line.links))
     each[(where.entry or 0) - ends[i]] = value

@@ -77,7 +77,7 @@ def rig_priors(scene: Scene, model: Model, parameters: Sequence[Parameter]) -> t
             common.append(CommonPrior(share, prior.in_si_units[0]))
         elif all(p.unit == "kg" for p in known):
             carried = float(np.hypot(carried, prior.in_si_units[0]))
-    massive = np.array([float(power_of_mass(p.unit)) for p in found])
+    massive = np.array([power_of_mass(p.unit) for p in found])
     return tuple(found), JointPrior(tuple(common), carried, massive)
 
 

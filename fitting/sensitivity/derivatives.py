@@ -27,8 +27,8 @@ from dropper_jax.stepping.halving import ROUNDING
 from dropper_jax.stepping.integrate import Steps
 from dropper_jax.stepping.progress import Trajectory
 from dropper_jax.study.lyapunov import lyapunov
+from fitting.parameters.forward_derivatives import Varied, floats_of
 from fitting.parameters.parameter import with_parameter_values
-from fitting.parameters.varied import Varied, floats_of
 from fitting.sensitivity.differences import central_differences, error_of_value
 from fitting.sensitivity.linear_range import with_linear_range
 from fitting.sensitivity.problem import Study, StudyProgram

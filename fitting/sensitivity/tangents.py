@@ -22,8 +22,8 @@ from dropper_jax.statics.search import outward
 from dropper_jax.stepping.equal_steps import advance_and_save
 from dropper_jax.stepping.integrate import Steps, empty_trajectory, scan_steps
 from dropper_jax.stepping.progress import Progress, Trajectory, begin
+from fitting.parameters.forward_derivatives import Varied, floats_of, split, swap_rows, vary
 from fitting.parameters.parameter import Parameter, with_parameter_values
-from fitting.parameters.varied import Varied, floats_of, split, stack_rows, vary
 from fitting.sensitivity.problem import Study, StudyProgram, start_as_trajectory
 from fitting.sensitivity.study_steps import padded, saved_times
 
@@ -145,7 +145,7 @@ def _vary_run(
     rows = empty_trajectory(now.tree.progress, capacity)
     slopes = [jnp.zeros((capacity, len(values), *x.shape[1:]), x.dtype) for x in floats_of(rows)]
     rows = Varied(rows, slopes)
-    return stack_rows(scan_steps(save, now, count, rows)[1])
+    return swap_rows(scan_steps(save, now, count, rows)[1])
 
 
 def _add_row(earlier: Trajectory, row: Trajectory) -> Trajectory:

@@ -126,6 +126,20 @@ def ready(rods):
 
 
 @pytest.fixture(scope="session")
+def difference():
+    """`difference(result, field, i, step)`: derivative of an evaluation's field by parameter i, by central ones."""
+
+    def run(result, field, i=-1, step=1e-5):
+        simulator, starts, windows = result.solution.problem.simulator, result.solution.starts, result.windows
+        change = np.zeros(len(result.values))
+        change[i] = step
+        ahead, behind = (simulator(result.values + side * change, starts, windows) for side in (1, -1))
+        return (getattr(ahead, field) - getattr(behind, field)) / (2 * step)
+
+    return run
+
+
+@pytest.fixture(scope="session")
 def fitted():
     """`fitted(prepared, method, ...)`: the result of an estimator, with its further arguments."""
 

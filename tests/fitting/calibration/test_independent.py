@@ -16,10 +16,14 @@ from fitting.calibration.laws import Law
 from fitting.calibration.prediction import DIVERGED_ANGLE
 from fitting.calibration.summarise import summarise
 from fitting.estimate.descent import CONVERGED_DISTANCE, GradientDescent
-from fitting.estimate.least_squares import descend, fit_windows, objective_at
+from fitting.estimate.least_squares import descend, fit_windows
 from fitting.estimate.normal_equations import drop_undefined
+from fitting.estimate.objective import objective_at
+from fitting.estimate.simulator import Key, Program
 from fitting.estimate.step_size import LARGEST_BIAS, step_bias
 from fitting.estimate.uncertainty import uncertainty
+from fitting.parameters.parameter import Parameter
+from fitting.parameters.targets import LostTarget
 from fitting.report.report import one_run_picture
 
 
@@ -118,6 +122,13 @@ def test_a_program_serves_shorter_windows_and_gives_what_their_own_would(prepare
     assert np.abs(found.end[:, :2] - np.pi / 2 - end)[longer].max() < 1e-9
 
 
+def test_the_time_that_a_view_of_a_simulator_compiles_counts(prepared, monkeypatch):
+    before = prepared.simulator.compile_s
+    view = prepared.simulator.view_of_starts()
+    monkeypatch.setitem(view._programs, Key(False, 1.0, True, 1, 1), Program(None, 2.0))
+    assert prepared.simulator.compile_s == pytest.approx(before + 2.0)
+
+
 @pytest.mark.check
 @pytest.mark.parametrize("method", ["windows", "shooting"])
 def test_profile_and_bootstrap_agree_with_the_errors_of_either_method(two, prepared, fitted, method):
@@ -155,6 +166,17 @@ def test_a_prediction_whose_neighbouring_run_fails_is_not_trusted(first_fit):
     found = predict(replace(first_fit, uncertainty=replace(first_fit.uncertainty, std_error=errors)))
     assert found.trusted == found.begin
     assert np.isfinite(found.simulated).all()
+
+
+def test_a_jump_of_the_clock_before_its_first_window_does_not_end_a_prediction(first_fit):
+    problem, u = first_fit.solution.problem, first_fit.uncertainty
+    jump = Parameter("clock.lost.0.1", LostTarget(0, 1, -1.0), 0.0)
+    problem = replace(problem, parameters=(*problem.parameters, jump))
+    solution = replace(first_fit.solution, problem=problem, values=np.append(first_fit.values, 0.0))
+    found = predict(
+        replace(first_fit, solution=solution, uncertainty=replace(u, std_error=np.append(u.std_error, 0.0)))
+    )
+    assert found.t[-1] == first_fit.traces[0].t[-1]
 
 
 def test_nothing_of_what_is_held_out_touches_the_fit(two, ready, motion):

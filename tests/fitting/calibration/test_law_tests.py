@@ -110,7 +110,7 @@ def test_noise_with_a_memory_does_not_explain_windows_that_do_not_join():
 
 
 @pytest.mark.check
-def test_loose_joins_that_no_force_explains_are_a_misfit(study):
+def test_loose_joins_that_no_force_explains_are_a_misfit():
     """Springs look like correlated noise in every window, and no candidate is shown; b_l would be 4.6 errors off."""
     draw = study.draw(394)
     springs = replace(draw.rig, springs=7.278e-5)

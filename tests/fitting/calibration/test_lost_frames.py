@@ -31,7 +31,8 @@ def test_a_jump_along_the_flow_is_found_where_it_is(frames, at):
 def test_samples_that_stand_out_alone_are_counted_and_smooth_misfits_are_not():
     rng = np.random.default_rng(1)
     errors = rng.standard_normal((6, 80, 2)) + 20 * np.sin(np.arange(80) / 12)[None, :, None]
-    solution = SimpleNamespace(errors=errors, windows=SimpleNamespace(weight=np.ones_like(errors), jitter=None))
+    windows = SimpleNamespace(weight=np.ones_like(errors), known=np.ones(errors.shape, bool), jitter=None)
+    solution = SimpleNamespace(errors=errors, windows=windows)
     assert count_outliers(solution) == 0
     for k, s, j in ((0, 10, 0), (3, 50, 1), (5, 40, 0), (5, 60, 1)):
         errors[k, s, j] += 25

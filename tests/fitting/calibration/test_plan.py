@@ -82,7 +82,7 @@ def test_what_cannot_be_planned_is_named(settings, text):
         plan([released(1.2)], FREE, **settings)
 
 
-def test_the_command_prints_one_object(tmp_path, printed):
+def test_a_duration_that_is_no_number_is_refused_with_its_option(tmp_path, printed):
     scene = tmp_path / "swing.json"
     scene.write_text(json.dumps(released(1.2)))
     output = printed(["plan", str(scene), "--free", "b_l", "--duration", "x"], 2).err

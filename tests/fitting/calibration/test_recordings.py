@@ -12,7 +12,8 @@ from scipy.integrate import solve_ivp
 import dropper_jax as dj
 from dropper_jax.cli import main
 from fitting import Convention, FitSettings, Trace, fit
-from fitting.parameters.recordings import convention_distance, find_delay, merge_recordings
+from fitting.parameters.recording_delay import convention_distance, find_delay
+from fitting.parameters.recordings import merge_recordings
 from fitting.report.report import write_report
 from fitting.traces.conventions import settle_convention
 
@@ -152,7 +153,7 @@ def test_the_sign_of_a_recording_that_starts_within_the_swing_is_that_of_the_fir
 def test_wrong_recordings_are_refused_in_one_line(motion, refusal):
     first, both = recorded(motion), [recorded(motion), biased(motion)]
     assert "one recording; needed: two" in refusal(fit, [first], SCENE, ["b_l"], settings=SETTINGS)
-    assert "same name" in refusal(merge_recordings, [first, first])
+    assert "same name" in refusal(merge_recordings, [first, first], {})
     static = refusal(fit, both, SCENE, ["b_l", "release.time"], settings=SETTINGS)
     assert "cannot be combined with a static start" in static
     assert "Use --same-motion" in refusal(fit, both, SCENE, ["b_l", "recording.B.delay"])

@@ -235,6 +235,14 @@ def test_a_fit_of_a_wrong_file_is_not_ok_and_names_the_reason(two, rods, ready, 
     assert "angles are relative" in result.to_json()["error"]
 
 
+def test_the_energy_of_a_link_that_is_seen_only_after_the_fitted_samples_is_not_judged():
+    chain = single_line([0.2, 0.2], 0.05, {"kind": "angles", "polar": [0.6, 0.6], "zero": "down"}, None)
+    t = 0.02 * np.arange(400)
+    theta = np.tile(0.5 * np.pi + 0.5 * np.cos(7 * t), (2, 1)).T
+    theta[t < 6.0, 1] = np.nan
+    refuse_rising_energy(Trace("late", t, theta), build_model(load_scene(chain)), [(0.0, 4.0)], 0.9)
+
+
 @pytest.mark.parametrize(("amplitude", "refused"), [(0.004, False), (0.2, True)])
 def test_a_gap_at_the_end_of_a_decay_is_no_second_run_unless_the_swing_is_large(amplitude, refused):
     """A link that swings by 0.6 rad at first, and after a gap by more than before it: by rounding, or a second run."""

@@ -11,7 +11,8 @@ from fitting.channels.problem import Evaluation, Problem
 from fitting.channels.sensors import Angle
 from fitting.estimate.least_squares import first_solution
 from fitting.estimate.loss import LEAST_SQUARES
-from fitting.estimate.noise import Noise, lag_one
+from fitting.estimate.neighbour_correlation import lag_one
+from fitting.estimate.noise import Noise
 from fitting.estimate.residual_noise import ResidualNoiseModel
 from fitting.parameters.parameter import Parameter
 from fitting.parameters.targets import Direction

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hard_scenes import single_line
 
 import dropper_jax as dj
 from dropper_jax import SceneError
@@ -17,16 +18,9 @@ from fitting.calibration.fit import estimate
 from fitting.calibration.summarise import summarise
 
 #: Two links, the lower one held aside by a force at the free end.
-SCENE = {
-    "run": {"dt": 0.01, "duration": 8.0},
-    "point": [
-        {"name": "pivot", "position": [0.0, 0.0, 0.0]},
-        {"name": "bob", "kind": "free", "position": [0.6, 0.0, 0.0]},
-    ],
-    "line": [{"name": "two", "from": "pivot", "to": "bob", "links": 2, "length": 0.3, "mass": [0.1, 0.2]}],
-    "effects": {"weight": {}, "linear_damping": {"b_l": 0.02}},
-    "start": {"kind": "static", "release_nodes": [2], "release_force": [[1.6, 0.0, 0.0]]},
-}
+START = {"kind": "static", "release_nodes": [2], "release_force": [[1.6, 0.0, 0.0]]}
+EFFECTS = {"weight": {}, "linear_damping": {"b_l": 0.02}}
+SCENE = single_line([0.3, 0.3], [0.1, 0.2], START, effects=EFFECTS, duration=8.0)
 FREE = ["b_l", "line.0.mass.0", "release.time", "release.force"]
 NAMES = ("effects.linear_damping.b_l", "line.0.mass.0", "release.time.0", "release.force.0.2.x")
 RATE, RESTING, NOISE = 60.0, 6, 0.003

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
-from dropper_jax import SceneError
 from fitting import profile
 from fitting.estimate.uncertainty import intervals
 from fitting.parameters.parameter import Parameter
@@ -32,14 +31,15 @@ def test_the_interval_at_an_upper_bound_mirrors_that_at_a_lower_one(beyond):
     np.testing.assert_allclose(found[1], -found[0][::-1], rtol=1e-9)
 
 
-def test_a_profile_of_a_parameter_that_is_not_free_is_refused():
+@pytest.mark.parametrize(
+    ("name", "points", "words"),
+    [
+        ("b_q", 1, "profile: 'effects.quadratic_damping.b_q' is not a free parameter"),
+        ("b_l", 0, "profile: 0 points on either side; allowed: at least 1"),
+    ],
+)
+def test_a_profile_without_points_or_of_a_parameter_that_is_not_free_is_refused(name, points, words, refusal):
     """Names may be short, as those of a fit."""
     problem = SimpleNamespace(names=["effects.linear_damping.b_l"])
     result = SimpleNamespace(scene=dj.load_scene("dropper-release-a"), solution=SimpleNamespace(problem=problem))
-    with pytest.raises(SceneError, match="profile: 'effects.quadratic_damping.b_q' is not a free parameter"):
-        profile(result, "b_q")
-
-
-def test_a_profile_without_points_is_refused():
-    with pytest.raises(SceneError, match="profile: 0 points on either side; allowed: at least 1"):
-        profile(None, "b_l", points=0)
+    assert words in refusal(profile, result, name, points=points)

@@ -9,8 +9,10 @@ import pytest
 from fitting import Trace
 from fitting.estimate.blocks import TimePieces, correlation_time, resample
 from fitting.estimate.factors import Factor
-from fitting.estimate.noise import Noise, log_volume, whiten
+from fitting.estimate.noise import Noise
 from fitting.estimate.normal_equations import Evaluation
+from fitting.estimate.residuals import Solution
+from fitting.estimate.whitening import log_volume, whiten
 from fitting.estimate.windows import Windows
 
 SIGMA, STEP, SLOTS = np.array([0.004, 0.01]), 0.02, 40
@@ -127,12 +129,10 @@ def test_the_diagonal_of_a_block_tridiagonal_inverse_is_that_of_the_dense_one():
 
 
 def test_the_error_of_a_solution_is_in_radians_with_any_noise(windows):
-    from fitting.estimate.residuals import Solution
-
     theta = 0.3 * np.random.default_rng(6).standard_normal(windows.theta.shape)
-    problem = SimpleNamespace(windows=replace(windows, decay=np.array([[5.0, 5.0]])))
-    point = SimpleNamespace(problem=problem, evaluation=SimpleNamespace(theta=theta))
-    expected = np.where(windows.weight > 0, theta, 0.0)
+    with_memory = replace(windows, decay=np.array([[5.0, 5.0]]))
+    point = SimpleNamespace(windows=with_memory, evaluation=SimpleNamespace(theta=theta))
+    expected = np.where(windows.known, theta, 0.0)
     np.testing.assert_allclose(Solution.errors.fget(point), expected)
 
 

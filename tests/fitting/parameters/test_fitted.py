@@ -18,61 +18,52 @@ SCENE = {
 }
 
 
+def fitted_to(table, values):
+    """The model with these values by their paths, and the fitted scene."""
+    scene = dj.load_scene(table)
+    parameters = find_parameters(scene, build_model(scene), list(values), "free")
+    numbers = np.array(list(values.values()))
+    moved = with_parameter_values(build_model(scene), parameters, numbers)
+    return moved, fitted_scene(scene, moved, parameters, numbers)
+
+
 def test_a_scene_built_from_the_fitted_one_has_the_fitted_model():
-    scene = dj.load_scene(SCENE)
-    model = build_model(dj.load_scene(scene))
-    names = ["effects.linear_damping.b_l", "line.0.mass.1", "point.a.position.0", "effects.weight.gravity"]
-    parameters = find_parameters(scene, model, names, "free")
-    values = np.array([0.2, 0.13, 0.01, 9.7])
-    fitted = fitted_scene(scene, with_parameter_values(model, parameters, values), parameters, values)
-    again = find_parameters(fitted, build_model(dj.load_scene(fitted)), names, "free")
-    assert np.allclose([p.value for p in again], values)
+    values = {"effects.linear_damping.b_l": 0.2, "line.0.mass.1": 0.13, "point.a.position.0": 0.01}
+    values["effects.weight.gravity"] = 9.7
+    _, fitted = fitted_to(SCENE, values)
+    again = find_parameters(fitted, build_model(fitted), list(values), "free")
+    assert np.allclose([p.value for p in again], list(values.values()))
     assert fitted.value("line.0.mass.2") == 0.1
 
 
 def test_the_scale_of_a_rig_grows_a_length_that_is_fitted_too():
     bars = {**LINE, "centre_of_mass": 0.15, "inertia": 0.003}
-    scene = dj.load_scene({**SCENE, "line": [bars]})
-    model = build_model(dj.load_scene(scene))
-    parameters = find_parameters(scene, model, ["rig.scale", "line.0.length.1"], "free")
-    values = np.array([1.2, 0.5])
-    moved = with_parameter_values(model, parameters, values)
+    moved, fitted = fitted_to({**SCENE, "line": [bars]}, {"rig.scale": 1.2, "line.0.length.1": 0.5})
     np.testing.assert_allclose(moved.line.length, [0.36, 0.6, 0.36])
-    again = build_model(dj.load_scene(fitted_scene(scene, moved, parameters, values)))
+    again = build_model(fitted)
     np.testing.assert_allclose(again.line.length, moved.line.length)
-    np.testing.assert_allclose(again.line.inertia, 1.44 * np.asarray(model.line.inertia))
+    np.testing.assert_allclose(again.line.inertia, 1.44 * 0.003)
     np.testing.assert_allclose(again.points[1].position, moved.points[1].position)
 
 
 def test_the_scale_of_a_rig_grows_a_line_by_the_metre_as_a_whole():
     rope = {"name": "rope", "mass": 1.0, "diameter": 0.02, "EA": 1e5}
     line = {"name": "l", "from": "a", "to": "b", "type": "rope", "links": 3, "length": 0.9}
-    scene = dj.load_scene({**SCENE, "line_type": [rope], "line": [line], "effects": {"weight": {}}})
-    model = build_model(scene)
-    parameters = find_parameters(scene, model, ["rig.scale"], "free")
-    values = np.array([1.2])
-    again = build_model(fitted_scene(scene, with_parameter_values(model, parameters, values), parameters, values))
+    scene = {**SCENE, "line_type": [rope], "line": [line], "effects": {"weight": {}}}
+    again = build_model(fitted_to(scene, {"rig.scale": 1.2})[1])
     np.testing.assert_allclose(again.line.length, [0.36, 0.36, 0.36])
     np.testing.assert_allclose(again.points[1].position, [0.0, 0.0, -1.08])
 
 
 def test_a_link_counted_among_all_lines_is_the_right_lines():
     rope = {"links": 2, "length": 1.0, "mass": 1.0, "axial": {"law": "rope", "EA": 1e4}}
-    scene = dj.load_scene(
-        {
-            **SCENE,
-            "point": [
-                {"name": "a", "position": [0.0, 0.0, 0.0]},
-                {"name": "b", "kind": "free", "position": [1.5, 0.0, -1.0]},
-                {"name": "c", "position": [3.0, 0.0, 0.0]},
-            ],
-            "line": [{"name": "p", "from": "a", "to": "b", **rope}, {"name": "q", "from": "b", "to": "c", **rope}],
-            "effects": {"weight": {}},
-        }
-    )
-    model = build_model(dj.load_scene(scene))
-    parameters = find_parameters(scene, model, ["line.0.mass.2"], "free")
-    fitted = fitted_scene(scene, model, parameters, np.array([3.0]))
+    points = [
+        {"name": "a", "position": [0.0, 0.0, 0.0]},
+        {"name": "b", "kind": "free", "position": [1.5, 0.0, -1.0]},
+        {"name": "c", "position": [3.0, 0.0, 0.0]},
+    ]
+    lines = [{"name": "p", "from": "a", "to": "b", **rope}, {"name": "q", "from": "b", "to": "c", **rope}]
+    _, fitted = fitted_to({**SCENE, "point": points, "line": lines, "effects": {"weight": {}}}, {"line.0.mass.2": 3.0})
     assert [np.ravel(line.mass).tolist() for line in fitted.lines] == [[1.0, 1.0], [3.0, 1.0]]
 
 
@@ -84,6 +75,6 @@ def test_values_of_sensors_are_not_of_the_scene():
     depth = {"name": "d", "kind": "depth", "column": "y", "unit": "m", "node": 3}
     data = read_data({"run": [{"file": {"t": t, "y": t}}], "channel": [depth]}, scene)
     parameters = find_free(scene, data, ["channel.d.offset", "b_l"])
-    fitted = fitted_scene(scene, build_model(dj.load_scene(scene)), parameters, np.array([1.0, 0.3]))
+    fitted = fitted_scene(scene, build_model(scene), parameters, np.array([1.0, 0.3]))
     assert fitted.value("effects.linear_damping.b_l") == 0.3
     assert fitted == scene.with_values({"effects.linear_damping.b_l": 0.3})

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
+from hard_scenes import single_line
 
 import dropper_jax as dj
 from dropper_jax import Scene, SceneError, build_model
 from fitting.estimate.normal_equations import prior_of
 from fitting.parameters.names import default_free
-from fitting.parameters.observation import camera_offset
 from fitting.parameters.parameter import adjust_parameters
 from fitting.parameters.paths import resolve
 from fitting.parameters.rig_priors import power_of_mass, rig_priors
@@ -67,22 +67,10 @@ def test_angles_do_not_change_when_everything_heavy_grows_alike():
 
 
 @pytest.mark.parametrize(
-    ("unit", "power"),
-    [
-        ("kg", 1),
-        ("kg/s", 1),
-        ("N m s/rad", 1),
-        ("N m", 1),
-        ("kg m^2", 1),
-        ("m", 0),
-        ("rad", 0),
-        ("m/s^2", 0),
-        ("-", 0),
-        ("kg/kg", 0),
-    ],
+    ("units", "power"), [(["kg", "kg/s", "N m s/rad", "N m", "kg m^2"], 1), (["m", "rad", "m/s^2", "-", "kg/kg"], 0)]
 )
-def test_units_with_a_mass_are_recognised(unit, power):
-    assert power_of_mass(unit) == power
+def test_units_with_a_mass_are_recognised(units, power):
+    assert [power_of_mass(unit) for unit in units] == [power] * 5
 
 
 @pytest.mark.parametrize(
@@ -108,30 +96,14 @@ def test_what_the_rig_leaves_open_is_free_by_default():
     ]  # fmt: skip
 
 
-def test_offsets_of_markers_add_to_their_own_links_and_the_cameras_to_all():
-    model = build_model(dj.load_scene(NAME))
-    parameters = resolve(model, ["camera.offset", "marker.offset"])
-    assert [p.name for p in parameters] == ["camera.offset", "marker.offset.0", "marker.offset.1"]
-    np.testing.assert_allclose(camera_offset(parameters, np.array([0.1, 0.02, 0.003]), 2), [0.12, 0.103])
-    with pytest.raises(SceneError, match=r"allowed: marker.offset.0 to marker.offset.1"):
-        resolve(model, ["marker.offset.2"])
-
-
 def test_a_prior_of_the_sea_holds_what_is_free_of_the_sea():
     """2 % of 0.4 m/s are 0.008 m/s."""
-    fit = {"prior": [{"of": "sea.current.speed", "sigma": 2.0, "unit": "%"}]}
-    line = {"name": "l", "from": "a", "to": "b", "links": 2, "length": 1.0, "mass": 5.0, "diameter": 0.05}
-    scene = Scene.from_dict(
-        {
-            "run": {"dt": 0.01, "duration": 1.0},
-            "point": [{"name": "a", "position": [0, 0, -1.0]}, {"name": "b", "kind": "free", "position": [0, 0, -3.0]}],
-            "line": [line],
-            "sea": {"depth": 10.0, "current": {"kind": "uniform", "speed": 0.4, "direction": 0.0}},
-            "effects": {"weight": {}, "buoyancy": {}, "morison_drag": {"cdn": 1.2}},
-            "fit": fit,
-        }
-    )
-    model = build_model(dj.load_scene(scene))
+    effects = {"weight": {}, "buoyancy": {}, "morison_drag": {"cdn": 1.2}}
+    table = single_line([0.5, 0.5], 5.0, {"kind": "static"}, None, effects, diameter=0.05)
+    table["sea"] = {"depth": 10.0, "current": {"kind": "uniform", "speed": 0.4, "direction": 0.0}}
+    table["fit"] = {"prior": [{"of": "sea.current.speed", "sigma": 2.0, "unit": "%"}]}
+    scene = dj.load_scene(table)
+    model = build_model(scene)
     found, _ = rig_priors(scene, model, find_parameters(scene, model, ["sea.current.speed"], "free"))
     assert found[0].prior == pytest.approx((0.4, 0.008))
     assert found[0].unit == "m/s"

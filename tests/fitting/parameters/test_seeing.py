@@ -21,6 +21,7 @@ def model(chain):
 
 
 def test_markers_off_their_nodes_are_seen_where_geometry_puts_them(model):
+    assert [p.name for p in resolve(model, ["marker.offset"])] == [f"marker.offset.{j}" for j in range(4)]
     names = ["camera.offset", "marker.offset.2", "marker.node.0.1", "marker.node.2", "marker.node.4.0"]
     parameters = resolve(model, names)
     values = np.array([0.02, -0.01, 0.004, 0.003, -0.005, 0.006])
@@ -56,6 +57,7 @@ def test_the_scale_of_a_rig_grows_lengths_and_the_gap_together(model):
 @pytest.mark.parametrize(
     ("name", "words"),
     [
+        ("marker.offset.4", "allowed: marker.offset.0 to marker.offset.3"),
         ("marker.node.5", "allowed: marker.node.0 to marker.node.4"),
         ("marker.node.2.2", "allowed: marker.node.0 to marker.node.4"),
         ("clock.lost", "allowed: clock.lost.RUN.FRAME"),

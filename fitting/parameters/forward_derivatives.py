@@ -72,6 +72,6 @@ def split(varied: Varied) -> tuple[Varied, Varied]:
     return Varied(first, varied.slopes[:count]), Varied(second, varied.slopes[count:])
 
 
-def stack_rows(rows: Varied) -> Varied:
-    """Rows (m, ...) with derivatives (k, m, ...) from those of single rows (m, k, ...)."""
+def swap_rows(rows: Varied) -> Varied:
+    """Rows (m, ...) with derivatives (k, m, ...) from those of single rows (m, k, ...), and the reverse."""
     return Varied(rows.tree, [jnp.swapaxes(x, 0, 1) for x in rows.slopes])

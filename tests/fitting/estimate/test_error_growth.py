@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 
 import dropper_jax as dj
-from fitting.estimate.shooting import transitions
+from fitting.estimate.error_growth import transitions
 
 
 def test_a_window_whose_run_failed_has_no_transition_and_leaves_the_others_theirs():

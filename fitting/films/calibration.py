@@ -71,14 +71,19 @@ class Lens:
 
 @dataclass(frozen=True)
 class Plane:
-    """The plane of motion: metres (right, up) of straight pixels, by a homography (3, 3)."""
+    """The plane of motion: metres (right, up) of straight pixels, by a homography (3, 3).
+
+    Its third row is positive at pixels of the plane. Beyond the plane's horizon it is negative: a ray there meets the
+    plane behind the camera.
+    """
 
     homography: np.ndarray
 
     def to_metres(self, points: np.ndarray) -> np.ndarray:
-        """(..., 2) [m] of straight pixels (..., 2)."""
+        """(..., 2) [m] of straight pixels (..., 2); NaN beyond the horizon."""
         mapped = points @ self.homography[:, :2].T + self.homography[:, 2]
-        return mapped[..., :2] / mapped[..., 2:]
+        scale = mapped[..., 2:]
+        return mapped[..., :2] / np.where(scale > 0, scale, np.nan)
 
     def metres_per_pixel(self, middle: np.ndarray) -> float:
         """Scale [m] at `middle` (2,): the side of a square as large as the pixel there."""
@@ -100,8 +105,8 @@ def corners(image: np.ndarray, board: tuple[int, int]) -> np.ndarray | None:
 def board_points(board: tuple[int, int], square: float) -> np.ndarray:
     """The same corners on the board, (columns x rows, 3) [m]."""
     column, row = np.meshgrid(np.arange(board[0]), np.arange(board[1]))
-    corners = np.stack([column.ravel(), row.ravel(), np.zeros(column.size)], axis=1)
-    return corners.astype(np.float32) * np.float32(square)
+    points = np.stack([column.ravel(), row.ravel(), np.zeros(column.size)], axis=1)
+    return points.astype(np.float32) * np.float32(square)
 
 
 def calibrate(pictures: Sequence[str | Path], board: tuple[int, int] = (9, 6)) -> Lens:
@@ -179,6 +184,8 @@ def plane_from_board(
         straight = lens.straighten(found)
         middle = lens.centre
     homography, _ = opencv().findHomography(straight, board_points(board, square)[:, :2].astype(float))
+    # OpenCV's sign is that of the picture's first pixel, which may lie beyond the horizon
+    homography *= np.sign(homography[2] @ [*straight[0], 1.0])
     return Plane(_level_homography(homography, middle))
 
 

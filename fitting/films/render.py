@@ -14,6 +14,7 @@ from itertools import product
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from dropper_jax.base.errors import SceneError
 from fitting.films.calibration import Lens, Plane
 from fitting.films.flattening import central_differences, rotation
 from fitting.films.video import opencv
@@ -22,6 +23,9 @@ from fitting.traces.synthetic import Motion
 #: Grey levels of the plate and of a post before it.
 PLATE = 105.0
 POST = 60.0
+#: Inner corners of a chessboard, columns and rows, and the side of its squares [m].
+BOARD = (9, 6)
+SQUARE = 0.03
 #: Minimum number of pictures averaged over an exposure. They are at most 1 pixel apart: a moving disc becomes a streak,
 #: not a row of discs.
 MIN_PICTURES = 5
@@ -100,10 +104,20 @@ class View:
         return rotation(*self.slant)
 
     def to_pixels(self, positions: np.ndarray) -> np.ndarray:
-        """Pixels (k, 2) of points (k, 2) (x, z) [m] in the plane."""
+        """Pixels (k, 2) of points (k, 2) (x, z) [m] in the plane.
+
+        Raises:
+            SceneError: a point that is not in front of the camera.
+        """
         flat = (positions - np.asarray(self.centre)) * [1.0, -1.0]
         ahead = flat @ self.rotation[:, :2].T + [0.0, 0.0, self.distance]
-        straight = self.focus * ahead[:, :2] / ahead[:, 2:] + self.lens.matrix[:2, 2]
+        depth = ahead[:, 2:]
+        if not (depth > 0).all():
+            raise SceneError(
+                f"view: a point is {-depth.min():.3g} m behind the camera; needed: all points in front of it "
+                "(use a larger distance or less slant)"
+            )
+        straight = self.focus * ahead[:, :2] / depth + self.lens.centre
         return self.lens.bend(straight)
 
     def stretch(self, positions: np.ndarray) -> np.ndarray:
@@ -125,11 +139,9 @@ def film(motion: Motion, view: View, fps: float, seed: int = 0) -> Iterator[np.n
         yield _develop(np.mean(shots, axis=0), view, rng)
 
 
-def chessboards(
-    view: View, board: tuple[int, int] = (9, 6), square: float = 0.03, count: int = 10, seed: int = 0
-) -> Iterator[np.ndarray]:
-    """Pictures of a chessboard of `board` inner corners: the first in the plane of motion, the others slanting."""
-    rng = np.random.default_rng(seed)
+def chessboards(view: View, count: int) -> Iterator[np.ndarray]:
+    """Pictures of a chessboard of `BOARD` inner corners: the first in the plane of motion, the others slanting."""
+    rng = np.random.default_rng(0)
     turn = view.rotation
     away = np.array([0.0, 0.0, view.distance])
     for i in range(count):
@@ -139,7 +151,7 @@ def chessboards(
             # alternately to the sides, where a lens bends most; only complete boards are found
             side = 0.22 * np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]][i % 4])
             away = np.array([*side * view.size / view.focus * far, far])
-        yield _develop(_board(view, board, square, turn, away), view, rng)
+        yield _develop(_board(view, turn, away), view, rng)
 
 
 def _shot(view: View, positions: np.ndarray, hidden: list[int], t: float) -> np.ndarray:
@@ -193,7 +205,7 @@ def _develop(image: np.ndarray, view: View, rng: np.random.Generator) -> np.ndar
     return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
 
 
-def _board(view: View, board: tuple[int, int], square: float, turn: np.ndarray, shift: np.ndarray) -> np.ndarray:
+def _board(view: View, turn: np.ndarray, shift: np.ndarray) -> np.ndarray:
     """A board with a white margin, its middle at `shift` from the camera, rotated by `turn` (3, 3), along every ray."""
     fine = 3  # samples per pixel and axis, averaged; the lens is uniform within a pixel
     width, height = view.size
@@ -201,13 +213,13 @@ def _board(view: View, board: tuple[int, int], square: float, turn: np.ndarray, 
     pixels = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1)
     straight = view.lens.straighten(pixels.reshape(-1, 2)).reshape(height, width, 2)
     step = (np.arange(fine) + 0.5) / fine - 0.5
-    greys = [_squares(to_board.to_metres(straight + shifted) / square, board) for shifted in product(step, step)]
+    greys = [_squares(to_board.to_metres(straight + shifted) / SQUARE) for shifted in product(step, step)]
     return np.mean(greys, axis=0).astype(np.float32)
 
 
-def _squares(positions: np.ndarray, board: tuple[int, int]) -> np.ndarray:
+def _squares(positions: np.ndarray) -> np.ndarray:
     """Grey of the board at positions (height, width, 2) from its middle [side of a square]."""
-    size = np.array(board) + 1
+    size = np.array(BOARD) + 1
     entry = positions + size / 2
     inside = ((entry >= 0) & (entry < size)).all(axis=-1)
     margin = ((entry > -1) & (entry < size + 1)).all(axis=-1)

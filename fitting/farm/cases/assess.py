@@ -11,10 +11,10 @@ import numpy as np
 from dropper_jax.base.read import Table
 from dropper_jax.base.records import column
 from dropper_jax.evaluation.fatigue import YEAR, damage
-from fitting.farm.cases.case_run import Found
 from fitting.farm.cases.case_store import CaseStore
 from fitting.farm.cases.characteristic import characteristic
 from fitting.farm.cases.flags import FINAL_SEEDS, exceeds_uplift, flags_of
+from fitting.farm.cases.run_arrays import Found
 from fitting.farm.site import Anchor, Part, Site, Storm
 
 #: Below 1 % of its mean a load has no defined direction.

@@ -18,7 +18,8 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import Table
 from dropper_jax.base.store import Store, StoreStopped, read_archive, write_archive
 from dropper_jax.scene import whole_lines
-from fitting.farm.cases.case_run import STATUS, Found
+from fitting.farm.cases.case_run import STATUS
+from fitting.farm.cases.run_arrays import Found
 from fitting.farm.site import Case, Site, Storm
 
 #: Increased when older files can no longer be used.

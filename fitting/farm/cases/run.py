@@ -16,8 +16,9 @@ from typing import Any
 
 from dropper_jax.base.errors import Progress, silent
 from dropper_jax.effects import REGISTERED_FILES, register_file, register_installed
-from fitting.farm.cases.case_run import Found, Runner
+from fitting.farm.cases.case_run import Runner
 from fitting.farm.cases.case_store import CasesStopped, CaseStore
+from fitting.farm.cases.run_arrays import Found
 from fitting.farm.site import Case, Site, read_site
 from fitting.sweep.cluster import run_on_cluster
 

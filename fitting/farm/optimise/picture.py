@@ -11,7 +11,7 @@ from dropper_jax.plots.figures import save as save_figure
 from dropper_jax.plots.style import DARK, FAINT, FIRST, SECOND, plot_style
 from fitting.farm.optimise.equilibria import near_rest
 from fitting.farm.optimise.models import still_model
-from fitting.farm.optimise.run import Optimum
+from fitting.farm.optimise.optimum import Optimum
 from fitting.farm.site import Site
 
 #: Maximum number of constraints that are drawn.

@@ -1,14 +1,12 @@
 """Parameters over runs, against what is known of means of normal samples."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 from scipy.stats import t as student
 
 from dropper_jax import load_scene
-from fitting.channels.fit import make_problem, over_runs
-from fitting.channels.result import combine_runs
+from fitting.channels.between_runs import combine_runs, over_runs
+from fitting.channels.make_problem import make_problem
 
 
 def test_runs_of_equal_and_small_errors_give_students_interval():
@@ -49,9 +47,6 @@ def test_runs_whose_names_contain_an_at_sign_are_combined_by_parameter():
     channel = {"name": "angle", "kind": "angle", "column": "a", "unit": "rad", "link": 1}
     problem = make_problem({"run": runs, "channel": [channel]}, scene, ["b_q"], ["b_l"], {}, {}, {})
     values = np.arange(1.0, 1.0 + len(problem.parameters))
-    errors = SimpleNamespace(covariance=1e-12 * np.eye(len(values)))
-    solution = SimpleNamespace(problem=problem)
-    fit = SimpleNamespace(solution=solution, parameters=problem.parameters, values=values, errors=errors)
-    (found,) = over_runs(fit)
+    (found,) = over_runs(problem, values, 1e-12 * np.eye(len(values)))
     assert found.name == "effects.linear_damping.b_l"
     assert found.mean == pytest.approx(values[-2:].mean())

@@ -13,7 +13,8 @@ from fitting.parameters.paths import resolve
 from fitting.traces import planar
 from fitting.traces.conventions import check_scale, settle_convention
 from fitting.traces.noise import DEGREE, noise, smooth
-from fitting.traces.trace import as_trace, check_trace
+from fitting.traces.trace import check_trace
+from fitting.traces.trace_file import as_trace
 
 ANY = Convention()
 

@@ -9,8 +9,8 @@ import pytest
 
 from dropper_jax.base.errors import silent
 from dropper_jax.base.parallel_runs import run_parallel
-from fitting.farm.optimise import run
-from fitting.farm.optimise.run import design_warnings
+from fitting.farm.optimise import along_gradient
+from fitting.farm.optimise.optimum import design_warnings
 from fitting.farm.optimise.search import MAX_RESIDUAL, Search, measure, run_round, run_search
 from fitting.farm.optimise.values import Values, dominated_slopes
 
@@ -62,8 +62,8 @@ def test_two_runs_along_the_gradient_show_whether_it_predicts_the_highest_peak(m
         window=lambda x, own: SimpleNamespace(hard=peaks(x), soft=peaks(x)),
         slopes=lambda *_: [np.array([[0.0], [slope]])],
     )
-    monkeypatch.setattr(run, "first_windows", lambda _: [SimpleNamespace(case=None)])
-    found = run.check_along(design)
+    monkeypatch.setattr(along_gradient, "first_windows", lambda _: [SimpleNamespace(case=None)])
+    found = along_gradient.check_along(design)
     assert found.status == status
     if np.isfinite(slope):
         assert found.measured == pytest.approx(2.0 * 3.0 * 0.005 * 2.0)

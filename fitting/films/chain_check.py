@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from fitting.films.flattening import robust_lengths
+from fitting.films.lengths import robust_lengths
 from fitting.films.marks import Marks, off_cubic
 from fitting.traces.trace import FEWEST_SAMPLES
 

@@ -13,7 +13,7 @@ from itertools import product
 
 import numpy as np
 
-from fitting.films.flattening import MEDIAN_TO_DEVIATION
+from fitting.films.lengths import MEDIAN_TO_DEVIATION
 from fitting.films.video import opencv
 
 #: Number of rays around a circle.

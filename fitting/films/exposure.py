@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from fitting.films.flattening import MEDIAN_TO_DEVIATION, link_lengths
+from fitting.films.lengths import MEDIAN_TO_DEVIATION, link_lengths
 from fitting.films.tracked_chain import TrackedChain
 
 #: Number of samples from which a link is used: its mean length is subtracted from them.

@@ -14,8 +14,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from fitting.films.flattening import link_lengths
+from fitting.films.lengths import link_lengths
 from fitting.traces.trace import Convention, Trace
+
+#: Minimum number of valid samples of a link that show its scatter; with fewer, all detected samples are used.
+MIN_VALID = 10
+#: Number of iterations for the further variance of a link.
+ITERATIONS = 20
+#: Minimum factor on the errors of edges that scatter more than the lengths.
+SMALLEST_SCALE = 0.3
 
 
 def four_quadrant(positions: np.ndarray) -> np.ndarray:
@@ -27,14 +34,6 @@ def four_quadrant(positions: np.ndarray) -> np.ndarray:
 def angle_errors(positions: np.ndarray, error: np.ndarray) -> np.ndarray:
     """Standard errors (k, n - 1) [rad] from those of the positions (k, n), in the same unit: across the link."""
     return np.sqrt(error[:, 1:] ** 2 + error[:, :-1] ** 2) / np.maximum(link_lengths(positions), 1e-12)
-
-
-#: Minimum number of valid samples of a link that show its scatter; with fewer, all detected samples are used.
-MIN_VALID = 10
-#: Number of iterations for the further variance of a link.
-ITERATIONS = 20
-#: Minimum factor on the errors of edges that scatter more than the lengths.
-SMALLEST_SCALE = 0.3
 
 
 def estimate_angle_errors(positions: np.ndarray, fit_error: np.ndarray, used: np.ndarray) -> np.ndarray:

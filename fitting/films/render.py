@@ -16,13 +16,21 @@ from scipy.interpolate import CubicSpline
 
 from dropper_jax.base.errors import SceneError
 from fitting.films.calibration import Lens, Plane
-from fitting.films.flattening import central_differences, rotation
+from fitting.films.flat_map import central_differences, rotation
 from fitting.films.video import opencv
 from fitting.traces.synthetic import Motion
 
-#: Grey levels of the plate and of a post before it.
+#: Grey levels of the plate, of a post before it, of bars, stickers and discs, and of a board's squares.
 PLATE = 105.0
 POST = 60.0
+BAR = 150.0
+STICKER = 22.0
+DISC = 235.0
+BLACK = 25.0
+WHITE = 225.0
+#: Thickness of a bar and radius of a sticker [radius of a disc].
+BAR_WIDTH = 1.6
+STICKER_RADIUS = 1.7
 #: Inner corners of a chessboard, columns and rows, and the side of its squares [m].
 BOARD = (9, 6)
 SQUARE = 0.03
@@ -161,12 +169,12 @@ def _shot(view: View, positions: np.ndarray, hidden: list[int], t: float) -> np.
     nodes = view.to_pixels(positions)
     stretch = view.stretch(positions)
     cv2 = opencv()
-    thick = max(1, round(1.6 * view.radius * view.pixels_per_metre))
-    cv2.polylines(image, [in_sixteenths(nodes)], False, 150.0, thick, cv2.LINE_AA, 4)
+    thick = max(1, round(BAR_WIDTH * view.radius * view.pixels_per_metre))
+    cv2.polylines(image, [in_sixteenths(nodes)], False, BAR, thick, cv2.LINE_AA, 4)
     for k, position in enumerate(nodes):
-        _disc(image, position, 1.7 * view.radius, stretch[k], 22.0)
+        _disc(image, position, STICKER_RADIUS * view.radius, stretch[k], STICKER)
         if k not in hidden:
-            _disc(image, position, view.radius, stretch[k], 235.0)
+            _disc(image, position, view.radius, stretch[k], DISC)
     if view.post is not None:
         x, wide = view.post
         edges = view.to_pixels(np.array([[x - wide / 2, view.centre[1]], [x + wide / 2, view.centre[1]]]))[:, 0]
@@ -224,4 +232,4 @@ def _squares(positions: np.ndarray) -> np.ndarray:
     inside = ((entry >= 0) & (entry < size)).all(axis=-1)
     margin = ((entry > -1) & (entry < size + 1)).all(axis=-1)
     black = inside & (np.floor(entry).sum(axis=-1) % 2 == 0)
-    return np.where(black, 25.0, np.where(margin, 225.0, PLATE))
+    return np.where(black, BLACK, np.where(margin, WHITE, PLATE))

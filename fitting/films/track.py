@@ -14,8 +14,10 @@ from fitting.films.appearance import scan
 from fitting.films.calibration import Lens, calibrate, plane_from_board
 from fitting.films.chain_check import LARGEST_ERROR
 from fitting.films.exposure import remove_blur
-from fitting.films.flattening import Flat, central_differences, detected_links, level_error
+from fitting.films.flat_map import Flat, central_differences
+from fitting.films.flattening import level_error
 from fitting.films.following import follow_film
+from fitting.films.lengths import detected_links
 from fitting.films.link_angles import estimate_angle_errors, four_quadrant, to_trace
 from fitting.films.marks import find_marks
 from fitting.films.missed_circles import detect_again

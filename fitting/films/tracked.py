@@ -9,9 +9,8 @@ import numpy as np
 
 from fitting.films.calibration import Lens
 from fitting.films.detection import MarkerAppearance
-from fitting.films.flattening import detected_links
+from fitting.films.lengths import detected_links, length_statistics
 from fitting.films.marks import Marks
-from fitting.films.out_of_plane import length_statistics
 from fitting.traces.trace import Trace
 
 

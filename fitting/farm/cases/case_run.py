@@ -49,8 +49,8 @@ class Runner:
 
     def __call__(self, case: Case) -> Found:
         """Arrays of a run: those of `LoadStatistics`, `quantity:NAME` of the site's quantities, `status`, `retried`,
-        `failed_at` [s], `message`, `broken` (time [s] of the state's break), `rest` (n,) [N] and `depth` (lines, 2) [m], the minimum and
-        maximum depth below the level, both at rest."""
+        `failed_at` [s], `message`, `broken` (time [s] of the state's break), `rest` (n,) [N] and `depth` (lines, 2)
+        [m], the minimum and maximum depth below the level, both at rest."""
         try:
             return self._run(case)
         except SceneError as error:

@@ -8,7 +8,7 @@ is frozen until windows are chosen again. Cases with a broken line have loads of
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,9 +16,7 @@ import numpy as np
 from dropper_jax.base.errors import Progress, SceneError
 from dropper_jax.base.parallel_runs import run_parallel
 from dropper_jax.base.records import names_of
-from dropper_jax.load.scene import Scene
 from dropper_jax.model import State
-from dropper_jax.scene import whole_lines
 from dropper_jax.scene.run import DEFAULT_ACCURACY
 from fitting.farm.optimise.broken_link import link_of, masked_still
 from fitting.farm.optimise.equilibria import Rest, solve_rest
@@ -26,44 +24,19 @@ from fitting.farm.optimise.full_storm import Storms, full_storm
 from fitting.farm.optimise.goals import DepthUtilisation, Goals, check_depths
 from fitting.farm.optimise.maxima_weights import check_seeds, weights
 from fitting.farm.optimise.models import ASSUMPTIONS, Still, idle, sea_of, shifted_designs, still
-from fitting.farm.optimise.settings import WINDOW_RAMP, Settings
+from fitting.farm.optimise.settings import WINDOW_RAMP, SearchSettings
 from fitting.farm.optimise.storm import Peaks, WindowRun, check_windows, peaks, slopes
+from fitting.farm.optimise.strength import over_strength, strength_of
 from fitting.farm.optimise.values import Values
 from fitting.farm.optimise.variables import Variable, with_design
+from fitting.farm.optimise.window_runs import WindowRuns
 from fitting.farm.optimise.windows import RunStart, Window
-from fitting.farm.site import Case, Part, Site, Storm
+from fitting.farm.site import Case, Site, Storm
 from fitting.farm.site.site import LONGEST_INTERVAL
 
 #: Change of a variable up and down in derivatives of windows, relative to its range, and of the assumptions.
 #: Differences to one side are not enough: near a leg that is almost taut they are off by more than half.
 DIFFERENCE_STEP = 2e-3
-
-
-@dataclass(frozen=True)
-class WindowRuns:
-    """Runs of the windows of a design.
-
-    Attributes:
-        x: the design (p,).
-        factors: ratio of the whole run's hard peaks to the soft ones, for each window (q,).
-        windows: one of each case.
-        slopes: derivatives of `peaks` by variables and assumptions, for each case (q, p + a); empty if unknown.
-    """
-
-    x: np.ndarray
-    factors: Sequence[np.ndarray]
-    windows: Sequence[Peaks]
-    slopes: Sequence[np.ndarray] = ()
-
-    @property
-    def peaks(self) -> list[np.ndarray]:
-        """Peaks of whole runs as the windows predict them, for each case (q,)."""
-        return [window.soft * factor for window, factor in zip(self.windows, self.factors, strict=True)]
-
-    @property
-    def solved(self) -> bool:
-        """Whether every step of every window was."""
-        return all(window.solved for window in self.windows)
 
 
 class Design:
@@ -77,7 +50,7 @@ class Design:
         SceneError: a scene that cannot be designed, variables without effect, contradicting depths, too few seeds.
     """
 
-    def __init__(self, site: Site, variables: Sequence[Variable], goals: Goals, settings: Settings) -> None:
+    def __init__(self, site: Site, variables: Sequence[Variable], goals: Goals, settings: SearchSettings) -> None:
         check_seeds(site.run)
         self.site = site
         self.calm = replace(site, states=(None,))  # windows break their lines themselves
@@ -215,8 +188,7 @@ class Design:
                 (steps,) = self.site.steps
                 raise SceneError(f"design: {storm.message}. Use a smaller run.{steps}, or bounds nearer to the start")
         windows = [self._window_around_peak(case, storm) for case, storm in zip(self.cases, full, strict=True)]
-        found = self._run_windows(x, windows, say)
-        for i, soft in enumerate(found):
+        for i, soft in enumerate(self.run_windows(x, windows, say).windows):
             if not soft.solved:
                 name = self.cases[i].storm.name
                 raise SceneError(f"design: a window of {name} has steps that do not converge")
@@ -253,15 +225,12 @@ class Design:
             self._compiled.add((what, kind))
         return [found[i] for i in range(count)]
 
-    def _run_windows(self, x: np.ndarray, windows: Sequence[Window], say: Progress) -> list[Peaks]:
-        """Peaks of the windows of a design, one of each case."""
-        for window in windows:  # equilibria are made before threads ask for them
-            self.run_start(x, window.case.storm, window.starts_broken)
-        return self._run_parallel(lambda i: self.window(x, windows[i]), "windows", say)
-
     def run_windows(self, x: np.ndarray, windows: Sequence[Window], say: Progress) -> WindowRuns:
         """Runs of the windows of a design, one of each case."""
-        return WindowRuns(x, [window.factor for window in windows], self._run_windows(x, windows, say))
+        for window in windows:  # equilibria are made before threads ask for them
+            self.run_start(x, window.case.storm, window.starts_broken)
+        found = self._run_parallel(lambda i: self.window(x, windows[i]), "windows", say)
+        return WindowRuns(x, [window.factor for window in windows], found)
 
     def differentiate(self, runs: WindowRuns, say: Progress, assumptions: bool = False) -> WindowRuns:
         """Runs with derivatives by the variables, and by the assumptions if wanted; without any if a shifted run
@@ -285,7 +254,7 @@ class Design:
         by_seed: dict[str, np.ndarray] = {}
         (material, *strength), of_scene = self.scene_constraints(x)
         of_scene = np.pad(of_scene, ((0, 0), (0, len(ASSUMPTIONS))))
-        hard, slope = _over_strength(hard, slope, np.array(strength), of_scene[1:])
+        hard, slope = over_strength(hard, slope, np.array(strength), of_scene[1:])
         seeds = len(self.site.seeds)
         for i, storm in enumerate(self.site.storms):
             own = slice(i * seeds, (i + 1) * seeds)  # seeds vary fastest
@@ -319,31 +288,3 @@ class Design:
         intact = [i for i, case in enumerate(self.cases) if case.storm.broken is None]
         worst = max(intact, key=lambda i: hard[i][q])
         return float(hard[worst][q]), slope[worst][q]
-
-
-def _over_strength(
-    hard: Sequence[np.ndarray], slope: Sequence[np.ndarray], strength: np.ndarray, slopes: np.ndarray
-) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """Quantities (q,) of every case and their slopes (q, p + a), with the loads of parts over their present strength.
-
-    Args:
-        strength: of the parts over that at the start (parts,); slopes: its derivatives (parts, p + a). Parts come first
-            among the quantities.
-    """
-    n = len(strength)
-    now = strength[:, None]
-    peaks = []
-    changes = []
-    for h, s in zip(hard, slope, strict=True):
-        peaks.append(np.concatenate([h[:n] / strength, h[n:]]))
-        changes.append(np.vstack([s[:n] / now - h[:n, None] / now**2 * slopes, s[n:]]))
-    return peaks, changes
-
-
-def strength_of(part: Part, scene: Scene) -> float:
-    """Breaking load of a part [N] if it comes from the scene, so that it follows the design; 1 if the site gives it."""
-    if not part.of_scene:
-        return 1.0
-    specs = {line.name: line.spec for line in whole_lines(scene)}
-    loads = [specs[name].breaking_load for name in part.lines]
-    return float(np.mean([np.min(load) for load in loads if load is not None]))

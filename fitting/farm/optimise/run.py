@@ -15,7 +15,7 @@ from fitting.farm.optimise.models import ASSUMPTIONS
 from fitting.farm.optimise.optimum import CHARACTERISTIC, Optimum, design_warnings
 from fitting.farm.optimise.search import Search, Start, constraints_by_name, programme, run_search
 from fitting.farm.optimise.search_file import digest_inputs, load_search, save_search
-from fitting.farm.optimise.settings import Settings
+from fitting.farm.optimise.settings import SearchSettings
 from fitting.farm.optimise.shadow_prices import shadow_prices
 from fitting.farm.optimise.values import Values, dominated_slopes
 from fitting.farm.optimise.variables import bounds, read_variables
@@ -31,7 +31,7 @@ def read_problem(site: Site) -> Design:
     variables = read_variables(site.raw.get("variable", []), site.scene)
     if None not in site.states:
         raise SceneError("cases.states: must include 'intact', because the intact farm is optimised")
-    return Design(site, variables, read_goals(site), Settings.read(site.raw.get("optimise", {}), "optimise"))
+    return Design(site, variables, read_goals(site), SearchSettings.read(site.raw.get("optimise", {}), "optimise"))
 
 
 def optimise(site: Site, state: str | Path | None = None, say: Progress = silent) -> Optimum:

@@ -19,9 +19,10 @@ import numpy as np
 
 from dropper_jax.base.errors import Progress, SceneError
 from dropper_jax.base.read import Table
-from fitting.farm.optimise.design import Design, WindowRuns
+from fitting.farm.optimise.design import Design
 from fitting.farm.optimise.values import Values
 from fitting.farm.optimise.variables import bounds
+from fitting.farm.optimise.window_runs import WindowRuns
 from fitting.farm.optimise.windows import Window
 
 #: Penalty of a violation, in objectives at the start.

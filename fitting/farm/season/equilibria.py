@@ -26,23 +26,23 @@ BODY = ("mass", "volume", "drag_area", "added_mass")
 CHANGING = ("time", "factor", "amplitude", "period", "phase")
 
 
-class Water(NamedTuple):
+class WaterState(NamedTuple):
     """A state of the tide: level [m], speed of the current [m/s], None for that of the scene."""
 
     level: float
     speed: float | None
 
 
-def list_waters(site: Site, season: SeasonValues) -> tuple[Water, ...]:
+def list_waters(site: Site, season: SeasonValues) -> tuple[WaterState, ...]:
     """Every combination of level and current of `[season]`, otherwise of `[cases]`."""
     levels = site.lists.levels if season.levels is None else season.levels
     speeds = season.currents
     if speeds is None:
         speeds = sorted({float(current["speed"]) for current in site.lists.currents if "speed" in current}) or [None]
-    return tuple(Water(float(level), speed) for level in levels for speed in speeds)
+    return tuple(WaterState(float(level), speed) for level in levels for speed in speeds)
 
 
-def scene_at_rest(site: Site, month: str, water: Water, points: dict[str, Table]) -> Scene:
+def scene_at_rest(site: Site, month: str, water: WaterState, points: dict[str, Table]) -> Scene:
     """The farm of a month at rest in the water: with mussels on its lines, and some points replaced."""
     table = site.scene.as_written()
     for line in table["line"]:
@@ -70,7 +70,9 @@ def bare_points(site: Site, names: Sequence[str]) -> dict[str, Table]:
     return found
 
 
-def find_float_loads(site: Site, month: str, water: Water, names: Sequence[str]) -> tuple[np.ndarray, dict[str, float]]:
+def find_float_loads(
+    site: Site, month: str, water: WaterState, names: Sequence[str]
+) -> tuple[np.ndarray, dict[str, float]]:
     """Downward force of the lines on each float point (points,) [N] at its position in the scene, and the weight in
     water [N] of each line.
 
@@ -100,7 +102,7 @@ class RestOnFloats:
 
 
 def find_rest_on_floats(
-    site: Site, season: SeasonValues, month: str, water: Water, floats: dict[str, int]
+    site: Site, season: SeasonValues, month: str, water: WaterState, floats: dict[str, int]
 ) -> RestOnFloats:
     """The equilibrium on its floats; depths are below the level."""
     points = bare_points(site, list(floats))

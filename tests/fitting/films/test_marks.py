@@ -8,7 +8,8 @@ from dropper_jax import SceneError
 from fitting import Convention, Trace, View, read_trace, write_trace
 from fitting.films.calibration import Plane
 from fitting.films.exposure import exposure_share, second_differences
-from fitting.films.flattening import Flat, flatten
+from fitting.films.flat_map import Flat
+from fitting.films.flattening import flatten
 from fitting.films.link_angles import estimate_angle_errors, four_quadrant
 from fitting.films.marks import find_marks
 

@@ -15,7 +15,7 @@ from dropper_jax.scene import line_slices
 from dropper_jax.statics.rest_problem import unbalanced
 from dropper_jax.study.gradient_check import GradientCheck
 from fitting.farm.optimise.broken_link import link_of, with_link_mask
-from fitting.farm.optimise.design import DIFFERENCE_STEP, WindowRuns
+from fitting.farm.optimise.design import DIFFERENCE_STEP
 from fitting.farm.optimise.equilibria import near_rest, solve_rest
 from fitting.farm.optimise.goals import read_goals
 from fitting.farm.optimise.models import still, still_model
@@ -25,6 +25,7 @@ from fitting.farm.optimise.search import Search, programme
 from fitting.farm.optimise.storm import Peaks, check_windows
 from fitting.farm.optimise.values import Values
 from fitting.farm.optimise.variables import read_variables
+from fitting.farm.optimise.window_runs import WindowRuns
 from fitting.farm.optimise.windows import Window
 from fitting.farm.site import read_site
 

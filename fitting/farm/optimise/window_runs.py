@@ -1,0 +1,37 @@
+"""Runs of the windows of a design, and the peaks of whole runs that they predict."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from fitting.farm.optimise.storm import Peaks
+
+
+@dataclass(frozen=True)
+class WindowRuns:
+    """Runs of the windows of a design.
+
+    Attributes:
+        x: the design (p,).
+        factors: ratio of the whole run's hard peaks to the soft ones, for each window (q,).
+        windows: one of each case.
+        slopes: derivatives of `peaks` by variables and assumptions, for each case (q, p + a); empty if unknown.
+    """
+
+    x: np.ndarray
+    factors: Sequence[np.ndarray]
+    windows: Sequence[Peaks]
+    slopes: Sequence[np.ndarray] = ()
+
+    @property
+    def peaks(self) -> list[np.ndarray]:
+        """Peaks of whole runs as the windows predict them, for each case (q,)."""
+        return [window.soft * factor for window, factor in zip(self.windows, self.factors, strict=True)]
+
+    @property
+    def solved(self) -> bool:
+        """Whether every step of every window was."""
+        return all(window.solved for window in self.windows)

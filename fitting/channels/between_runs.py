@@ -56,10 +56,10 @@ def combine_runs(name: str, values: np.ndarray, covariance: np.ndarray) -> Betwe
         """Mean, 1'V^-1 1, the weighted sum of squares, minus twice the restricted log likelihood."""
         total = covariance + (variance + 1e-14 * top) * np.eye(n)
         inverse = np.linalg.inv(total)
-        weight = float(inverse.sum())
-        mean = float(inverse.sum(axis=0) @ values) / weight
-        square = float((values - mean) @ inverse @ (values - mean))
-        return mean, weight, square, float(np.linalg.slogdet(total)[1]) + np.log(weight) + square
+        weight = inverse.sum()
+        mean = inverse.sum(axis=0) @ values / weight
+        square = (values - mean) @ inverse @ (values - mean)
+        return mean, weight, square, np.linalg.slogdet(total)[1] + np.log(weight) + square
 
     def cost(log_variance: float) -> float:
         return solve_variance(np.exp(log_variance))[3]
@@ -72,9 +72,9 @@ def combine_runs(name: str, values: np.ndarray, covariance: np.ndarray) -> Betwe
     scatter = square / (n - 1)
     if variance == 0.0:  # runs that agree better than their errors do not make the mean surer
         scatter = max(scatter, 1.0)
-    error = float(np.sqrt(scatter / weight))
-    reach = float(stdtrit(n - 1, 0.5 + LEVEL / 2)) * error
-    spread = float(np.sqrt(variance))
+    error = np.sqrt(scatter / weight)
+    reach = stdtrit(n - 1, 0.5 + LEVEL / 2) * error
+    spread = np.sqrt(variance)
     return Between(name, mean, error, mean - reach, mean + reach, spread, np.asarray(values), own)
 
 

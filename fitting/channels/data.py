@@ -135,14 +135,14 @@ class ChannelData:
         fraction of its RMS value."""
         values = [run.values[channel] for run in self.runs]
         sizes = np.concatenate([noise_by_differences(y) for y in values])
-        level = max(float(np.nanmax(np.abs(y))) for y in values)
-        spread = max(float(np.nanstd(y, axis=0).max()) for y in values)
+        level = max(np.nanmax(np.abs(y)) for y in values)
+        spread = max(np.nanstd(y, axis=0).max() for y in values)
         size = UNKNOWN_NOISE_SHARE * spread
         if np.isfinite(sizes).any():
-            size = float(np.nanmedian(sizes))
+            size = np.nanmedian(sizes)
         size = max(size, LEAST_NOISE_SHARE * level, LEAST_NOISE)
         if self.sensors[channel].relative and level > 0.0:
-            size /= float(np.sqrt(np.nanmean(np.concatenate(values) ** 2)))
+            size /= np.sqrt(np.nanmean(np.concatenate(values) ** 2))
         return size
 
 

@@ -68,7 +68,7 @@ def _sensitivity(point: ChannelSolution) -> np.ndarray:
 def _verdict(point: ChannelSolution, i: int, se: float, sensitivity: np.ndarray) -> tuple[str, str]:
     """How parameter i, of standard error `se` and sensitivity (c,), is determined; and why, unless it is `yes`."""
     p = point.problem.parameters[i]
-    value = float(point.values[i])
+    value = point.values[i]
     known = ("yes", "")
     if not p.low < p.high:
         return known
@@ -76,7 +76,7 @@ def _verdict(point: ChannelSolution, i: int, se: float, sensitivity: np.ndarray)
         return "prior", "determined by its prior only"
     if p.prior is not None or p.low < 0:
         return known
-    most = float(sensitivity.max(initial=0.0))
+    most = sensitivity.max(initial=0.0)
     reach = quantile(0.95) * se
     bound = ("upper bound", f"below {max(value, 0.0) + reach:.3g} {p.unit} with 95 %")
     if p.in_model and p.low == 0 and value < reach:  # it is compatible with zero
@@ -84,7 +84,7 @@ def _verdict(point: ChannelSolution, i: int, se: float, sensitivity: np.ndarray)
     if value > 0 and most <= LEAST_SENSITIVITY:
         moves = "no channel is sensitive to it"
         if most > 1e-6:
-            name = point.problem.data.sensors[int(sensitivity.argmax())].channel.name
+            name = point.problem.data.sensors[sensitivity.argmax()].channel.name
             moves = f"1 % of channel {name!r} is {1 / most:.0f} % of it"
         return "no", f"{moves} (d ln y/d ln p = {most:.2g})"
     if value < reach:

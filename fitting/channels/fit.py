@@ -129,7 +129,7 @@ def warnings_of(result: ChannelFit) -> list[str]:
                 "more links and a smaller step"
             )
     if e.blocks:
-        worst = point.problem.data.sensors[int(np.abs(e.correlation_1).argmax())].channel.name
+        worst = point.problem.data.sensors[np.abs(e.correlation_1).argmax()].channel.name
         found.append(f"channel {worst}: residuals are correlated; errors come from {e.blocks} blocks of time")
     grown = growth(point.evaluation)
     if grown > CHAOTIC_GROWTH:
@@ -193,5 +193,5 @@ def growth(e: Evaluation) -> float:
         n = len(slopes)
         middle = np.abs(slopes[2 * n // 5 : 3 * n // 5]).max(axis=(0, 1), initial=0.0)
         last = np.abs(slopes[4 * n // 5 :]).max(axis=(0, 1), initial=0.0)
-        most = max(most, float((last[middle > 0] / middle[middle > 0]).max(initial=0.0)))
+        most = max(most, (last[middle > 0] / middle[middle > 0]).max(initial=0.0))
     return most

@@ -115,11 +115,11 @@ def _check_spacing(scene: Scene, data: ChannelData) -> None:
     """
     spacing = scene.run.step * scene.run.save_every
     for run in data.runs:
-        last = max(float(t[-1]) for t in run.t)
+        last = max(t[-1] for t in run.t)
         if last <= 2 * spacing:
             raise SceneError(f"run {run.name!r}: ends at {last:g} s; allowed: more than 2 saved steps of {spacing:g} s")
     for c, sensor in enumerate(data.sensors):
-        interval = min(float(np.median(np.diff(run.t[c]))) for run in data.runs)
+        interval = min(np.median(np.diff(run.t[c])) for run in data.runs)
         if sensor.channel.margin and spacing > interval * (1 + 1e-6):
             most = max(1, int(interval / scene.run.step))
             raise SceneError(

@@ -170,7 +170,7 @@ class Problem(Residuals):
         for run in self.data.runs:
             times = np.concatenate(run.t)
             starts.append(times.min())
-            duration += float(np.ptp(times))
+            duration += np.ptp(times)
         number = np.broadcast_to(self.windows.run[:, None], self.windows.t.shape)
         duration *= 1 + DURATION_MARGIN
         return Timing(self.windows.t, number, self.sample_mask[..., 0], np.array(starts), duration, len(starts))
@@ -225,7 +225,7 @@ class Problem(Residuals):
         """Number of saved states beyond the last sample of the longest run, with delays and rates at their bounds."""
         free = [p for p in self.parameters if isinstance(p.where, SetupTarget)]
         rate = max([1.0, *(p.high for p in free if p.where.field == "rate"), *(c.rate for c in self.data.cameras)])
-        late = max(float(t[-1]) for run in self.data.runs for t in run.t) * rate
+        late = max(t[-1] for run in self.data.runs for t in run.t) * rate
         # delays of a camera and of a channel add up
         for section, given in (("readings", self.data.sensors), ("clocks", self.data.cameras)):
             lowest = [p.low for p in free if (p.where.section, p.where.field) == (section, "delay")]

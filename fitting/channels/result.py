@@ -55,20 +55,20 @@ class ChannelFit(SceneFit[Problem, Evaluation]):
         deviations = problem.data.deviations(self.solution.evaluation.shown)
         for c, sensor in enumerate(problem.data.sensors):
             off = deviations[(problem.windows.weight[..., 0] > 0) & (problem.windows.source == c)[:, None]]
-            interval = float(np.median(np.concatenate([np.diff(run.t[c]) for run in problem.data.runs])))
+            interval = np.median(np.concatenate([np.diff(run.t[c]) for run in problem.data.runs]))
             noise_unit = "-" if sensor.relative else sensor.channel.measures
             found.append(
                 {
                     "name": sensor.channel.name,
                     "kind": sensor.channel.kind,
                     "unit": sensor.channel.measures,
-                    "samples": int(off.size),
-                    "rms": float(np.sqrt(np.mean(off**2))),
-                    "noise": float(problem.noise_size[c]),
+                    "samples": off.size,
+                    "rms": np.sqrt(np.mean(off**2)),
+                    "noise": problem.noise_size[c],
                     "noise_unit": noise_unit,
                     "noise_claimed": sensor.noise,
-                    "kept": float(np.exp(-noise.decay[c, 0] * interval)),
-                    "correlation": float(self.errors.correlation_1[c]),
+                    "kept": np.exp(-noise.decay[c, 0] * interval),
+                    "correlation": self.errors.correlation_1[c],
                 }
             )
         return found

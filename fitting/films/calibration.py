@@ -45,7 +45,7 @@ class Lens:
     @property
     def focus(self) -> np.ndarray:
         """Focal lengths (2,) [pixel], across and down."""
-        return self.matrix[[0, 1], [0, 1]]
+        return np.diag(self.matrix)[:2]
 
     @property
     def centre(self) -> np.ndarray:
@@ -87,9 +87,8 @@ class Plane:
 
     def metres_per_pixel(self, middle: np.ndarray) -> float:
         """Scale [m] at `middle` (2,): the side of a square as large as the pixel there."""
-        there = self.to_metres(middle + np.array([[0.5, 0.0], [-0.5, 0.0], [0.0, 0.5], [0.0, -0.5]]))
-        right = there[0] - there[1]
-        down = there[2] - there[3]
+        half = 0.5 * np.eye(2)
+        right, down = self.to_metres(middle + half) - self.to_metres(middle - half)
         return float(np.sqrt(abs(right[0] * down[1] - right[1] * down[0])))
 
 

@@ -64,9 +64,9 @@ def exposure_share(positions: np.ndarray) -> float:
     weight = np.ones_like(x)
     share = 0.0
     for _ in range(REWEIGHTINGS):
-        share = float(np.sum(weight * x * y) / np.sum(weight * x**2))
+        share = np.sum(weight * x * y) / np.sum(weight * x**2)
         off = np.abs(y - share * x)
-        scale = MEDIAN_TO_DEVIATION * float(np.median(off)) + MIN_SCALE
+        scale = MEDIAN_TO_DEVIATION * np.median(off) + MIN_SCALE
         weight = np.minimum(1.0, OUTLYING_DEVIATIONS * scale / np.maximum(off, MIN_DEVIATION))
     error = scale / np.sqrt(np.sum(weight * x**2))
     if not share > SIGNIFICANT_ERRORS * error:  # true for NaN as well

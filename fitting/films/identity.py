@@ -72,7 +72,7 @@ class Follower:
         self.lost = np.zeros(len(chain.positions), int)
         self.held = np.zeros(len(chain.positions), bool) if chain.held is None else chain.held
         self.last_positions = chain.positions
-        self.fastest = FIRST_STEP * float(np.mean(chain.length))
+        self.fastest = FIRST_STEP * np.mean(chain.length)
         self.length_error = length_errors(chain)
 
     def expected_positions(self) -> np.ndarray:
@@ -95,7 +95,7 @@ class Follower:
     def _errors(self) -> np.ndarray:
         """Errors (n,) [pixel] of the expected positions, which grow with the rate and while a node is lost."""
         step = np.linalg.norm(self._differences(1), axis=1)
-        change = max(LEAST_FIRST_CHANGE, FIRST_CHANGE * float(np.mean(self.chain.length)))
+        change = max(LEAST_FIRST_CHANGE, FIRST_CHANGE * np.mean(self.chain.length))
         if len(self.past) > 2:
             change = np.linalg.norm(self._differences(2), axis=1)
         moving = (POSITION_ERROR + STEP_SHARE * step + CHANGE_SHARE * change) * (1.0 + self.lost)
@@ -110,7 +110,7 @@ class Follower:
         positions[detected] = centres[found[detected]]
         positions = self._bridge(positions, ~detected & ~self.held)
         steady = np.linalg.norm(positions - self.past[0], axis=1)[detected & (self.lost == 0)]
-        self.fastest = max(FASTEST_DECAY * self.fastest, float(steady.max(initial=0.0)))
+        self.fastest = max(FASTEST_DECAY * self.fastest, steady.max(initial=0.0))
         self.last_positions = np.where(detected[:, None], positions, self.last_positions)
         self.lost = np.where(detected, 0, self.lost + 1)
         self.past = [positions, *self.past[:2]]
@@ -216,7 +216,7 @@ def _viterbi(unary: np.ndarray, pair: np.ndarray) -> tuple[float, np.ndarray]:
         total = cost[:, None] + step
         back.append(np.argmin(total, axis=0))
         cost = np.min(total, axis=0) + own
-    states = [int(np.argmin(cost))]
+    states = [np.argmin(cost)]
     for choice in reversed(back):
-        states.append(int(choice[states[-1]]))
-    return float(cost.min()), np.array(states[::-1])
+        states.append(choice[states[-1]])
+    return cost.min(), np.array(states[::-1])

@@ -66,7 +66,7 @@ def estimate_angle_errors(positions: np.ndarray, fit_error: np.ndarray, used: np
         excess = _excess_variance(off, variance)
         scale = 1.0
         if excess < 0:  # edges that scatter more than the lengths share pixels: the lengths are right
-            scale = max(SMALLEST_SCALE, float(np.sqrt(np.mean(np.minimum(off / variance, 1.0)))))
+            scale = max(SMALLEST_SCALE, np.sqrt(np.mean(np.minimum(off / variance, 1.0))))
         errors[:, link] = np.sqrt((scale * errors[:, link]) ** 2 + max(excess, 0.0))
     return errors
 
@@ -76,10 +76,10 @@ def _excess_variance(off: np.ndarray, variance: np.ndarray) -> float:
 
     By iteration with the weights of the last a; negative if the lengths scatter less than v.
     """
-    excess = float(np.mean(off))
+    excess = np.mean(off)
     for _ in range(ITERATIONS):
         weight = 1 / (variance + max(excess, 0.0)) ** 2
-        excess = float(np.sum(weight * (off - variance)) / np.sum(weight))
+        excess = np.sum(weight * (off - variance)) / np.sum(weight)
     return excess
 
 

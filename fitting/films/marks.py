@@ -107,7 +107,7 @@ def find_marks(positions: np.ndarray, detected: np.ndarray) -> Marks:
     swapped = _swapped_names(known, length, usual, deviation) & ~near.any(axis=2)
     # samples that are already marked must not make their neighbours in time look wrong
     wrong = swapped | _ends_of(length)
-    jumped = _jumps(np.where(wrong[..., None], np.nan, known), float(np.median(usual)))
+    jumped = _jumps(np.where(wrong[..., None], np.nan, known), np.median(usual))
     return Marks(swapped, jumped, length)
 
 

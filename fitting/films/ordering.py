@@ -155,7 +155,7 @@ def best_chain(tracks: np.ndarray, nodes: int, radius: float, at: int) -> tuple[
             next_best = found[1][0] if len(found) > 1 else worst**2
             pairs = (path[:-1], path[1:])
             chain = Chain(tracks[at, path], mean[pairs], change[pairs], at, rates(tracks[:, path], at))
-            return chain, float(next_best - cost)
+            return chain, next_best - cost
     return None, 0.0
 
 
@@ -178,7 +178,7 @@ def clearest_chain(frames: list[np.ndarray], nodes: int, radius: float, fps: flo
         for start in spread_out(len(frames) - size + 1, MAX_STRETCHES):
             chain, margin = _chain_of_stretch(frames[start : start + size], nodes, radius)
             if chain is not None and margin > clear and np.isfinite(chain.positions).all():
-                best = replace(chain, at=int(start) + chain.at)
+                best = replace(chain, at=start + chain.at)
                 clear = margin
         if clear >= CLEARLY_BEST or size == len(frames):
             break
@@ -192,7 +192,7 @@ def _chain_of_stretch(frames: list[np.ndarray], nodes: int, radius: float) -> tu
         return None, 0.0
     # from a frame with at least as many circles as nodes, a number that most others have too
     enough = np.flatnonzero(counts == np.bincount(counts[counts >= nodes]).argmax())
-    middle = int(enough[np.argmin(np.abs(enough - len(frames) // 2))])
+    middle = enough[np.argmin(np.abs(enough - len(frames) // 2))]
     before = follow_unnamed(frames[: middle + 1][::-1], 0)[::-1]
     tracks = np.concatenate([before, follow_unnamed(frames, middle)[1:]])
     return best_chain(tracks, nodes, radius, middle)
@@ -245,7 +245,7 @@ def paths(
         # the nearest spot is tried first
         for j in reversed(near[path[-1]]):
             if j not in path and not (still[j] and (len(path) < nodes - 1 or still[path[-1]])):
-                stack.append((cost + float(ratio[path[-1], j] ** 2), (*path, j)))
+                stack.append((cost + ratio[path[-1], j] ** 2, (*path, j)))
     return [(cost, np.array(path)) for cost, path in found]
 
 

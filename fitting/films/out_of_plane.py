@@ -31,7 +31,7 @@ def changing_lengths(flat: np.ndarray, used: np.ndarray) -> tuple[str, ...]:
         used: (k, n - 1), frames in which a link is detected.
     """
     away = out_of_plane(flat, used)
-    worst = int(np.argmax(away))
+    worst = np.argmax(away)
     if away[worst] > OUT_OF_PLANE:
         return (
             f"motion out of the plane: link {worst + 1} seems to change its length by {100 * away[worst]:.2g} %, which "
@@ -39,7 +39,7 @@ def changing_lengths(flat: np.ndarray, used: np.ndarray) -> tuple[str, ...]:
         )
     mean, deviation = length_statistics(flat, used)
     change = np.nan_to_num(deviation / mean)
-    worst = int(np.argmax(change))
+    worst = np.argmax(change)
     if change[worst] > CHANGING_LENGTH:
         return (
             f"link {worst + 1} changes its length by {100 * change[worst]:.2g} %: motion out of the plane, a slanting "

@@ -204,7 +204,7 @@ def _trim_frames(chain: TrackedChain, fps: float) -> tuple[TrackedChain, int, st
     lost = np.flatnonzero((len(detected) - until > LONGEST_GAP * fps) | ~detected.any(axis=0))
     why = ""
     if len(lost):
-        worst = int(lost[np.argmin(until[lost])])
+        worst = lost[np.argmin(until[lost])]
         last = int(until[worst]) if detected[:, worst].any() else first
         why = f"marker {worst} is lost after {last / fps:.3g} s;"
     return chain.pick(frames=slice(first, max(first, last))), first, why

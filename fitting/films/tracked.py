@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from dropper_jax.base.json_values import jsonable
 from fitting.films.calibration import Lens
 from fitting.films.detection import MarkerAppearance
 from fitting.films.lengths import detected_links, length_statistics
@@ -58,7 +59,7 @@ class Tracked:
         mean, deviation = self.link_lengths
         angle_se_rad = None
         if self.trace.se is not None and np.isfinite(self.trace.se).any():
-            angle_se_rad = float(np.nanmedian(self.trace.se))
+            angle_se_rad = np.nanmedian(self.trace.se)
         found = {
             "schema": 1,
             "status": self.status,
@@ -66,26 +67,26 @@ class Tracked:
             "fps": self.fps,
             "nodes": self.detected.shape[1],
             "links": self.detected.shape[1] - 1,
-            "bridged": (~self.detected).sum(axis=0).tolist(),
-            "longest_gap_s": float(longest_gaps(self.detected).max() / self.fps),
+            "bridged": (~self.detected).sum(axis=0),
+            "longest_gap_s": longest_gaps(self.detected).max() / self.fps,
             "angle_se_rad": angle_se_rad,
             "marker_radius_pixel": self.appearance.radius,
             "link_length_m": None,
-            "link_length_deviation": (deviation / mean).tolist(),
+            "link_length_deviation": deviation / mean,
             "marked": self.marks.spans(self.trace.t),
-            "marked_frames": int(self.marks.frames.sum()),
+            "marked_frames": self.marks.frames.sum(),
             "slant_rad": self.slant,
             "exposure_s": self.exposure,
             "reprojection_error_pixel": None,
-            "warnings": list(self.warnings),
+            "warnings": self.warnings,
         }
         if self.scaled:
-            found["link_length_m"] = mean.tolist()
+            found["link_length_m"] = mean
         if self.lens is not None:
             found["reprojection_error_pixel"] = self.lens.error
         if self.status != "ok":
             found["error"] = self.message
-        return found
+        return jsonable(found)
 
 
 def longest_gaps(detected: np.ndarray) -> np.ndarray:

@@ -107,8 +107,8 @@ def _check_unit(trace: Trace, model: Model, unit: str | None) -> None:
     """
     largest = np.nanmax(np.abs(trace.theta))
     length = np.asarray(model.line.length)
-    fastest = FASTEST_RATE * np.sqrt(GRAVITY / float(np.mean(length)))
-    if unit != "deg" and _specific_energy(trace, length) > 2 * GRAVITY * float(np.sum(length)):
+    fastest = FASTEST_RATE * np.sqrt(GRAVITY / np.mean(length))
+    if unit != "deg" and _specific_energy(trace, length) > 2 * GRAVITY * np.sum(length):
         if unit is None:
             fix = "Use --unit deg or --unit rad"
         else:
@@ -143,7 +143,7 @@ def _specific_energy(trace: Trace, length: np.ndarray) -> float:
     energy = 0.5 * np.mean(np.abs(velocity) ** 2, axis=1)
     energy = energy[np.isfinite(energy)]
     if len(energy):
-        return float(np.median(energy))
+        return np.median(energy)
     return 0.0
 
 
@@ -180,7 +180,7 @@ def off_rest(theta: np.ndarray, rest: np.ndarray) -> float:
     """
     seen = np.isfinite(theta).any(axis=0)
     mean = np.angle(np.nanmean(np.exp(1j * theta[:, seen]), axis=0))
-    return float(np.sqrt(np.mean(wrap(mean - rest[seen]) ** 2)))
+    return np.sqrt(np.mean(wrap(mean - rest[seen]) ** 2))
 
 
 def missing_reach(model: Model, theta: np.ndarray) -> np.ndarray:
@@ -204,4 +204,4 @@ def _closure(model: Model, theta: np.ndarray) -> float:
     every = max(1, len(rows) // CLOSED_POSES)
     miss = np.abs(missing_reach(model, rows[::every]))
     square = np.sum(miss**2) / max(len(miss), 1) / np.sum(np.asarray(model.line.length) ** 2)
-    return min(np.pi, float(np.sqrt(square)))
+    return min(np.pi, np.sqrt(square))

@@ -148,7 +148,7 @@ def check_times(name: str, t: np.ndarray) -> None:
     if len(step) and (step < 0).all():
         raise SceneError(f"{name}: t: decreases from row to row. Reverse the rows")
     if (step <= 0).any():
-        row = int(np.argmax(step <= 0)) + 2
+        row = np.argmax(step <= 0) + 2
         what = "goes back; allowed: increasing times"
         if step[row - 2] == 0:
             what = "is repeated; allowed: increasing times"
@@ -179,7 +179,7 @@ def placeholder(values: np.ndarray) -> float | None:
             continue
         off = np.abs(value - np.interp(mark, others, values[others]))
         inner = np.abs(values[others[1:-1]] - 0.5 * (values[others[:-2]] + values[others[2:]]))
-        far = max(MARK_DISTANCE * float(np.median(inner)), MARK_RANGE_SHARE * float(np.ptp(values[others])))
+        far = max(MARK_DISTANCE * np.median(inner), MARK_RANGE_SHARE * np.ptp(values[others]))
         if far > 0 and np.median(off) > far:
             return float(value)
     return None

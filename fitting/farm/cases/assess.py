@@ -83,7 +83,7 @@ def _labels(site: Site, storm: Storm) -> Table:
         "case": storm.number,
         "name": storm.name,
         "sea_state": storm.sea_state.name,
-        "direction_deg": float(np.degrees(storm.direction)),
+        "direction_deg": np.degrees(storm.direction),
         "current": storm.current_name,
         "level_m": storm.level,
         "month": storm.month,
@@ -111,7 +111,7 @@ def _position_results(site: Site, storm: Storm, runs: CaseStore, good: Sequence[
     if site.backbone is not None:
         rows = list(map(site.lines.index, site.matching(site.backbone.lines)))
         depth = good[0]["depth"][rows]
-        found["depth_m"] = [float(depth[:, 0].min()), float(depth[:, 1].max())]
+        found["depth_m"] = [depth[:, 0].min(), depth[:, 1].max()]
     return found
 
 
@@ -121,14 +121,14 @@ def _part_row(site: Site, part: Part, storm: Storm, runs: CaseStore, good: Seque
     run = site.run_of(storm)
     found = [characteristic(runs.maxima(good, name), run) for name in part.lines]
     share = np.array([load.value for load in found]) * factor / part.capacity
-    worst = int(np.argmax(share))
+    worst = np.argmax(share)
     load = found[worst]
-    capacity = float(part.capacity[worst])
+    capacity = part.capacity[worst]
     links = runs.links[part.lines[worst]]
     first = good[0]
     after_break_s = None
     if storm.broken is not None:
-        after_break_s = float(first["when"][links][np.argmax(first["largest"][links])]) - site.break_time
+        after_break_s = first["when"][links][np.argmax(first["largest"][links])] - site.break_time
     return {
         "case": storm.number,
         "line": part.lines[worst],
@@ -136,11 +136,11 @@ def _part_row(site: Site, part: Part, storm: Storm, runs: CaseStore, good: Seque
         "load_error_n": load.error,
         "interval_n": load.interval,
         "kind": load.kind,
-        "at_rest_n": float(first["rest"][links].max()),
-        "mean_n": float(np.mean([run["mean"][links].max() for run in good])),
+        "at_rest_n": first["rest"][links].max(),
+        "mean_n": np.mean([run["mean"][links].max() for run in good]),
         "capacity_n": capacity,
         "factor": factor,
-        "utilisation": float(share[worst]),
+        "utilisation": share[worst],
         "utilisation_error": load.error_of(factor / capacity),
         "after_break_s": after_break_s,
         "damage_per_hour": _damage(part, good, run.duration - run.skip),
@@ -159,7 +159,7 @@ def _damage(part: Part, good: Sequence[Found], counted: float) -> float | None:
                 return None
             whole = [np.insert(rows, 1, 0.0, axis=1).astype(float) for rows in cycles]
             found[i, j] = max(damage(rows, capacity, part.curve.k, part.curve.m) for rows in whole)
-    return float(found.mean(axis=1).max()) * 3600.0 / counted
+    return found.mean(axis=1).max() * 3600.0 / counted
 
 
 def _anchor_row(site: Site, anchor: Anchor | None, storm: Storm, loads: Sequence[np.ndarray]) -> Table:
@@ -192,7 +192,7 @@ def _uplift(load: np.ndarray) -> float:
     loaded = load[size >= max(NO_DIRECTION * size.mean(), 1e-12)]
     if not len(loaded):
         return 0.0
-    return float(np.degrees(np.arctan2(loaded[:, 1], loaded[:, 0]).max()))
+    return np.degrees(np.arctan2(loaded[:, 1], loaded[:, 0]).max())
 
 
 def _assess_point(name: str, anchor: Anchor | None, rows: list[Table]) -> Table:
@@ -254,7 +254,7 @@ def _fatigue(part: Part, rows: list[Table], site: Site) -> Table:
             by_state.setdefault(name, []).append(row["damage_per_hour"])
     if not by_state:
         return found | {"why": "no intact case is in a sea state with `hours`"}
-    yearly = sum(hours[name] * float(np.mean(own)) for name, own in by_state.items())
+    yearly = sum(hours[name] * np.mean(own) for name, own in by_state.items())
     found["damage_per_year"] = yearly
     if yearly > 0.0:
         found["life_years"] = 1.0 / yearly

@@ -31,7 +31,7 @@ def check_along(design: Design, say: Progress = silent) -> GradientCheck:
     for window in first_windows(design):
         peaks = design.window(design.start, window)
         (slopes,) = design.slopes([peaks], silent)
-        highest = int(np.argmax(peaks.hard))
+        highest = np.argmax(peaks.hard)
 
         def peak(x: np.ndarray, window: Window = window, highest: int = highest) -> float:
             return design.window(np.asarray(x), window).soft[highest]

@@ -150,7 +150,7 @@ class Design:
         found = []
         for depth in self.goals.depths:
             r = np.asarray(start.rest.state.r)
-            found += depth.utilisations(start.still.model, r, start.rest.dr, float(storm.level))
+            found += depth.utilisations(start.still.model, r, start.rest.dr, storm.level)
         return found
 
     def window(self, x: np.ndarray, window: Window) -> Peaks:
@@ -198,7 +198,7 @@ class Design:
 
     def _window_around_peak(self, case: Case, storm: Storms) -> Window:
         """The window around the peak of a whole run that is nearest to its limit; its scale factor comes later."""
-        when = storm.when[int(np.argmax(storm.hard[: self.count_limited(case.storm.kind)]))]
+        when = storm.when[np.argmax(storm.hard[: self.count_limited(case.storm.kind)])]
         last = max(self.site.run.duration - self.settings.window, 0.0)
         begin = float(np.clip(when - self.settings.before, 0.0, last))
         window = Window(case, begin, np.ones(len(storm.hard)))
@@ -263,7 +263,7 @@ class Design:
             shares = share[:, :, None] * np.array(slope[own])
             for q in range(self.count_limited(storm.kind)):
                 name = f"{self.quantities[storm.kind][q].name}: {storm.name}"
-                rows.append((name, float(share[:, q] @ peaks[:, q]), shares[:, q].sum(axis=0)))
+                rows.append((name, share[:, q] @ peaks[:, q], shares[:, q].sum(axis=0)))
                 by_seed[name] = seeds * shares[:, q]
         storms = {storm.still: storm for storm in self.site.storms}
         for storm in storms.values():
@@ -287,4 +287,4 @@ class Design:
         q = -1 if of.of == "motion" else names_of(self.site.parts).index(of.part)
         intact = [i for i, case in enumerate(self.cases) if case.storm.broken is None]
         worst = max(intact, key=lambda i: hard[i][q])
-        return float(hard[worst][q]), slope[worst][q]
+        return hard[worst][q], slope[worst][q]

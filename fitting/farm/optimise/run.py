@@ -10,9 +10,9 @@ from dropper_jax.base.errors import Progress, SceneError, silent
 from dropper_jax.study.gradient_check import GradientCheck
 from fitting.farm.optimise.along_gradient import check_along
 from fitting.farm.optimise.design import Design
-from fitting.farm.optimise.goals import read_goals
 from fitting.farm.optimise.models import ASSUMPTIONS
 from fitting.farm.optimise.optimum import CHARACTERISTIC, Optimum, design_warnings
+from fitting.farm.optimise.read_goals import read_goals
 from fitting.farm.optimise.search import Search, Start, constraints_by_name, programme, run_search
 from fitting.farm.optimise.search_file import digest_inputs, load_search, save_search
 from fitting.farm.optimise.settings import SearchSettings
@@ -105,8 +105,8 @@ def _optimum(design: Design, search: Search, before: Start, along: GradientCheck
         of=design.goals.objective.of,
         objective=(before.objective, found.objective),
         constraints={n: (before.constraints[n], after) for n, after in constraints_by_name(found).items()},
-        prices={n: -0.01 * float(by) for n, by in zip(here.names, price.by_constraint, strict=True) if by > 0},
-        assumptions={n: 0.01 * float(c) for n, c in zip(ASSUMPTIONS, costs, strict=True)},
+        prices={n: -0.01 * by for n, by in zip(here.names, price.by_constraint, strict=True) if by > 0},
+        assumptions={n: 0.01 * c for n, c in zip(ASSUMPTIONS, costs, strict=True)},
         feasible=search.best is not None,
         residual=residual,
         held=1.0 - price.unbalanced,

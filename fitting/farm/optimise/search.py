@@ -104,12 +104,12 @@ def programme(values: Values, low: np.ndarray, high: np.ndarray, scale: float, l
         raise RuntimeError(found.message)
     step = found.x[:p]
     left = np.maximum(values.value + values.slopes[:, :p] @ step - limit, 0.0)
-    return Programme(step, values.objective + values.slope[:p] @ step, float(left.sum()))
+    return Programme(step, values.objective + values.slope[:p] @ step, left.sum())
 
 
 def violation(values: Values, limit: float) -> float:
     """Total violation of the constraints."""
-    return float(np.sum(np.maximum(values.value - limit, 0.0)))
+    return np.sum(np.maximum(values.value - limit, 0.0))
 
 
 def run_round(
@@ -238,7 +238,7 @@ class _Round:
             return None
         self.tried += 1
         x = np.clip(search.x + step.step, low, high)
-        size = float(np.max(np.abs(step.step) / span))
+        size = np.max(np.abs(step.step) / span)
         attempt = _Attempt(x, step.step, size, None, None, gain, -np.inf)
         row = {"round": search.round + 1, "taken": False, "reach": search.reach, "values": x.tolist()}
         runs, failure = _try_design(self.design, x, self.windows, self.say)
@@ -279,7 +279,7 @@ def measure(
     windows, found = design.measure(search.x, say)
     search.residual = None
     if predicted is not None:
-        search.residual = float(np.max(np.abs(predicted.value - found.value), initial=0.0))
+        search.residual = np.max(np.abs(predicted.value - found.value), initial=0.0)
     whole = {"whole": True, "residual": search.residual, "values": search.x.tolist()}
     search.history.append({"round": search.round, "objective": found.objective, "worst": found.worst, **whole})
     if found.worst <= 1.0 + PERMITTED_EXCESS and found.objective < search.best_objective:
@@ -328,27 +328,29 @@ def run_search(search: Search, design: Design, save: Callable[[], None], say: Pr
         if search.fixed is None and (not still_better or search.round >= settings.rounds):
             if search.best is not None:
                 search.x = search.best.copy()
-            if not any(v.catalogue for v in design.variables):
-                continue
-            say(0.0, "sizes of the catalogues: derivatives")
-            runs = design.differentiate(design.run_windows(search.x, windows, say), say)
-            x = snap_to_catalogue(search, design, design.values(runs))
-            # sizes are fixed, and the other variables are optimised again
-            search.fixed = np.array([bool(v.catalogue) for v in design.variables])
-            search.x = x
-            search.reach = settings.reach
-            search.sized = search.round
-            search.best = None
-            search.best_objective = np.inf
-            there, _ = _try_design(design, x, windows, say)
-            predicted = None if there is None else design.values(there)
-            windows, found = measure(search, design, say, predicted)
-            last = search.best_objective
-            still_better = True
-            save()
+            if any(v.catalogue for v in design.variables):
+                windows = _fix_sizes(search, design, windows, say)
+                last = search.best_objective
+                still_better = True
+                save()
     search.done = True
     save()
     return start
+
+
+def _fix_sizes(search: Search, design: Design, windows: tuple[Window, ...], say: Progress) -> tuple[Window, ...]:
+    """Fix variables on sizes of their catalogues: the others are optimised again, with these windows."""
+    say(0.0, "sizes of the catalogues: derivatives")
+    runs = design.differentiate(design.run_windows(search.x, windows, say), say)
+    search.x = snap_to_catalogue(search, design, design.values(runs))
+    search.fixed = np.array([bool(v.catalogue) for v in design.variables])
+    search.reach = design.settings.reach
+    search.sized = search.round
+    search.best = None
+    search.best_objective = np.inf
+    there, _ = _try_design(design, search.x, windows, say)
+    predicted = None if there is None else design.values(there)
+    return measure(search, design, say, predicted)[0]
 
 
 def constraints_by_name(values: Values) -> dict[str, float]:

@@ -36,4 +36,4 @@ def strength_of(part: Part, scene: Scene) -> float:
         return 1.0
     specs = {line.name: line.spec for line in whole_lines(scene)}
     loads = [specs[name].breaking_load for name in part.lines]
-    return float(np.mean([np.min(load) for load in loads if load is not None]))
+    return np.mean([np.min(load) for load in loads if load is not None])

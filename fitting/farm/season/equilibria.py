@@ -86,7 +86,7 @@ def find_float_loads(
         raise SceneError(f"season: {month}, level {water.level:+g} m: no equilibrium: {pose.message}")
     loads = fixed_point_loads(scene, pose.positions, pose.tension)
     wet = wet_weights(scene)
-    by_line = {line.name: float(wet[line.links].sum()) for line in whole_lines(scene)}
+    by_line = {line.name: wet[line.links].sum() for line in whole_lines(scene)}
     return np.array([-loads[name][2] for name in names]), by_line
 
 
@@ -122,7 +122,7 @@ def find_rest_on_floats(
         for line in lines:
             nodes += [line.nodes[stop] for stop, point in line.stops.items() if point in floats]
     below = water.level - z[nodes]
-    return RestOnFloats(water.level, water.speed, pose.status, float(below.min()), float(below.max()))
+    return RestOnFloats(water.level, water.speed, pose.status, below.min(), below.max())
 
 
 def _body(season: SeasonValues, count: int) -> Table:
@@ -134,6 +134,6 @@ def _body(season: SeasonValues, count: int) -> Table:
     return {
         "mass": count * season.density * season.volume,
         "volume": count * season.volume,
-        "drag_area": count * 0.5 * float(frontal),
+        "drag_area": count * 0.5 * frontal,
         "added_mass": 0.5,
     }

@@ -17,9 +17,9 @@ from dropper_jax.study.gradient_check import GradientCheck
 from fitting.farm.optimise.broken_link import link_of, with_link_mask
 from fitting.farm.optimise.design import DIFFERENCE_STEP
 from fitting.farm.optimise.equilibria import near_rest, solve_rest
-from fitting.farm.optimise.goals import read_goals
 from fitting.farm.optimise.models import still, still_model
 from fitting.farm.optimise.quantities import Steps
+from fitting.farm.optimise.read_goals import read_goals
 from fitting.farm.optimise.run import optimise, read_problem
 from fitting.farm.optimise.search import Search, programme
 from fitting.farm.optimise.storm import Peaks, check_windows

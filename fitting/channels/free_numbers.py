@@ -95,9 +95,7 @@ def _why_missing(scene: Scene, data: ChannelData, section: str, rest: Sequence[s
         return f" has no such entry; allowed: below {', '.join(map(str, shape))}"
     label = rest[0] if len(rest) > 1 else name
     channels = by_name(sensor.channel for sensor in data.sensors)
-    names = list(channels)
-    if section == "camera":
-        names = names_of(data.cameras)
+    names = names_of(data.cameras) if section == "camera" else list(channels)
     if label not in names:
         return f": {label!r} is not a {section}; {nearest(label, names)}"
     fields = ["delay", "rate"]

@@ -56,7 +56,6 @@ class ChannelFit(SceneFit[Problem, Evaluation]):
         for c, sensor in enumerate(problem.data.sensors):
             off = deviations[(problem.windows.weight[..., 0] > 0) & (problem.windows.source == c)[:, None]]
             interval = np.median(np.concatenate([np.diff(run.t[c]) for run in problem.data.runs]))
-            noise_unit = "-" if sensor.relative else sensor.channel.measures
             found.append(
                 {
                     "name": sensor.channel.name,
@@ -65,7 +64,7 @@ class ChannelFit(SceneFit[Problem, Evaluation]):
                     "samples": off.size,
                     "rms": np.sqrt(np.mean(off**2)),
                     "noise": problem.noise_size[c],
-                    "noise_unit": noise_unit,
+                    "noise_unit": "-" if sensor.relative else sensor.channel.measures,
                     "noise_claimed": sensor.noise,
                     "kept": np.exp(-noise.decay[c, 0] * interval),
                     "correlation": self.errors.correlation_1[c],

@@ -89,8 +89,9 @@ def read_csv(
     try:
         rows = _split(body)
     except csv.Error as error:
-        why = f"{error}; is a quotation mark not closed?"
-        raise SceneError(f"{path.name}: not a CSV file: {why} allowed: columns {columns}") from None
+        raise SceneError(
+            f"{path.name}: not a CSV file: {error}; is a quotation mark not closed? allowed: columns {columns}"
+        ) from None
     names = [name.strip() for name in rows[0]]
     if all(map(_is_number, names)):
         raise SceneError(f"{path.name}: has no header; allowed: a first row with the names of the columns, {columns}")

@@ -103,9 +103,7 @@ class Trace:
     def between(self, low: float, high: float) -> Trace:
         """The samples with low <= t < high."""
         keep = (self.t >= low - 1e-9) & (self.t < high - 1e-9)
-        se = self.se
-        if se is not None:
-            se = se[keep]
+        se = None if self.se is None else self.se[keep]
         recordings = tuple(one.between(low, high) for one in self.recordings)
         return replace(self, t=self.t[keep], theta=self.theta[keep], se=se, recordings=recordings)
 
@@ -134,9 +132,7 @@ class Trace:
     def in_model_convention(self, convention: Convention) -> Trace:
         """Angles [rad] from the horizontal, positive downwards, continuous in time."""
         unit = convention.radians
-        se = self.se
-        if se is not None:
-            se = unit * se
+        se = None if self.se is None else unit * self.se
         theta = unwrap(convention.in_model(unit * self.theta))
         return replace(self, theta=theta, se=se, convention=convention, model_error=unit * self.model_error)
 

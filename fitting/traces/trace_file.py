@@ -7,7 +7,6 @@ A file is a CSV with columns `t, theta_1..n[, omega_1..n][, se_1..n]` and commen
 
 from __future__ import annotations
 
-import io
 import re
 import shlex
 from collections.abc import Mapping, Sequence
@@ -107,9 +106,7 @@ def read_trace(
             values.setdefault(name, np.full(len(table.rows), np.nan))
     count = _check_columns(path.name, list(values), links)
     stated = _header_values(path.name, table.comments)
-    se = None
-    if "se_1" in values:
-        se = _stack_columns(values, "se", count)
+    se = _stack_columns(values, "se", count) if "se_1" in values else None
     trace = Trace(
         name=path.stem,
         t=values["t"],
@@ -220,14 +217,12 @@ def write_trace(path: str | Path, trace: Trace, notes: Sequence[str] = ()) -> Pa
     head = f"# zero={c.zero or 'horizontal'}, sign={c.sign or 1}, unit={c.unit or 'rad'}"
     if trace.model_error:
         head += f", model_error={trace.model_error:.9g}"
-    text = io.StringIO()
-    text.write(f"{head}\n")
-    text.writelines(f"# {_plain_note(note)}\n" for note in notes)
-    text.writelines(f"# {WARNING_PREFIX}{_one_line(warning)}\n" for warning in trace.warnings)
-    text.write(",".join(names) + "\n")
+    lines = [head, *(f"# {_plain_note(note)}" for note in notes)]
+    lines += [f"# {WARNING_PREFIX}{_one_line(warning)}" for warning in trace.warnings]
+    lines.append(",".join(names))
     for time, row in zip(_time_cells(trace.t), columns, strict=True):
-        text.write(",".join([time, *map(_cell, row)]) + "\n")
-    return atomic_write(path, text.getvalue())
+        lines.append(",".join([time, *map(_cell, row)]))
+    return atomic_write(path, "\n".join(lines) + "\n")
 
 
 def _one_line(text: str) -> str:

@@ -49,9 +49,8 @@ def assess(site: Site, folder: str | Path, step: Table | None = None) -> Table:
         for number, name in enumerate(fixed):
             loads = [run["held_loads"][:, number].astype(float) for run in good]
             by_point[name].append(_anchor_row(site, anchors.get(name), storm, loads))
-    status = "failed" if failed else "ok"
     found = {
-        "status": status,
+        "status": "failed" if failed else "ok",
         "schema": 1,
         "site": site.name,
         "scene": site.scene.name,
@@ -78,7 +77,6 @@ def assess(site: Site, folder: str | Path, step: Table | None = None) -> Table:
 
 def _labels(site: Site, storm: Storm) -> Table:
     """What distinguishes a load case from others."""
-    break_s = None if storm.broken is None else site.break_time
     return {
         "case": storm.number,
         "name": storm.name,
@@ -90,7 +88,7 @@ def _labels(site: Site, storm: Storm) -> Table:
         "crop": storm.crop,
         "return_periods": storm.periods,
         "state": storm.state,
-        "break_s": break_s,
+        "break_s": None if storm.broken is None else site.break_time,
     }
 
 
@@ -102,12 +100,12 @@ def _position_results(site: Site, storm: Storm, runs: CaseStore, good: Sequence[
         kind = own
         if not name.endswith(".max"):  # other statistics have no maximum of a storm
             kind = replace(own, characteristic="mean")
-        values = np.array([run[f"quantity:{name}"] for run in good])
-        found.setdefault("quantities", {})[name] = asdict(characteristic(values, kind))
+        value = characteristic(column(good, f"quantity:{name}"), kind)
+        found.setdefault("quantities", {})[name] = asdict(value)
     if site.exclusion is not None:
         rows = list(map(site.lines.index, site.matching(site.exclusion.lines)))
-        excursion = np.array([run["excursion"][rows].max() for run in good])
-        found["excursion_m"] = asdict(characteristic(excursion, own))
+        excursion = characteristic([run["excursion"][rows].max() for run in good], own)
+        found["excursion_m"] = asdict(excursion)
     if site.backbone is not None:
         rows = list(map(site.lines.index, site.matching(site.backbone.lines)))
         depth = good[0]["depth"][rows]
@@ -170,17 +168,19 @@ def _anchor_row(site: Site, anchor: Anchor | None, storm: Storm, loads: Sequence
         loads: horizontal and upward loads (k, 2) [N] of each seed.
     """
     run = site.run_of(storm)
+    total = characteristic([np.hypot(*load.T).max() for load in loads], run)
+    upward = characteristic([load[:, 1].max() for load in loads], run)
     row: Table = {
         "case": storm.number,
-        "total_n": asdict(characteristic(np.array([np.hypot(*load.T).max() for load in loads]), run)),
-        "upward_n": asdict(characteristic(np.array([load[:, 1].max() for load in loads]), run)),
+        "total_n": asdict(total),
+        "upward_n": asdict(upward),
         "uplift_deg": max(map(_uplift, loads)),
         "utilisation": None,
         "utilisation_error": None,
     }
     if anchor is not None:
         factor = anchor.factor[storm.kind]
-        used = characteristic(np.array([anchor.table.utilisation(*load.T).max() for load in loads]), run)
+        used = characteristic([anchor.table.utilisation(*load.T).max() for load in loads], run)
         error = used.error_of(factor)
         row |= {"factor": factor, "utilisation": factor * used.value, "utilisation_error": error}
     return row
@@ -294,8 +294,8 @@ def _backbone(site: Site, cases: list[Table]) -> Table | None:
 def _passes(found: Table) -> bool:
     """Whether every limit holds in every case and no run failed; `flags` report seeds and steps that do not suffice."""
     parts = [part["worst"] for part in found["parts"] if part["worst"] is not None]
-    anchors = column(found["anchors"], "worst")
-    limits = all((row["utilisation"] or 0.0) <= 1.0 for row in (*parts, *anchors, found["exclusion"]) if row)
+    rows = (*parts, *column(found["anchors"], "worst"), found["exclusion"])
+    limits = all((row["utilisation"] or 0.0) <= 1.0 for row in rows if row)
     backbone = found["backbone"] is None or found["backbone"]["holds"]
-    uplift = not any(map(exceeds_uplift, found["anchors"]))
-    return limits and backbone and uplift and not found["failed"] and bool(parts)
+    uplift = any(map(exceeds_uplift, found["anchors"]))
+    return limits and backbone and not uplift and not found["failed"] and bool(parts)

@@ -93,9 +93,7 @@ class CaseStore(Store[Case, Found]):
         """Successful runs of a load case, and a row for every other run."""
         good = []
         bad = []
-        if seeds is None:
-            seeds = self.site.seeds
-        for seed in seeds:
+        for seed in self.site.seeds if seeds is None else seeds:
             found = self.read(Case(storm, seed)) or {}
             status = STATUS[int(found["status"])] if found else "missing"
             if status == "ok":

@@ -86,8 +86,8 @@ def design_warnings(
     residual: float,
     held: float,
     reach: float,
-    dominated: Sequence[Dominated] = (),
-    along: GradientCheck | None = None,
+    dominated: Sequence[Dominated],
+    along: GradientCheck,
 ) -> list[str]:
     """Reasons to doubt a design's numbers, one line each; `reach` is that of the last steps."""
     reasons = [
@@ -112,8 +112,9 @@ def design_warnings(
             f"one seed dominates {len(dominated)} derivative(s) of active constraints: their mean and median differ in "
             "what they predict. Use more run.seeds, and compare designs by their whole runs",
         ),
+        (
+            along.status != TRUSTED,
+            f"{along_text(along)}: not_trusted. Compare designs by their whole runs",
+        ),
     ]
-    if along is not None:
-        untrusted = f"{along_text(along)}: not_trusted. Compare designs by their whole runs"
-        reasons.append((along.status != TRUSTED, untrusted))
     return [reason for applies, reason in reasons if applies]

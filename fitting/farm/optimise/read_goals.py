@@ -80,13 +80,13 @@ def _storm_limit(table: Values, path: str, kind: str, site: Site) -> StormLimit:
         SceneError: no limit, lines that do not exist, one line for a clearance, or a quantity without a limit.
     """
     key = "minimum" if kind == "clearance" else "maximum"
-    unit = "N or m" if kind == "quantity" else "m"
-    limit = read_number(table.get(key), f"{path}.{key}", {"above": 0.0, "unit": unit})
     if kind == "quantity":
+        limit = read_number(table.get(key), f"{path}.{key}", {"above": 0.0, "unit": "N or m"})
         path = f"{path}.of"
         of = read_text(table.get("of"), path)
         named_quantity(of, bare_model(overgrown(site.scene)), path, limit)
         return StormLimit(kind, path, of, limit)
+    limit = read_number(table.get(key), f"{path}.{key}", {"above": 0.0, "unit": "m"})
     lines = _match_lines(table.get("lines"), f"{path}.lines", site)
     if kind == "clearance" and len(lines) < 2:
         raise SceneError(f"{path}.lines: matches only {lines[0]!r}. Use patterns of two lines or more")
@@ -133,10 +133,10 @@ def _depth(table: Values, path: str, line_names: Sequence[str], free_points: Seq
         raise SceneError(f"{path}: no bound is given; needed: `shallowest`, `deepest` or both [m]")
     if low is not None and high is not None and not low < high:
         raise SceneError(f"{path}.deepest: {high:g} m contradicts shallowest; allowed: > {low:g} m")
-    point_patterns = read_patterns(table.get("points", []), f"{path}.points")
-    points = match_names(point_patterns, free_points, f"{path}.points", "free point")
-    line_patterns = read_patterns(table.get("lines", []), f"{path}.lines")
-    lines = match_names(line_patterns, line_names, f"{path}.lines")
+    patterns = read_patterns(table.get("points", []), f"{path}.points")
+    points = match_names(patterns, free_points, f"{path}.points", "free point")
+    patterns = read_patterns(table.get("lines", []), f"{path}.lines")
+    lines = match_names(patterns, line_names, f"{path}.lines")
     if not (points or lines):
         raise SceneError(f"{path}: has neither points nor lines; needed: patterns of one or both")
     return DepthRange(f"depth {path.split('.')[1]}", points, lines, low, high)

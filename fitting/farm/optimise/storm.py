@@ -158,8 +158,7 @@ def check_windows(model: Model) -> None:
     if model.line.failures is not None:
         raise SceneError("scene: links that break cannot be designed. Use cases.states, or a scene without them")
     if model.initial_internal_state() or model.laws or model.constraints:
-        what = "friction, bodies or effects with a state"
-        raise SceneError(f"scene: {what} cannot be designed. Use a scene without them")
+        raise SceneError("scene: friction, bodies or effects with a state cannot be designed. Use a scene without them")
 
 
 def _run_phases(
@@ -218,8 +217,8 @@ def _counted_steps(lengths: list[Array], rows: list[Trajectory]) -> Steps:
 @cached_jit(static=("quantities",))
 def _hard(quantities: tuple[LimitedSignal, ...], model: Model, steps: Steps) -> Array:
     """Hard peaks (q,)."""
-    highest = highest_signals(quantities, model, steps)
-    return jnp.stack([jnp.max(jnp.where(steps.time > 0.0, x, -jnp.inf)) for x in highest])
+    counts = steps.time > 0.0
+    return jnp.stack([jnp.max(jnp.where(counts, x, -jnp.inf)) for x in highest_signals(quantities, model, steps)])
 
 
 @cached_jit(static=("quantities",))

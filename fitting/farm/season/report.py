@@ -58,9 +58,7 @@ def page(found: Table) -> str:
 
 def _month_cells(row: Table) -> list[str]:
     """A month of the page's table."""
-    change = "-"
-    if row["change"]:
-        change = f"{row['change']:+d}"
+    change = f"{row['change']:+d}" if row["change"] else "-"
     margins = (row["sinking_m"], row["lifting_m"])
     return [
         row["month"],
@@ -111,8 +109,6 @@ def draw(found: Table, path: Path) -> Path:
     # half a name of a month on either side
     lower.set(ylabel="backbone, depth [m]", xlim=(-0.4, len(months) - 0.6))
     lower.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4, borderaxespad=0.2)
-    rotation = 0
-    if len(months) > MAX_UPRIGHT:
-        rotation = 30
+    rotation = 30 if len(months) > MAX_UPRIGHT else 0
     lower.set_xticks(list(number), [row["month"] for row in months], rotation=rotation)
     return figures.save(figure, path)

@@ -83,10 +83,10 @@ def season(site: Site, progress: Progress | None = None) -> Table:
             say(0.5 + 0.5 * i / len(rows), f"{row.month}: equilibria, floats: {floats}")
             found = farm.on_floats(row, floats)
             on_floats.append(found)
-            if found.sinking_m is not None and found.sinking_m < 0.0 and low[i] <= high[i]:
+            if (found.sinking_m or 0.0) < 0.0 and low[i] <= high[i]:
                 low[i] = max(low[i], floats + 1)
                 is_tightened = True
-            elif found.lifting_m is not None and found.lifting_m < 0.0 and low[i] < high[i]:
+            elif (found.lifting_m or 0.0) < 0.0 and low[i] < high[i]:
                 high[i] = min(high[i], floats - 1)
                 is_tightened = True
         if not is_tightened:
@@ -236,6 +236,6 @@ def _flags(row: Table) -> list[str]:
     if bad:
         flags.append(f"{month}: no equilibrium at level {bad[0]['level_m']:+g} m: its depths are unknown")
     for key, what in (("sinking_m", "too deep"), ("lifting_m", "too high")):
-        if row[key] is not None and row[key] < 0.0:
+        if (row[key] or 0.0) < 0.0:
             flags.append(f"{month}: the backbone lies {-row[key]:.2g} m {what} (floats: {row['floats']})")
     return flags

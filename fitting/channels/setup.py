@@ -144,6 +144,4 @@ def set_parameter(setup: Setup, p: Parameter, value: AnyArray) -> Setup:
     item = items[where.index]
     new = jnp.asarray(getattr(item, where.field)).at[where.entry].set(value)
     items[where.index] = item._replace(**{where.field: new})
-    if where.section == "clocks":
-        return setup._replace(clocks=tuple(items))
-    return setup._replace(readings=tuple(items))
+    return setup._replace(**{where.section: tuple(items)})

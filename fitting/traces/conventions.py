@@ -29,6 +29,8 @@ from fitting.traces.trace import SIGNS, ZEROS, Convention, Trace
 #: quarter or half a turn; the mean direction of a short swing is off rest by less than the difference.
 WORSE_MISFIT = 0.3
 WORSE_RATIO = 2.0
+#: Minimum number of samples per period of the shortest link as a pendulum, for its angles and rates between them.
+FEWEST_PER_PERIOD = 6
 
 
 def settle_convention(
@@ -76,16 +78,6 @@ def check_scale(trace: Trace, model: Model, requested: Convention) -> None:
     Raises:
         SceneError: with what to change.
     """
-    _check_sampling(trace, model)
-    _check_unit(trace, model, requested.over(trace.convention).unit)
-
-
-#: Minimum number of samples per period of the shortest link as a pendulum, for its angles and rates between them.
-FEWEST_PER_PERIOD = 6
-
-
-def _check_sampling(trace: Trace, model: Model) -> None:
-    """Reject samples that are too far apart."""
     period = pendulum_period(model.line.length)
     longest = period / FEWEST_PER_PERIOD
     if trace.interval > longest:
@@ -93,6 +85,7 @@ def _check_sampling(trace: Trace, model: Model) -> None:
             f"{trace.name}: a sample every {trace.interval:g} s is too few per oscillation of {period:.2g} s; "
             f"allowed: at most {longest:.2g} s apart, times in s"
         )
+    _check_unit(trace, model, requested.over(trace.convention).unit)
 
 
 #: Rates above this multiple of sqrt(g/L) are impossible for a pendulum with angles in radians.

@@ -43,8 +43,8 @@ def characteristic(maxima: Sequence[float] | np.ndarray, run: RunValues) -> Char
     maxima = np.asarray(maxima, float)
     n = len(maxima)
     counted = run.duration - run.skip
-    error = float(maxima.std(ddof=1) / np.sqrt(n)) if n > 1 else None
-    mean = Characteristic(float(maxima.mean()), error, None, n, "mean")
+    error = maxima.std(ddof=1) / np.sqrt(n) if n > 1 else None
+    mean = Characteristic(maxima.mean(), error, None, n, "mean")
     whole = storm_extreme(maxima, counted, counted, run.confidence)
     if "skipped" in whole:
         return mean

@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 
 from dropper_jax.base.markdown import bullets, cell, cells, markdown_table
 from dropper_jax.base.read import Table
+from dropper_jax.base.records import column, rows_where
 from dropper_jax.plots import figures, style
 from fitting.farm.site.report_files import write_report
 
@@ -277,7 +278,7 @@ def draw_utilisation(found: Table, path: Path) -> Path:
     bars = {name: bar for name, bar in reversed(bars.items()) if bar["worst"] is not None}
     figure = figures.new_figure(7.5, 1.5 + 0.34 * max(len(bars), 1))
     axes = figure.subplots()
-    intact = [case["case"] for case in found["cases"] if case["state"] == "intact"]
+    intact = column(rows_where(found["cases"], "state", "intact"), "case")
     for y, bar in enumerate(bars.values()):
         worst = bar["worst"]["utilisation"]
         colour = WITHIN_COLOUR if worst <= 1.0 else BEYOND_COLOUR
@@ -285,15 +286,10 @@ def draw_utilisation(found: Table, path: Path) -> Path:
         step_error = (bar.get("step") or {}).get("relative", 0.0) * worst
         error = np.hypot(bar["worst"]["utilisation_error"] or 0.0, step_error)
         axes.errorbar(worst, y, xerr=error, color=style.DARK, capsize=3, lw=1, zorder=4)
-        used_intact = []
-        used_broken = []
-        for row in bar["cases"]:
-            if row["case"] in intact:
-                used_intact.append(row["utilisation"])
-            else:
-                used_broken.append(row["utilisation"])
-        _draw_cases(axes, y, used_intact, "intact", style.CYCLE[0])
-        _draw_cases(axes, y, used_broken, "a line breaks", style.CYCLE[1])
+        used = np.array(column(bar["cases"], "utilisation"))
+        is_intact = np.isin(column(bar["cases"], "case"), intact)
+        _draw_cases(axes, y, used[is_intact], "intact", style.CYCLE[0])
+        _draw_cases(axes, y, used[~is_intact], "a line breaks", style.CYCLE[1])
     axes.axvline(1.0, color=style.ALERT, lw=1, ls="--")
     axes.set_yticks(range(len(bars)), list(bars))
     axes.grid(False, axis="y")
@@ -302,9 +298,9 @@ def draw_utilisation(found: Table, path: Path) -> Path:
     return figures.save(figure, path)
 
 
-def _draw_cases(axes: Axes, y: int, used: list[float], label: str, colour: str) -> None:
+def _draw_cases(axes: Axes, y: int, used: np.ndarray, label: str, colour: str) -> None:
     """A dot for each case of a row, at its utilisation."""
-    if not used:
+    if not len(used):
         return
     name = label if y == 0 else None  # once in the legend
     axes.plot(used, np.full(len(used), y), "o", ms=3.5, color=colour, zorder=3, label=name)

@@ -89,7 +89,7 @@ def _optimum(design: Design, search: Search, before: Start, along: GradientCheck
     p = len(design.variables)
     limit = 1.0 - design.settings.margin
     low, high = bounds(design.variables)
-    fixed = np.zeros(p, bool) if search.fixed is None else np.asarray(search.fixed, bool)
+    fixed = np.zeros(p, bool) if search.fixed is None else search.fixed
     price = shadow_prices(here, x, low, high, fixed, limit)
     costs = here.slope[p:] + price.by_constraint @ here.slopes[:, p:]
     dominated = dominated_slopes(here, high - low, limit)

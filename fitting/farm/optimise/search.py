@@ -280,8 +280,8 @@ def measure(
     search.residual = None
     if predicted is not None:
         search.residual = np.max(np.abs(predicted.value - found.value), initial=0.0)
-    whole = {"whole": True, "residual": search.residual, "values": search.x.tolist()}
-    search.history.append({"round": search.round, "objective": found.objective, "worst": found.worst, **whole})
+    row = {"round": search.round, "objective": found.objective, "worst": found.worst}
+    search.history.append({**row, "whole": True, "residual": search.residual, "values": search.x.tolist()})
     if found.worst <= 1.0 + PERMITTED_EXCESS and found.objective < search.best_objective:
         search.best = search.x.copy()
         search.best_objective = found.objective

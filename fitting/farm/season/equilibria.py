@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product, starmap
 from typing import NamedTuple
 
 import numpy as np
@@ -39,7 +40,7 @@ def list_waters(site: Site, season: SeasonValues) -> tuple[WaterState, ...]:
     speeds = season.currents
     if speeds is None:
         speeds = sorted({float(current["speed"]) for current in site.lists.currents if "speed" in current}) or [None]
-    return tuple(WaterState(float(level), speed) for level in levels for speed in speeds)
+    return tuple(starmap(WaterState, product(levels, speeds)))
 
 
 def scene_at_rest(site: Site, month: str, water: WaterState, points: dict[str, Table]) -> Scene:

@@ -155,11 +155,11 @@ def save_images(folder, images):
     return paths
 
 
-def make(what: Film, folder: Path, boards: int = BOARDS) -> tuple[Path, list[str], np.ndarray]:
+def make(what: Film, folder: Path) -> tuple[Path, list[str], np.ndarray]:
     """The film, pictures of boards by its camera, and the true angles (k, links) [rad], counter-clockwise."""
     motion = what.motion()
     path = write_video(folder / "film.avi", film(motion, what.view, FPS), FPS)
-    pictures = save_images(folder, chessboards(what.view, count=boards))
+    pictures = save_images(folder, chessboards(what.view, count=BOARDS))
     link = np.diff(motion.nodes[::FINE][..., [0, 2]], axis=1)
     return path, pictures, np.arctan2(link[..., 1], link[..., 0])
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from dropper_jax import SceneError
-from fitting import Convention, Trace, View, read_trace, write_trace
+from fitting import View
 from fitting.films.calibration import Plane
 from fitting.films.exposure import exposure_share, second_differences
 from fitting.films.flat_map import Flat
@@ -31,16 +31,6 @@ def test_marks_name_times_and_nodes():
     assert (span["from_s"], span["to_s"]) == pytest.approx((1.0, 71 / 60))
     assert {1, 3} <= set(span["nodes"])
     assert "swapped" in span["why"]
-
-
-def test_a_trace_carries_notes_and_is_read_as_before(tmp_path):
-    t = np.arange(20) / 60
-    trace = Trace("a", t, np.sin(t)[:, None], convention=Convention("horizontal", -1, "rad"))
-    write_trace(tmp_path / "a.csv", trace, ["marked 0.1 to 0.2 s: nodes 1 2 (swapped)"])
-    again = read_trace(tmp_path / "a.csv")
-    np.testing.assert_allclose(again.theta, trace.theta)
-    assert again.convention == trace.convention
-    assert "# marked 0.1 to 0.2 s: nodes 1 2 (swapped)" in (tmp_path / "a.csv").read_text()
 
 
 def test_slant_and_bending_are_found_from_the_lengths_alone():

@@ -128,6 +128,11 @@ def design_of(of, variables, **settings):
     )
 
 
+def of_first(x, constraint=0.5):
+    """The first variable as objective, and a constraint that does not change."""
+    return Values(float(x[0]), np.ones(1), ("a",), np.array([constraint]), np.zeros((1, 1)))
+
+
 def search_round(search, design):
     return run_round(search, design, (), lambda: None, silent)
 
@@ -152,8 +157,7 @@ def test_no_design_is_tried_twice_where_bounds_cut_a_step_short():
 
 
 def test_a_design_whose_derivatives_cannot_be_run_is_not_taken():
-    looked = lambda x: Values(float(x[0]), np.ones(1), ("a",), np.array([0.5]), np.zeros((1, 1)))  # noqa: E731
-    design = design_of(looked, [SimpleNamespace(low=0.0, high=1.0, span=1.0)])
+    design = design_of(of_first, [SimpleNamespace(low=0.0, high=1.0, span=1.0)])
     differentiate = design.differentiate
     design.differentiate = lambda runs, say: differentiate(runs, say) if runs.found.objective == 1.0 else runs
     search = Search(np.ones(1), 0.4, scale=1.0)
@@ -163,9 +167,8 @@ def test_a_design_whose_derivatives_cannot_be_run_is_not_taken():
 
 
 def test_a_search_ends_at_a_start_whose_derivatives_cannot_be_run():
-    beyond = lambda x: Values(float(x[0]), np.ones(1), ("a",), np.array([1.5]), np.zeros((1, 1)))  # noqa: E731
     variable = SimpleNamespace(low=0.0, high=1.0, span=1.0, catalogue=())
-    design = design_of(beyond, [variable], rounds=8)
+    design = design_of(lambda x: of_first(x, 1.5), [variable], rounds=8)
     design.differentiate = lambda runs, say: runs
     search = Search(np.ones(1), 0.4)
     run_search(search, design, lambda: None, silent)
@@ -174,11 +177,7 @@ def test_a_search_ends_at_a_start_whose_derivatives_cannot_be_run():
 
 def test_the_last_step_of_a_round_is_not_differentiated():
     differences = []
-
-    def looked(x):
-        return Values(float(x[0]), np.ones(1), ("a",), np.array([0.5]), np.zeros((1, 1)))
-
-    design = design_of(looked, [SimpleNamespace(low=0.0, high=3.0, span=1.0)], renew=3, reach=0.1)
+    design = design_of(of_first, [SimpleNamespace(low=0.0, high=3.0, span=1.0)], renew=3, reach=0.1)
     differentiate = design.differentiate
     design.differentiate = lambda runs, say: differences.append(runs.found.objective) or differentiate(runs, say)
     search = Search(np.array([2.0]), 0.1, scale=1.0)

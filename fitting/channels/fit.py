@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import chain, count
+from itertools import chain, pairwise
 from pathlib import Path
 
 import numpy as np
@@ -163,13 +163,10 @@ def first_point(problem: Problem, loss: Loss = LEAST_SQUARES) -> ChannelSolution
 
 def settle_noise(point: ChannelSolution, iterations: int, progress: Progress = silent) -> ChannelSolution:
     """Alternate fit and noise estimate up to their common fixed point."""
-    turns = count()
+    shares = pairwise(np.linspace(0.0, 1.0, NOISE_ROUNDS + 3))  # of at most two more descents than rounds
 
     def descend(point: ChannelSolution) -> ChannelSolution:
-        turn = next(turns)  # at most ROUNDS and two more
-        return continue_fit(
-            point, iterations, part_of(progress, turn / (NOISE_ROUNDS + 2), (turn + 1) / (NOISE_ROUNDS + 2))
-        )
+        return continue_fit(point, iterations, part_of(progress, *next(shares)))
 
     def claimed_series(point: ChannelSolution) -> Series:
         return point.problem.data.series(point.problem.claimed_noise, point.evaluation.shown)

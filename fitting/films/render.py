@@ -1,8 +1,8 @@
 """Videos of simulated runs, as a laboratory camera would record them.
 
 A pinhole camera with a bending lens looks at the plane of motion, perpendicular or slanting. Bars are grey; each node
-carries a black sticker with a bright disc. The picture is averaged over the exposure, blurred, and noisy. A fixed post
-and a moving plate are between the camera and the motion.
+carries a black sticker with a bright disc. The picture is averaged over the exposure, blurred, and noisy. A post may
+stand between the camera and the motion.
 """
 
 from __future__ import annotations
@@ -40,29 +40,6 @@ MIN_PICTURES = 5
 
 
 @dataclass(frozen=True)
-class Cover:
-    """An upright plate whose middle moves from `start` at time `begin` [s] to `stop` at `end`.
-
-    Before and after it is out of view. Positions are (x, z) [m] of the run, times count from its first frame; `size` is
-    (width, height) [m].
-    """
-
-    begin: float
-    end: float
-    start: tuple[float, float]
-    stop: tuple[float, float]
-    size: tuple[float, float]
-
-    def corners(self, t: float) -> np.ndarray | None:
-        """Its corners (4, 2) [m] in order, or None if it is out of view."""
-        share = (t - self.begin) / (self.end - self.begin)
-        if not 0 <= share <= 1:
-            return None
-        middle = np.array([1.0 - share, share]) @ [self.start, self.stop]
-        return middle + 0.5 * np.array(self.size) * [[-1, -1], [1, -1], [1, 1], [-1, 1]]
-
-
-@dataclass(frozen=True)
 class View:
     """Camera setup of a run.
 
@@ -77,7 +54,6 @@ class View:
         post: (x, width) [m] of an upright post before the plate, or None.
         slant: (pan, pitch) [rad] of the camera, which moves around `centre` at `distance`: positive from the right and
             from above. It has no roll: its rows are level.
-        cover: a plate that moves before the motion, or None.
     """
 
     size: tuple[int, int] = (640, 480)
@@ -92,7 +68,6 @@ class View:
     hidden: tuple[tuple[int, int, int], ...] = ()
     post: tuple[float, float] | None = None
     slant: tuple[float, float] = (0.0, 0.0)
-    cover: Cover | None = None
 
     @property
     def lens(self) -> Lens:
@@ -143,7 +118,7 @@ def film(motion: Motion, view: View, fps: float, seed: int = 0) -> Iterator[np.n
         streak = view.exposure * np.linalg.norm(at(now, 1), axis=1).max() * view.pixels_per_metre
         count = max(MIN_PICTURES, int(np.ceil(streak)))
         parts = np.linspace(-0.5, 0.5, 2 * count + 1)[1::2] * view.exposure
-        shots = [_shot(view, at(now + part), hidden, i / fps + part) for part in parts]
+        shots = [_shot(view, at(now + part), hidden) for part in parts]
         yield _develop(np.mean(shots, axis=0), view, rng)
 
 
@@ -162,8 +137,8 @@ def chessboards(view: View, count: int) -> Iterator[np.ndarray]:
         yield _develop(_board(view, turn, away), view, rng)
 
 
-def _shot(view: View, positions: np.ndarray, hidden: list[int], t: float) -> np.ndarray:
-    """The picture of an instant: nodes at `positions` (n, 2) [m], `t` [s] after the first frame."""
+def _shot(view: View, positions: np.ndarray, hidden: list[int]) -> np.ndarray:
+    """The picture of an instant: nodes at `positions` (n, 2) [m]."""
     width, height = view.size
     image = np.full((height, width), PLATE, np.float32)
     nodes = view.to_pixels(positions)
@@ -180,8 +155,6 @@ def _shot(view: View, positions: np.ndarray, hidden: list[int], t: float) -> np.
         edges = view.to_pixels(np.array([[x - wide / 2, view.centre[1]], [x + wide / 2, view.centre[1]]]))[:, 0]
         left, right = np.maximum(np.rint(edges).astype(int), 0)
         image[:, left:right] = POST
-    if view.cover is not None and (corners := view.cover.corners(t)) is not None:
-        cv2.fillPoly(image, [in_sixteenths(view.to_pixels(corners))], POST, cv2.LINE_AA, 4)
     return image
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -76,7 +75,13 @@ def track(
     say = progress or silent
     film = Video(video, fps)
     lens = _lens(film, calibration, board)
-    map_by = partial(_map_by_lens, film.size, plane, board, square)
+
+    def map_by(lens: Lens | None) -> Flat:
+        """The map by a lens, and by the picture of a board in the plane of motion as this lens shows it."""
+        if plane is None or square is None:
+            return Flat(film.size, lens)
+        return Flat(film.size, lens, plane_from_board(plane, film.size, lens, board, square))
+
     span = _span(film, begin, end)
     say(0.0, "looking for markers")
     appearance, circles = scan(film, span, nodes, radius, bright, say)
@@ -161,19 +166,6 @@ def _check_options(
         raise SceneError("--square: missing; needed: the side of the board's squares in m, because --plane is given")
     if start is not None and np.shape(start) != (nodes, 2):
         raise SceneError(f"--start: {len(start)} positions; allowed: {nodes}, one x,y per node")
-
-
-def _map_by_lens(
-    size: tuple[int, int],
-    picture: str | Path | None,
-    board: tuple[int, int],
-    square: float | None,
-    lens: Lens | None,
-) -> Flat:
-    """The map by a lens, and by the `picture` of a board in the plane of motion as a camera with this lens sees it."""
-    if picture is None or square is None:
-        return Flat(size, lens)
-    return Flat(size, lens, plane_from_board(picture, size, lens, board, square))
 
 
 def _span(film: Video, begin: float, end: float | None) -> tuple[int, int | None]:

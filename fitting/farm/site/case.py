@@ -188,11 +188,9 @@ def breaks(scene: Scene, states: tuple[str, ...], path: str) -> tuple[Break | No
     """
     lines = names_of(whole_lines(scene))
     found: list[Break | None] = []
-    names = []
     for i, state in enumerate(states):
         if state == INTACT:
             found.append(None)
-            names.append(INTACT)
             continue
         pattern, colon, link = state.partition(":")
         if colon and not link.isdecimal():
@@ -200,7 +198,7 @@ def breaks(scene: Scene, states: tuple[str, ...], path: str) -> tuple[Break | No
         for name in match_names([pattern], lines, f"{path}.{i}"):
             entry = len(scene.failures) + len(found) - found.count(None)
             found.append(Break(name, *_locate_link(scene, name, link, f"{path}.{i}"), entry))
-            names.append(name)
+    names = [INTACT if state is None else state.name for state in found]
     for name in names:
         if names.count(name) > 1:
             raise refuse(path, name, "is given twice", "every state once")

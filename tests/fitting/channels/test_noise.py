@@ -95,11 +95,6 @@ def test_a_smooth_misfit_is_no_noise():
     assert rho > 0.9
 
 
-def test_what_samples_say_of_their_noise_on_a_smooth_motion():
-    y = np.sin(T) + 0.01 * np.random.default_rng(4).normal(size=N)
-    assert measured(y).first_noise()[0] == pytest.approx(0.01, rel=0.15)
-
-
 def test_each_sensor_has_a_memory_of_its_own():
     """A sensor with memory and one without, in two runs: each has its own size and memory, and no other is assumed."""
     rng = np.random.default_rng(6)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dropper_jax.cli import main
-from fitting import read_trace, write_video
+from fitting import read_trace, wrap, write_video
 from fitting.films import track
 from fitting.films.video import opencv
 
@@ -80,4 +80,4 @@ def test_a_disc_that_jumps_for_three_frames_is_marked_with_its_time(tmp_path):
     assert np.isfinite(found.trace.theta[:, 0]).all()
     kept = np.r_[0:39, 44:90]
     truth = np.arctan2(-links[1][:, 1], links[1][:, 0])
-    assert np.abs(films.turns(found.trace.theta[kept, 1] - truth[kept])).max() < 0.01
+    assert np.abs(wrap(found.trace.theta[kept, 1] - truth[kept])).max() < 0.01

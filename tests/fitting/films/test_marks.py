@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from dropper_jax import SceneError
-from fitting import View
+from fitting import View, wrap
 from fitting.films.calibration import Plane
 from fitting.films.exposure import exposure_share, second_differences
 from fitting.films.flat_map import Flat
@@ -42,7 +42,7 @@ def test_slant_and_bending_are_found_from_the_lengths_alone():
     np.testing.assert_allclose(found.parameters[:2], view.slant, atol=0.005)
     link = np.diff(motion, axis=1)
     truth = np.arctan2(link[..., 1], link[..., 0])
-    off = [films.turns(four_quadrant(to(pixels) * [1.0, -1.0]) - truth) for to in (Flat(view.size), found)]
+    off = [wrap(four_quadrant(to(pixels) * [1.0, -1.0]) - truth) for to in (Flat(view.size), found)]
     raw, rms = (np.sqrt(np.mean(each**2)) for each in off)
     assert rms < 1.2e-3 < 5e-3 < raw
     np.testing.assert_allclose(found.back(found(pixels[:3])), pixels[:3], atol=1e-6)

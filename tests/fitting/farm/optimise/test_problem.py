@@ -121,12 +121,17 @@ def test_a_bad_problem_is_refused_before_anything_runs(sections, message):
         read_problem(changed(**sections))
 
 
+def first_model(own):
+    """The model of a site's first load case at rest, with its variables at their start."""
+    variables = read_variables(own.raw["variable"], own.scene)
+    return still_model(own, variables, np.array([v.value for v in variables]), own.cases[0].storm)
+
+
 @pytest.mark.parametrize(("height", "met"), [(-0.2, True), (0.4, True), (0.7, False)])
 def test_a_point_may_be_allowed_above_the_water(height, met):
     """A bound of -0.5 m allows half a metre above the water's level."""
     own = changed(**constraint("depth", points="p1", shallowest=-0.5))
-    variables = read_variables(own.raw["variable"], own.scene)
-    model = still_model(own, variables, np.array([v.value for v in variables]), own.cases[0].storm)
+    model = first_model(own)
     r = np.full((model.free_nodes, 3), height)
     (bound,) = read_goals(own).depths[-1].utilisations(model, r, np.zeros((3, *r.shape)), 0.0)
     assert (bound.value <= 1.0) == met
@@ -179,8 +184,7 @@ def test_a_constraint_may_limit_a_quantity_by_name():
     limits = {"tension.west-leg.fairlead.max": 2e4, "offset.p1.max": 5.0}
     rows = [{"kind": "quantity", "of": of, "maximum": most} for of, most in limits.items()]
     own = changed(constraint=rows, anchor=[{"points": "*", "capacity": 6e3}])
-    variables = read_variables(own.raw["variable"], own.scene)
-    model = still_model(own, variables, np.array([v.value for v in variables]), own.cases[0].storm)
+    model = first_model(own)
     pose = near_rest(model, None)
     tension, offset = read_goals(own).quantities(own, model)[-2:]
     steps = Steps(pose.r[None], pose.tension[None], np.ones(1))

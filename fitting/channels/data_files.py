@@ -12,7 +12,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.read import Plain, read_list, read_text
 from dropper_jax.scene.fit import to_si
-from fitting.traces.csv_table import check_times, read_csv, refuse_twice
+from fitting.traces.csv_table import check_times, read_csv
 
 
 class Columns(NamedTuple):
@@ -42,8 +42,7 @@ def read_columns(path: Path) -> Columns:
         SceneError: a file that cannot be read, no column t, a cell that is not a number, times that do not increase.
     """
     table = read_csv(path, "t and those that the channels name")
-    refuse_twice(table.file, table.names)
-    values = dict(zip(table.names, table.numbers(), strict=True))
+    values = table.columns()
     t = values.pop("t")
     check_times(table.file, t)
     return Columns(table.file, t, values)

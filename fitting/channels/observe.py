@@ -84,10 +84,7 @@ def observe_channels(
             clock = setup.clocks[channel.camera]
             when = clock.rate * stamps - clock.delay
         when = jnp.maximum(when - reading.delay, 0.0)
-        if channel.of_tension:
-            first = spacing * (1 - early)
-        else:
-            first = channel.margin * spacing
+        first = spacing * (1 - early) if channel.of_tension else channel.margin * spacing
         perfect = channel.mounted(reading.position, reading.turn).see(motion)
         shown.append(reading.offset + reading.gain * at_times(perfect, first, spacing, when))
     return tuple(shown), s, run.first_bad[-1]

@@ -223,12 +223,13 @@ class Problem(Residuals):
 
     def _saves(self) -> int:
         """Number of saved states beyond the last sample of the longest run, with delays and rates at their bounds."""
-        free = [p for p in self.parameters if isinstance(p.where, SetupTarget)]
-        rate = max([1.0, *(p.high for p in free if p.where.field == "rate"), *(c.rate for c in self.data.cameras)])
+        free = [(p, p.where) for p in self.parameters if isinstance(p.where, SetupTarget)]
+        rates = [p.high for p, where in free if where.field == "rate"]
+        rate = max([1.0, *rates, *(camera.rate for camera in self.data.cameras)])
         late = max(t[-1] for run in self.data.runs for t in run.t) * rate
         # delays of a camera and of a channel add up
         for section, given in (("readings", self.data.sensors), ("clocks", self.data.cameras)):
-            lowest = [p.low for p in free if (p.where.section, p.where.field) == (section, "delay")]
+            lowest = [p.low for p, where in free if (where.section, where.field) == (section, "delay")]
             late -= min([0.0, *(one.delay for one in given), *filter(np.isfinite, lowest)])
         spacing = self.scenes[0].run.step * self.scenes[0].run.save_every
         margin = max(sensor.channel.margin for sensor in self.data.sensors)

@@ -91,7 +91,7 @@ def read_sensor(table: Values, path: str, scene: SceneData, cameras: tuple[Camer
     unit = read_unit(table, path, "unit", cls.measures)
     if cls.scalar and len(columns) != 1:
         raise SceneError(f"{path}.columns: {len(columns)} columns; allowed: 1, because this kind is a single number")
-    common = {"name": read_name(table, path), "columns": columns, "unit": unit, "camera": camera}
+    common: Table = {"name": read_name(table, path), "columns": columns, "unit": unit, "camera": camera}
     given = Given(table, path, common, scene, tuple(c.matrix for c in cameras))
     channel = cls(**common, **cls.sensor_fields(given))
     noise = optional_number(table, path, "noise", None, above=0.0)

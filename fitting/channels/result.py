@@ -81,5 +81,4 @@ class ChannelFit(SceneFit[Problem, Evaluation]):
             row |= {"determined": determined, "why": why, "sensitivity": dict(zip(names, felt, strict=True))}
         between = {row.pop("name"): row for row in map(asdict, self.between)}
         found = {"parameters": table, "channels": self.channels(), "between": between}
-        found = self.common_json("channels", self.solution.problem.dt) | found
-        return {key: jsonable(value) for key, value in found.items()}
+        return jsonable(self.common_json("channels", self.solution.problem.dt) | found)

@@ -11,6 +11,7 @@ axis in front), so that one compiled program serves every choice of free paramet
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -114,7 +115,7 @@ def setup_with_directions(
                 leaves[leaf] = jnp.asarray(slope, leaves[leaf].dtype)
             directions.append(still._replace(model=jax.tree.unflatten(tree, leaves)))
         else:
-            directions.append(jax.jvp(lambda v, p=p: set_parameter(first, p, v), (1.0,), (1.0,))[1])
+            directions.append(jax.jvp(partial(set_parameter, first, p), (1.0,), (1.0,))[1])
             setup = set_parameter(setup, p, v)
     return SetupDirections(setup, jax.tree.map(lambda *parts: jnp.stack(parts), *directions))
 
@@ -144,4 +145,5 @@ def set_parameter(setup: Setup, p: Parameter, value: AnyArray) -> Setup:
     item = items[where.index]
     new = jnp.asarray(getattr(item, where.field)).at[where.entry].set(value)
     items[where.index] = item._replace(**{where.field: new})
-    return setup._replace(**{where.section: tuple(items)})
+    changed: dict[str, AnyArray] = {where.section: tuple(items)}
+    return setup._replace(**changed)

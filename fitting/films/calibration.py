@@ -117,17 +117,17 @@ def calibrate(pictures: Sequence[str | Path], board: tuple[int, int] = (9, 6)) -
     Raises:
         SceneError: too few pictures with a board, sizes that differ, an error above one pixel, no convergence.
     """
-    images = [(Path(path).name, read_image(path)) for path in pictures]
-    sizes = {image.shape for _, image in images}
+    images = list(map(read_image, pictures))
+    sizes = {image.shape for image in images}
     if len(sizes) > 1:
         raise SceneError(f"calibration: pictures of different sizes, {sorted(sizes)}; allowed: one size, the video's")
-    found = [there for _, image in images if (there := corners(image, board)) is not None]
+    found = [there for image in images if (there := corners(image, board)) is not None]
     if len(found) < MIN_PICTURES:
         raise SceneError(
             f"calibration: a board of {board[0]} x {board[1]} inner corners found in {len(found)} of {len(images)} "
             f"pictures, fewer than {MIN_PICTURES}. Use more pictures, or --board with the number of corners"
         )
-    size = images[0][1].shape[::-1]
+    size = images[0].shape[::-1]
     lens = _lens(found, board, size)
     if lens is None:
         raise SceneError("calibration: did not converge. Use pictures at several slants and positions")

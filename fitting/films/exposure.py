@@ -32,8 +32,8 @@ def remove_blur(found: TrackedChain) -> TrackedChain:
     """The positions corrected for a long exposure, with the exposure that the lengths show."""
     positions = found.where_detected(found.flat)
     share = exposure_share(positions)
-    shift = share * second_differences(positions)
-    return replace(found, flat=found.flat - shift, exposure=float(np.sqrt(24 * share)))
+    flat = found.flat - share * second_differences(positions)
+    return replace(found, flat=flat, exposure=float(np.sqrt(24 * share)))
 
 
 def second_differences(positions: np.ndarray) -> np.ndarray:

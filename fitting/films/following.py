@@ -72,7 +72,7 @@ def follow_film(
         SceneError: no chain, or no circles at `start`; AmbiguousOrderError: several orders fit.
     """
     # circles beyond the horizon of the plane are not in it
-    circles = [each.pick(np.isfinite(flat(each.centre)).all(axis=1)) for each in circles]
+    circles = [each.pick(np.all(np.isfinite(flat(each.centre)), axis=1)) for each in circles]
     centres = [each.centre for each in circles]
     mapped = map_centres(centres, flat)
     straight = False

@@ -91,11 +91,8 @@ def track(
     except AmbiguousOrderError as error:
         raise AmbiguousOrderError(f"{film.path.name}: {error}", error.orders, error.frame + span[0]) from None
     detect_again(chain, film.frames(*span), appearance)
-    chain, offset, ending = _trim_frames(remove_blur(chain), film.fps)
-    frames = len(chain.detected)
-    if frames < FEWEST_SAMPLES:
-        raise SceneError(f"{film.path.name}: {ending or 'only'} {frames} frames; allowed: at least {FEWEST_SAMPLES}")
-    t = (offset + np.arange(frames)) / film.fps
+    chain, offset, ending = _trim_frames(remove_blur(chain), film)
+    t = (offset + np.arange(len(chain.detected))) / film.fps
     if not ending and end is None and span[0] + len(circles) < COMPLETE_FILM * film.announced:
         ending = f"the video breaks off after {t[-1]:.3g} s of {film.announced / film.fps:.3g} s"
     metres = _metres(chain, scale, distance)
@@ -185,21 +182,28 @@ def _span(film: Video, begin: float, end: float | None) -> tuple[int, int | None
     return first, last
 
 
-def _trim_frames(chain: TrackedChain, fps: float) -> tuple[TrackedChain, int, str]:
-    """The frames from the first to the last with a link, the first one's number, and the reason of an early end."""
+def _trim_frames(chain: TrackedChain, film: Video) -> tuple[TrackedChain, int, str]:
+    """The frames from the first to the last with a link, the first one's number, and the reason of an early end.
+
+    Raises:
+        SceneError: too few frames.
+    """
     detected = chain.detected
     some = detected_links(detected).any(axis=1)
     first = int(np.argmax(some))
     last = len(detected) if some.any() else 0
     # frames up to the last one that shows each node; all of them for one that no frame shows
     until = len(detected) - np.argmax(detected[::-1], axis=0)
-    lost = np.flatnonzero((len(detected) - until > LONGEST_GAP * fps) | ~detected.any(axis=0))
+    lost = np.flatnonzero((len(detected) - until > LONGEST_GAP * film.fps) | ~detected.any(axis=0))
     why = ""
     if len(lost):
         worst = lost[np.argmin(until[lost])]
         last = int(until[worst]) if detected[:, worst].any() else first
-        why = f"marker {worst} is lost after {last / fps:.3g} s;"
-    return chain.pick(frames=slice(first, max(first, last))), first, why
+        why = f"marker {worst} is lost after {last / film.fps:.3g} s;"
+    if last - first < FEWEST_SAMPLES:
+        frames = max(last - first, 0)
+        raise SceneError(f"{film.path.name}: {why or 'only'} {frames} frames; allowed: at least {FEWEST_SAMPLES}")
+    return chain.pick(frames=slice(first, last)), first, why
 
 
 def _metres(chain: TrackedChain, scale: float | None, distance: float | None) -> np.ndarray:
@@ -216,8 +220,7 @@ def _metres(chain: TrackedChain, scale: float | None, distance: float | None) ->
 
 def _angle_errors(chain: TrackedChain, used: np.ndarray, level: float) -> np.ndarray:
     """Standard errors (k, n - 1) [rad]: scatter, and the uncertainty of `level` and of the map to the plane."""
-    scatter = estimate_angle_errors(chain.where_detected(chain.flat), chain.error, used)
-    found = np.hypot(scatter, level)
+    found = np.hypot(estimate_angle_errors(chain.where_detected(chain.flat), chain.error, used), level)
     flat = chain.map
     if flat.parameters is None or flat.covariance is None:
         return found

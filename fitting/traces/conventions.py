@@ -102,10 +102,7 @@ def _check_unit(trace: Trace, model: Model, unit: str | None) -> None:
     length = np.asarray(model.line.length)
     fastest = FASTEST_RATE * np.sqrt(GRAVITY / np.mean(length))
     if unit != "deg" and _specific_energy(trace, length) > 2 * GRAVITY * np.sum(length):
-        if unit is None:
-            fix = "Use --unit deg or --unit rad"
-        else:
-            fix = "The unit is rad. Use --unit deg"
+        fix = "Use --unit deg or --unit rad" if unit is None else "The unit is rad. Use --unit deg"
         raise SceneError(f"{trace.name}: theta reaches {largest:.3g} and looks like degrees. {fix}")
     theta = trace.across_gaps(MAX_GAP_PERIODS * pendulum_period(length))
     rate = np.abs(np.diff(theta, axis=0) / np.diff(trace.t)[:, None])

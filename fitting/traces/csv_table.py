@@ -30,12 +30,21 @@ class CsvTable(NamedTuple):
     names: list[str]
     rows: list[list[str]]
 
-    def numbers(self) -> np.ndarray:
-        """The columns (columns, k).
+    def columns(self) -> dict[str, np.ndarray]:
+        """The used columns (k,) by name.
 
         Raises:
-            SceneError: a row of another length, a cell that is not a number.
+            SceneError: two columns of one name, a row of another length, a cell that is not a number.
         """
+        used = [name for name in self.names if name]
+        if len(set(used)) != len(used):
+            raise SceneError(f"{self.file}: duplicate column; found: {first_names(used, MOST_NAMES)}")
+        values = dict(zip(self.names, self._numbers(), strict=True))
+        values.pop("", None)
+        return values
+
+    def _numbers(self) -> np.ndarray:
+        """All columns (columns, k); those that are not used are NaN."""
         count = len(self.names)
         table = np.full((len(self.rows), count), np.nan)
         for i, row in enumerate(self.rows):
@@ -128,13 +137,6 @@ def _is_number(cell: str) -> bool:
     except ValueError:
         return False
     return True
-
-
-def refuse_twice(file: str, names: list[str]) -> None:
-    """Reject a duplicate column."""
-    used = [name for name in names if name]
-    if len(set(used)) != len(used):
-        raise SceneError(f"{file}: duplicate column; found: {first_names(used, MOST_NAMES)}")
 
 
 def check_times(name: str, t: np.ndarray) -> None:

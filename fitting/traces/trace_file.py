@@ -19,7 +19,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.files import atomic_write
 from dropper_jax.base.markdown import first_names
-from fitting.traces.csv_table import MOST_NAMES, check_times, read_csv, refuse_twice
+from fitting.traces.csv_table import MOST_NAMES, check_times, read_csv
 from fitting.traces.trace import Trace, check_shapes, check_trace, convention
 
 #: Names of columns.
@@ -98,9 +98,7 @@ def read_trace(
     table = read_csv(path, "t, theta_1..n", renamed, lambda names: _how_to_rename(names, links))
     if renamed:
         table = table._replace(names=[name if COLUMN_NAME.fullmatch(name) else "" for name in table.names])
-    refuse_twice(path.name, table.names)
-    values = dict(zip(table.names, table.numbers(), strict=True))
-    values.pop("", None)  # columns that are not used
+    values = table.columns()
     if partial and any(name.startswith("theta_") for name in values):
         for name in column_names("theta", links or 0):
             values.setdefault(name, np.full(len(table.rows), np.nan))

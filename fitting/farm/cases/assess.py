@@ -43,7 +43,7 @@ def assess(site: Site, folder: str | Path, step: Table | None = None) -> Table:
         cases.append({**_labels(site, storm), "runs": len(good), "failed": len(bad)})
         if not good:
             continue
-        cases[-1] |= _position_results(site, storm, runs, good)
+        cases[-1] |= _position_results(site, storm, good)
         for part in site.parts:
             rows[part.name].append(_part_row(site, part, storm, runs, good))
         for number, name in enumerate(fixed):
@@ -92,7 +92,7 @@ def _labels(site: Site, storm: Storm) -> Table:
     }
 
 
-def _position_results(site: Site, storm: Storm, runs: CaseStore, good: Sequence[Found]) -> Table:
+def _position_results(site: Site, storm: Storm, good: Sequence[Found]) -> Table:
     """Maximum excursion [m] over the lines of the exclusion zone, depths of the backbone at rest [m], breaks."""
     found: Table = {"broken": sum(len(run["broken"]) for run in good)}
     own = site.run_of(storm)
@@ -203,18 +203,14 @@ def _assess_point(name: str, anchor: Anchor | None, rows: list[Table]) -> Table:
             return row["total_n"]["value"]
         return row["utilisation"]
 
-    found = {
+    return {
         "point": name,
-        "anchor": None,
+        "anchor": None if anchor is None else anchor.name,
         "cases": rows,
         "worst": max(rows, key=load, default=None),
         "uplift_deg": max(column(rows, "uplift_deg"), default=None),
-        "allowed_uplift_deg": None,
+        "allowed_uplift_deg": None if anchor is None else anchor.table.uplift,
     }
-    if anchor is not None:
-        found["anchor"] = anchor.name
-        found["allowed_uplift_deg"] = anchor.table.uplift
-    return found
 
 
 def _assess_part(part: Part, rows: list[Table], site: Site, step: Table | None) -> Table:

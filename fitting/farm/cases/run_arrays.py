@@ -76,18 +76,17 @@ class LoadStatistics:
 
     def collect(self) -> Found:
         """Arrays of the whole run; cycles are omitted if the package that counts them is not installed."""
-        counted = {}
-        with suppress(SceneError):
-            for name, parts in self.series.items():
-                counted |= _cycles(name, np.concatenate(parts))
-        return {
+        found = {
             "largest": self.largest,
             "when": self.when,
             "mean": self.total / max(self.samples, 1),
             "excursion": self.excursion,
             "held_loads": np.concatenate(self.loads),
-            **counted,
         }
+        with suppress(SceneError):
+            for name, parts in self.series.items():
+                found |= _cycles(name, np.concatenate(parts))
+        return found
 
 
 def _cycles(name: str, tension: np.ndarray) -> Found:

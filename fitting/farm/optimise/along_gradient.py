@@ -26,18 +26,21 @@ def check_along(design: Design, say: Progress = silent) -> GradientCheck:
     """Two runs of a window along the gradient of its highest peak, by 0.5 % of the variables' ranges, at the start of a
     design: the worst window."""
     say(0.0, "two runs along the gradient")
+    found = [_check_window(design, window) for window in first_windows(design)]
+    return max(found, key=lambda one: np.nan_to_num(along_error(one), nan=np.inf))
+
+
+def _check_window(design: Design, window: Window) -> GradientCheck:
+    """Two runs of one window."""
+    peaks = design.window(design.start, window)
+    (slopes,) = design.slopes([peaks], silent)
+    highest = np.argmax(peaks.hard)
     span = np.array([v.span for v in design.variables])
-    found = []
-    for window in first_windows(design):
-        peaks = design.window(design.start, window)
-        (slopes,) = design.slopes([peaks], silent)
-        highest = np.argmax(peaks.hard)
 
-        def peak(x: np.ndarray, window: Window = window, highest: int = highest) -> float:
-            return design.window(np.asarray(x), window).soft[highest]
+    def peak(x: np.ndarray) -> float:
+        return design.window(np.asarray(x), window).soft[highest]
 
-        found.append(check_gradient(peak, design.start, slopes[highest, : len(span)], span))
-    return max(found, key=lambda one: np.nan_to_num(abs(one.ratio - 1.0), nan=np.inf))
+    return check_gradient(peak, design.start, slopes[highest, : len(span)], span)
 
 
 def first_windows(design: Design) -> list[Window]:

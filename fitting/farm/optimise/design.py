@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,21 +17,18 @@ import numpy as np
 from dropper_jax.base.errors import Progress, SceneError
 from dropper_jax.base.parallel_runs import run_parallel
 from dropper_jax.base.records import names_of
-from dropper_jax.model import State
 from dropper_jax.scene.run import DEFAULT_ACCURACY
-from fitting.farm.optimise.broken_link import link_of, masked_still
-from fitting.farm.optimise.equilibria import Rest, solve_rest
 from fitting.farm.optimise.full_storm import Storms, full_storm
 from fitting.farm.optimise.goals import DepthUtilisation, Goals, check_depths
 from fitting.farm.optimise.maxima_weights import check_seeds, weights
 from fitting.farm.optimise.models import ASSUMPTIONS, Still, idle, sea_of, shifted_designs, still
+from fitting.farm.optimise.run_starts import DesignCache, RunStarts
 from fitting.farm.optimise.settings import WINDOW_RAMP, SearchSettings
 from fitting.farm.optimise.storm import Peaks, WindowRun, check_windows, peaks, slopes
 from fitting.farm.optimise.strength import over_strength, strength_of
 from fitting.farm.optimise.values import Values
 from fitting.farm.optimise.variables import Variable, with_design
-from fitting.farm.optimise.window_runs import WindowRuns
-from fitting.farm.optimise.windows import RunStart, Window
+from fitting.farm.optimise.windows import Window, WindowRuns
 from fitting.farm.site import Case, Site, Storm
 from fitting.farm.site.site import LONGEST_INTERVAL
 
@@ -40,10 +38,11 @@ DIFFERENCE_STEP = 2e-3
 
 
 class Design:
-    """The problem; stores the equilibria of the last design, from which the next ones are solved.
+    """The problem.
 
     Attributes:
         start: the design at the start (p,).
+        starts: of the runs of any design.
         quantities: that apply to storms, by kind of state (`Storm.kind`).
 
     Raises:
@@ -66,9 +65,8 @@ class Design:
         )
         self._strength = [strength_of(part, site.scene) for part in site.parts]
         self._compiled: set[tuple[str, str]] = set()
-        self._near: dict[object, State] = {}
-        self._x = np.zeros(0)
-        self._of_current: dict[object, Any] = {}
+        self._of_scene = DesignCache()
+        self.starts = RunStarts(self.calm, self.variables)
         first = still(self.calm, self.variables, self.start, self.cases[0].storm)
         check_windows(first.model)
         check_depths(goals.depths, first.model)
@@ -82,42 +80,6 @@ class Design:
         if named:
             raise SceneError(f"variable: {', '.join(named)} moves nothing. Use numbers that do")
 
-    def _of_design(self, x: np.ndarray, key: object, make: Callable[[], Any]) -> Any:
-        """A property of a design, made once until another design is asked for."""
-        if not np.array_equal(x, self._x):
-            self._x = np.array(x)
-            self._of_current = {}
-        if key not in self._of_current:
-            self._of_current[key] = make()
-        return self._of_current[key]
-
-    def run_start(self, x: np.ndarray, storm: Storm, starts_broken: bool = False) -> RunStart:
-        """Start of a window: calm model and equilibrium of a design in the current and level of a load case.
-
-        Args:
-            starts_broken: whether a line that breaks is missing from the start on; otherwise all lines are intact
-                there.
-        """
-        key = (*storm.still, storm.state, starts_broken)
-        return self._of_design(x, key, lambda: self._make_start(x, storm, starts_broken, key))
-
-    def _make_start(self, x: np.ndarray, storm: Storm, starts_broken: bool, key: object) -> RunStart:
-        """The start of a window, whose equilibrium is stored under a key."""
-        if storm.broken is None:
-            found = still(self.calm, self.variables, x, storm)
-            return RunStart(found, self._rest(found, key))
-        whole = self.run_start(x, replace(storm, broken=None))
-        parted = masked_still(whole.still, link_of(whole.still.model, storm.broken))
-        if starts_broken:
-            return RunStart(parted, self._rest(parted, key), parted)
-        return RunStart(masked_still(whole.still, None), whole.rest, parted)
-
-    def _rest(self, found: Still, key: object) -> Rest:
-        """The equilibrium, solved from the last one under this key."""
-        own = solve_rest(found, self._near.get(key))
-        self._near[key] = own.state
-        return own
-
     def count_limited(self, kind: str) -> int:
         """Number of quantities with a limit: all but a motion that is the objective."""
         objective = self.goals.objective.of == "motion" and kind == "intact"
@@ -129,14 +91,13 @@ class Design:
         Returns:
             (1 + parts,) and the derivatives by the variables (1 + parts, p).
         """
-
-        def differentiate() -> tuple[np.ndarray, np.ndarray]:
+        found = self._of_scene.at(x)
+        if not found:
             slopes = []
             for distance, higher, lower in shifted_designs(self.variables, x):
                 slopes.append((self._evaluate_scene(higher) - self._evaluate_scene(lower)) / distance)
-            return self._evaluate_scene(x), np.stack(slopes, axis=1)
-
-        return self._of_design(x, "scene", differentiate)
+            found["constraints"] = (self._evaluate_scene(x), np.stack(slopes, axis=1))
+        return found["constraints"]
 
     def _evaluate_scene(self, x: np.ndarray) -> np.ndarray:
         """Material, then the strength of each part over that at the start (1 + parts,)."""
@@ -146,7 +107,7 @@ class Design:
 
     def depths(self, x: np.ndarray, storm: Storm) -> list[DepthUtilisation]:
         """Depths of a design at rest, all lines intact, in the water of a load case."""
-        start = self.run_start(x, replace(storm, broken=None))
+        start = self.starts.at(x, replace(storm, broken=None))
         found = []
         for depth in self.goals.depths:
             r = np.asarray(start.rest.state.r)
@@ -158,7 +119,7 @@ class Design:
         storm = window.case.storm
         scene = with_design(self.calm.scene, self.variables, x)
         sea = sea_of(self.calm, scene, window.case, WINDOW_RAMP, window.begin)
-        start = self.run_start(x, storm, window.starts_broken)
+        start = self.starts.at(x, storm, window.starts_broken)
         return peaks(start, sea, self.quantities[storm.kind], self.window_run, window.height)
 
     def slopes(self, found: Sequence[Peaks], say: Progress, assumptions: bool = False) -> list[np.ndarray]:
@@ -176,7 +137,7 @@ class Design:
             SceneError: a run that failed.
         """
         scene = with_design(self.site.scene, self.variables, x)
-        states = [self.run_start(x, case.storm).rest.state for case in self.cases]
+        states = [self.starts.at(x, case.storm).rest.state for case in self.cases]
 
         def run_fully(i: int) -> Storms:
             case = self.cases[i]
@@ -214,21 +175,22 @@ class Design:
         """`one` of the number of every case; a program that is not yet compiled runs alone the first time."""
         count = len(self.cases)
         found = {}
+
+        def say_done(before: int, k: int) -> None:
+            say((before + k) / count, f"{what}: {before + k} of {count}")
+
         for kind in self.site.kinds:
             own = [i for i, case in enumerate(self.cases) if case.storm.kind == kind]
-
-            def say_done(k: int, done: int = len(found)) -> None:
-                say((done + k) / count, f"{what}: {done + k} of {count}")
-
             alone = int((what, kind) not in self._compiled)
-            found |= dict(zip(own, run_parallel(one, own, say_done, alone=alone), strict=True))
+            results = run_parallel(one, own, partial(say_done, len(found)), alone=alone)
+            found |= dict(zip(own, results, strict=True))
             self._compiled.add((what, kind))
         return [found[i] for i in range(count)]
 
     def run_windows(self, x: np.ndarray, windows: Sequence[Window], say: Progress) -> WindowRuns:
         """Runs of the windows of a design, one of each case."""
         for window in windows:  # equilibria are made before threads ask for them
-            self.run_start(x, window.case.storm, window.starts_broken)
+            self.starts.at(x, window.case.storm, window.starts_broken)
         found = self._run_parallel(lambda i: self.window(x, windows[i]), "windows", say)
         return WindowRuns(x, [window.factor for window in windows], found)
 
@@ -263,7 +225,7 @@ class Design:
             shares = share[:, :, None] * np.array(slope[own])
             for q in range(self.count_limited(storm.kind)):
                 name = f"{self.quantities[storm.kind][q].name}: {storm.name}"
-                rows.append((name, share[:, q] @ peaks[:, q], shares[:, q].sum(axis=0)))
+                rows.append((name, float(share[:, q] @ peaks[:, q]), shares[:, q].sum(axis=0)))
                 by_seed[name] = seeds * shares[:, q]
         storms = {storm.still: storm for storm in self.site.storms}
         for storm in storms.values():

@@ -11,7 +11,7 @@ from dropper_jax.base.json_values import jsonable
 from dropper_jax.base.read import Table
 from dropper_jax.study.gradient_check import TRUSTED, GradientCheck
 from fitting.farm.optimise.along_gradient import along_error, along_text
-from fitting.farm.optimise.search import MAX_RESIDUAL
+from fitting.farm.optimise.search_round import MAX_RESIDUAL
 from fitting.farm.optimise.values import Dominated
 from fitting.farm.optimise.variables import Variable
 
@@ -79,7 +79,7 @@ class Optimum:
         """Plain values."""
         along = self.along
         found = {**asdict(self), "gain": self.gain, "check": along_error(along), "along": along._asdict()}
-        return {key: jsonable(value) for key, value in found.items()}
+        return jsonable(found)
 
 
 def design_warnings(

@@ -12,9 +12,11 @@ from fitting.farm.optimise.along_gradient import check_along
 from fitting.farm.optimise.design import Design
 from fitting.farm.optimise.models import ASSUMPTIONS
 from fitting.farm.optimise.optimum import CHARACTERISTIC, Optimum, design_warnings
+from fitting.farm.optimise.programme import programme
 from fitting.farm.optimise.read_goals import read_goals
-from fitting.farm.optimise.search import Search, Start, constraints_by_name, programme, run_search
+from fitting.farm.optimise.search import constraints_by_name, run_search
 from fitting.farm.optimise.search_file import digest_inputs, load_search, save_search
+from fitting.farm.optimise.search_state import Search, Start
 from fitting.farm.optimise.settings import SearchSettings
 from fitting.farm.optimise.shadow_prices import shadow_prices
 from fitting.farm.optimise.values import Values, dominated_slopes

@@ -15,7 +15,7 @@ from dropper_jax.base.json_values import jsonable
 from dropper_jax.base.read import Table
 from dropper_jax.study.gradient_check import NOT_TRUSTED, GradientCheck
 from fitting.farm.optimise.design import Design
-from fitting.farm.optimise.search import Search, Start
+from fitting.farm.optimise.search_state import Search, Start
 
 
 def save_search(file: Path | None, digest: str, search: Search, along: GradientCheck) -> None:

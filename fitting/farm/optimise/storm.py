@@ -36,8 +36,8 @@ from dropper_jax.stepping.stepper import make_stepper
 from dropper_jax.study.march import spare_rows
 from fitting.farm.optimise.models import in_waves, numbered_slopes
 from fitting.farm.optimise.quantities import LimitedSignal, Steps
+from fitting.farm.optimise.run_starts import RunStart
 from fitting.farm.optimise.settings import WINDOW_RAMP
-from fitting.farm.optimise.windows import RunStart
 from fitting.sensitivity.study_steps import find_own_lengths
 
 #: Part of a window before a line breaks.

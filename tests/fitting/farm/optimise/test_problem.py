@@ -18,15 +18,15 @@ from fitting.farm.optimise.broken_link import link_of, with_link_mask
 from fitting.farm.optimise.design import DIFFERENCE_STEP
 from fitting.farm.optimise.equilibria import near_rest, solve_rest
 from fitting.farm.optimise.models import still, still_model
+from fitting.farm.optimise.programme import programme
 from fitting.farm.optimise.quantities import Steps
 from fitting.farm.optimise.read_goals import read_goals
 from fitting.farm.optimise.run import optimise, read_problem
-from fitting.farm.optimise.search import Search, programme
+from fitting.farm.optimise.search_state import Search
 from fitting.farm.optimise.storm import Peaks, check_windows
 from fitting.farm.optimise.values import Values
 from fitting.farm.optimise.variables import read_variables
-from fitting.farm.optimise.window_runs import WindowRuns
-from fitting.farm.optimise.windows import Window
+from fitting.farm.optimise.windows import Window, WindowRuns
 from fitting.farm.site import read_site
 
 LOOPS = packaged_scene("looped-longline")
@@ -280,7 +280,7 @@ def test_capacities_that_are_the_scene_s_follow_the_design():
 def test_derivatives_of_a_constraint_are_the_mean_of_those_of_its_seeds(characteristic, monkeypatch):
     design = read_problem(changed(run={**SITE["run"], "seeds": 4, "characteristic": characteristic}))
     rng = np.random.default_rng(0)
-    start = design.run_start(design.start, design.cases[0].storm)
+    start = design.starts.at(design.start, design.cases[0].storm)
     count = len(design.quantities["intact"])
     hard = [rng.uniform(1.0, 2.0, count) for _ in design.cases]
     runs = WindowRuns(design.start, [np.ones(count) for _ in hard], [Peaks(peaks, peaks, None) for peaks in hard])

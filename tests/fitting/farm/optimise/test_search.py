@@ -12,7 +12,9 @@ from dropper_jax.base.parallel_runs import run_parallel
 from dropper_jax.study.gradient_check import GradientCheck
 from fitting.farm.optimise import along_gradient
 from fitting.farm.optimise.optimum import Optimum, design_warnings
-from fitting.farm.optimise.search import MAX_RESIDUAL, Search, measure, run_round, run_search
+from fitting.farm.optimise.search import measure, run_search
+from fitting.farm.optimise.search_round import MAX_RESIDUAL, run_round
+from fitting.farm.optimise.search_state import Search
 from fitting.farm.optimise.values import Values, dominated_slopes
 
 #: Two runs that show what the gradient predicts.

@@ -30,6 +30,7 @@ from fitting.farm.optimise.values import Values
 from fitting.farm.optimise.variables import Variable, with_design
 from fitting.farm.optimise.windows import Window, WindowRuns
 from fitting.farm.site import Case, Site, Storm
+from fitting.farm.site.case import name_waters
 from fitting.farm.site.site import LONGEST_INTERVAL
 
 #: Change of a variable up and down in derivatives of windows, relative to its range, and of the assumptions.
@@ -227,11 +228,9 @@ class Design:
                 name = f"{self.quantities[storm.kind][q].name}: {storm.name}"
                 rows.append((name, float(share[:, q] @ peaks[:, q]), shares[:, q].sum(axis=0)))
                 by_seed[name] = seeds * shares[:, q]
-        storms = {storm.still: storm for storm in self.site.storms}
-        for storm in storms.values():
-            label = ""
-            if len(storms) > 1:
-                label = f": {storm.current_name or ''} level {storm.level:+g} m"
+        storms = list({storm.still: storm for storm in self.site.storms}.values())
+        for storm, water in zip(storms, name_waters(storms), strict=True):
+            label = f": {water}" if len(storms) > 1 else ""
             rows += [(name + label, near, by) for name, near, by in self.depths(x, storm)]
         names = tuple(name for name, _, _ in rows)
         value = np.array([near for _, near, _ in rows])

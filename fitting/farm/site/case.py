@@ -153,10 +153,14 @@ class Storm:
         return INTACT if self.broken is None else BROKEN
 
     @property
+    def heading(self) -> float | None:
+        """Direction of the current [rad]; None for that of the scene."""
+        return None if self.current is None else self.current["direction"]
+
+    @property
     def still(self) -> tuple[object, ...]:
         """The values that the equilibrium depends on."""
-        heading = None if self.current is None else self.current["direction"]
-        return self.current_name, heading, self.level, self.month, self.crop
+        return self.current_name, self.heading, self.level, self.month, self.crop
 
     @property
     def name(self) -> str:
@@ -170,6 +174,16 @@ class Storm:
         if self.broken is not None:
             parts.append(f"{self.state} broken")
         return ", ".join(filter(None, parts))
+
+
+def name_waters(storms: Sequence[Storm]) -> list[str]:
+    """Names of the equilibria of load cases: current and level, and what else differs between them."""
+    names = [f"{storm.current_name or ''} level {storm.level:+g} m" for storm in storms]
+    headings = ["" if storm.heading is None else f"{np.degrees(storm.heading):g} deg" for storm in storms]
+    for values in (headings, [storm.month for storm in storms], [storm.crop for storm in storms]):
+        if len(set(values)) > 1:
+            names = [f"{name} {value}" for name, value in zip(names, values, strict=True)]
+    return names
 
 
 @dataclass(frozen=True)

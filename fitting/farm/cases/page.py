@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 
-from dropper_jax.base.markdown import bullets, cell, cells, markdown_table
+from dropper_jax.base.markdown import bullets, cell, cells, markdown_table, text_row
 from dropper_jax.base.read import Table
 from dropper_jax.base.records import column, rows_where
 from dropper_jax.plots import figures, style
@@ -124,10 +124,9 @@ def _standard(found: Table) -> str:
 
 def _factor_cells(part: Table) -> list[str]:
     """The calculation of a part's utilisation, and where its factors come from."""
-    row = part["worst"]
     calculation = "-"
-    if row is not None:
-        calculation = f"{row['factor']:g} x {row['load_n']:.0f} / {row['capacity_n']:.0f} = {row['utilisation']:.3f}"
+    if part["worst"] is not None:
+        calculation = "{factor:g} x {load_n:.0f} / {capacity_n:.0f} = {utilisation:.3f}".format_map(part["worst"])
     return [part["part"], calculation, *cells(part["factors"].values(), "")]
 
 
@@ -144,22 +143,16 @@ def _quantities(found: Table, labels: Labels) -> str:
     return "## Quantities\n\n" + markdown_table(["quantity", "value [SI]", "+- seeds", "case"], *rows)
 
 
-def _part_cells(part: Table, labels: Labels) -> list[str]:
+def _part_cells(part: Table, labels: Labels) -> tuple[str, ...]:
     """A part in its worst case."""
     row = part["worst"]
     if row is None:
-        return [part["part"], str(part["lines"]), *["-"] * 7]
-    return [
-        part["part"],
-        str(part["lines"]),
-        row["line"],
-        f"{row['load_n']:.0f}",
-        cell(row["load_error_n"], ".0f"),
-        _step_error(part["step"]),
-        f"{row['at_rest_n']:.0f}",
-        _utilisation(row),
-        labels[row["case"]],
-    ]
+        return text_row("{0[part]}|{0[lines]}|-|-|-|-|-|-|-", part)
+    error = cell(row["load_error_n"], ".0f")
+    return text_row(
+        "{0[part]}|{0[lines]}|{1[line]}|{1[load_n]:.0f}|{2}|{3}|{1[at_rest_n]:.0f}|{4}|{5}",
+        *(part, row, error, _step_error(part["step"]), _utilisation(row), labels[row["case"]]),
+    )
 
 
 def _label(case: Table) -> str:
@@ -186,23 +179,18 @@ def _utilisation(row: Table) -> str:
     return used
 
 
-def _anchor_cells(anchor: Table, labels: Labels) -> list[str]:
+def _anchor_cells(anchor: Table, labels: Labels) -> tuple[str, ...]:
     """A fixed point in its worst case."""
     row = anchor["worst"]
     if row is None:
-        return [anchor["point"], *["-"] * 6]
+        return text_row("{0[point]}|-|-|-|-|-|-", anchor)
     uplift = f"{anchor['uplift_deg']:.1f}"
     if anchor["allowed_uplift_deg"] is not None:
         uplift += f" of {anchor['allowed_uplift_deg']:g}"
-    return [
-        anchor["point"],
-        anchor["anchor"] or "not given",
-        f"{row['total_n']['value']:.0f}",
-        f"{row['upward_n']['value']:.0f}",
-        uplift,
-        _utilisation(row),
-        labels[row["case"]],
-    ]
+    return text_row(
+        "{0[point]}|{1}|{2[total_n][value]:.0f}|{2[upward_n][value]:.0f}|{3}|{4}|{5}",
+        *(anchor, anchor["anchor"] or "not given", row, uplift, _utilisation(row), labels[row["case"]]),
+    )
 
 
 def _position_lines(found: Table, labels: Labels) -> list[str]:
@@ -222,19 +210,17 @@ def _position_lines(found: Table, labels: Labels) -> list[str]:
     return lines
 
 
-def _fatigue_cells(part: Table) -> list[str]:
+def _fatigue_cells(part: Table) -> tuple[str, ...]:
     """The fatigue curve of a part, its damage and life, or why they are not known."""
     own = part["fatigue"]
     if "skipped" in own:
-        return [part["part"], own["skipped"], "-", "-", "-"]
-    curve = own["curve"]
-    return [
-        part["part"],
-        f"K = {curve['k']:g}, m = {curve['m']:g} ({curve['source']})",
-        cell(own["largest_damage_per_hour"], ".2g"),
-        own.get("why") or f"{own['damage_per_year']:.2g}",
-        cell(own["life_years"], ".3g"),
-    ]
+        return text_row("{0[part]}|{1[skipped]}|-|-|-", part, own)
+    hourly = cell(own["largest_damage_per_hour"], ".2g")
+    life = cell(own["life_years"], ".3g")
+    yearly = own.get("why") or f"{own['damage_per_year']:.2g}"
+    return text_row(
+        "{0[part]}|K = {1[k]:g}, m = {1[m]:g} ({1[source]})|{2}|{3}|{4}", part, own["curve"], hourly, yearly, life
+    )
 
 
 def _worst_cases(found: Table, labels: Labels) -> str:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dropper_jax.base.markdown import bullets, cell, markdown_table
+from dropper_jax.base.markdown import bullets, cell, markdown_table, text_row
 from dropper_jax.base.read import Table
 from dropper_jax.base.records import column
 from dropper_jax.plots import figures, style
@@ -56,21 +56,15 @@ def page(found: Table) -> str:
     return "\n\n".join(filter(None, parts)) + "\n"
 
 
-def _month_cells(row: Table) -> list[str]:
+def _month_cells(row: Table) -> tuple[str, ...]:
     """A month of the page's table."""
     change = f"{row['change']:+d}" if row["change"] else "-"
-    margins = (row["sinking_m"], row["lifting_m"])
-    return [
-        row["month"],
-        f"{row['wet_weight_n']:.0f}",
-        f"{row['need_n']:.0f}",
-        f"{row['least']} to {row['most']}",
-        str(row["floats"]),
-        change,
-        cell(row["reserve"], ".2f"),
-        f"{row['shallowest_m']:.2f} to {row['deepest_m']:.2f}",
-        *("no limit" if margin is None else f"{margin:+.2f}" for margin in margins),
-    ]
+    margins = ["no limit" if row[key] is None else f"{row[key]:+.2f}" for key in ("sinking_m", "lifting_m")]
+    return text_row(
+        "{0[month]}|{0[wet_weight_n]:.0f}|{0[need_n]:.0f}|{0[least]} to {0[most]}|{0[floats]}|{1}|{2}|"
+        "{0[shallowest_m]:.2f} to {0[deepest_m]:.2f}|{3}|{4}",
+        *(row, change, cell(row["reserve"], ".2f"), *margins),
+    )
 
 
 #: Height up to which an unlimited number of floats is drawn, over the maximum of all others.

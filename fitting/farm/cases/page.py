@@ -137,7 +137,8 @@ def _quantities(found: Table, labels: Labels) -> str:
     for name in dict.fromkeys(name for case in cases for name in case["quantities"]):
         worst = max(cases, key=lambda case: abs(case["quantities"][name]["value"]))
         value = worst["quantities"][name]
-        rows.append([name, f"{value['value']:.4g}", cell(value["error"], ".2g"), labels[worst["case"]]])
+        error = cell(value["error"], ".2g")
+        rows.append(text_row("{0}|{1[value]:.4g}|{2}|{3}", name, value, error, labels[worst["case"]]))
     if not rows:
         return ""
     return "## Quantities\n\n" + markdown_table(["quantity", "value [SI]", "+- seeds", "case"], *rows)

@@ -29,6 +29,12 @@ COLUMNS = (
     "lifting_m",
     "holds",
 )
+#: What the page says of the schedule.
+ABOUT = (
+    "Visits: {visits}, floats moved: {handled}. A float lifts {lift_n:.0f} N. The required reserve is "
+    "{wanted_reserve:g}, and floats carry at least {least_share:.0%} of their lift. Depths are those at rest below the "
+    "water's level, over all levels and currents."
+)
 
 
 def write_season(found: Table, folder: str | Path) -> dict[str, Path]:
@@ -45,10 +51,7 @@ def page(found: Table) -> str:
     head = ["month", "wet weight [N]", "to carry [N]", "allowed", "floats", "change", "reserve", "backbone [m]"]
     parts = [
         f"# Season: {found['site']}",
-        f"{verdict} Visits: {found['visits']}, floats moved: {found['handled']}. A float lifts "
-        f"{found['lift_n']:.0f} N. The required reserve is {found['wanted_reserve']:g}, and floats carry at least "
-        f"{found['least_share']:.0%} of their lift. Depths are those at rest below the water's level, over all levels "
-        "and currents.",
+        f"{verdict} {ABOUT.format_map(found)}",
         bullets(found["flags"]),
         markdown_table([*head, "to sinking [m]", "to lifting [m]"], *map(_month_cells, found["months"])),
         "![Floats and their bounds](season.png)",

@@ -228,10 +228,11 @@ def _flags(row: Table) -> list[str]:
     month = row["month"]
     flags = []
     if row["least"] > row["most"]:
-        flags.append(
-            f"{month}: the reserve needs floats: {row['least']}, and `least_share` allows {row['most']} at most. Use "
-            "smaller floats (volume), a smaller reserve or a smaller least_share"
+        line = (
+            "{month}: the reserve needs floats: {least}, and `least_share` allows {most} at most. Use smaller floats "
+            "(volume), a smaller reserve or a smaller least_share"
         )
+        flags.append(line.format_map(row))
     bad = [pose for pose in row["poses"] if pose["status"] != "ok"]
     if bad:
         flags.append(f"{month}: no equilibrium at level {bad[0]['level_m']:+g} m: its depths are unknown")

@@ -44,7 +44,7 @@ def estimate_errors(point: ChannelSolution) -> Errors:
     """
     u = uncertainty(point)
     sensitivity = _sensitivity(point)
-    verdicts = [_verdict(point, i, u.std_error[i], sensitivity[i]) for i in range(len(point.values))]
+    verdicts = [_verdict(point, i, *row) for i, row in enumerate(zip(u.std_error, sensitivity, strict=True))]
     determined, why = zip(*verdicts, strict=True)
     return Errors(**vars(u), sensitivity=sensitivity, determined=determined, why=why)
 

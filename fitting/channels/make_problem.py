@@ -18,7 +18,7 @@ from fitting.channels.free_numbers import find_free
 from fitting.channels.problem import Problem
 from fitting.channels.reading import read_data
 from fitting.parameters.names import by_full_path, default_free, full_names
-from fitting.parameters.parameter import Bounds, Priors, StartValues, adjust_parameters, with_zero_damping
+from fitting.parameters.parameter import Bounds, Parameter, Priors, StartValues, adjust_parameters, with_zero_damping
 from fitting.parameters.rig_priors import JointPrior, rig_priors
 
 #: Sections of paths that do not belong to the scene's model.
@@ -51,13 +51,7 @@ def make_problem(
         raise SceneError(f"own: {mine[0]!r}: there is only one run. Use it with 2 runs or more")
     scenes = _scenes_of_runs(scene, data)
     _check_spacing(scenes[0], data)
-    shared = find_free(scenes[0], data, [n for n in names if n not in mine])
-    split = find_free(scenes[0], data, mine, "own")
-    for p in split:
-        if p.name in names_of(shared):
-            raise SceneError(f"own: {p.name!r} is also shared; allowed: one of the two")
-    if not shared and not split:
-        raise SceneError("free: nothing is free; allowed: paths of parameters")
+    shared, split = _find_parameters(scenes[0], data, [name for name in names if name not in mine], mine)
     with_priors, known = rig_priors(scenes[0], build_model(scenes[0]), shared)
     given = by_full_path(scenes[0], start, bounds, priors, DATA_SECTIONS)
     every = adjust_parameters([*with_priors, *split], *given, wider=True)
@@ -77,6 +71,24 @@ def make_problem(
         near=tuple(initial_state(build_model(s), s.start) for s in scenes),
         known=_pad_prior(known, len(parameters)),
     )
+
+
+def _find_parameters(
+    scene: Scene, data: ChannelData, names: Sequence[str], own: Sequence[str]
+) -> tuple[tuple[Parameter, ...], tuple[Parameter, ...]]:
+    """The free parameters that all runs share, and those that each run has separately.
+
+    Raises:
+        SceneError: a name that cannot be free, one in both lists, or none at all.
+    """
+    shared = find_free(scene, data, names)
+    split = find_free(scene, data, own, "own")
+    for p in split:
+        if p.name in names_of(shared):
+            raise SceneError(f"own: {p.name!r} is also shared; allowed: one of the two")
+    if not shared and not split:
+        raise SceneError("free: nothing is free; allowed: paths of parameters")
+    return shared, split
 
 
 def _scenes_of_runs(scene: Scene, data: ChannelData) -> tuple[Scene, ...]:

@@ -235,7 +235,6 @@ def _plain_note(note: str) -> str:
 
 def _time_cells(t: np.ndarray) -> list[str]:
     """Times of a trace file with 9 digits, or with all if 9 are too few for the steps, as of seconds since 1970."""
-    t = np.asarray(t, float)
     cells = [f"{time:.9g}" for time in t]
     error = np.max(np.abs(np.array(cells, float) - t), initial=0.0)
     if error < TIME_ERROR * np.min(np.diff(t), initial=np.inf):

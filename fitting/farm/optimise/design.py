@@ -232,14 +232,12 @@ class Design:
         for storm, water in zip(storms, name_waters(storms), strict=True):
             label = f": {water}" if len(storms) > 1 else ""
             rows += [(name + label, near, by) for name, near, by in self.depths(x, storm)]
-        names = tuple(name for name, _, _ in rows)
-        value = np.array([near for _, near, _ in rows])
-        slopes = np.array([by for _, _, by in rows])
+        names, value, slopes = zip(*rows, strict=True)
         objective = float(material)
         objective_slope = of_scene[0]
         if self.goals.objective.of != "material":
             objective, objective_slope = self._largest(hard, slope)
-        return Values(objective, objective_slope, names, value, slopes, solved, by_seed)
+        return Values(objective, objective_slope, names, np.array(value), np.array(slopes), solved, by_seed)
 
     def _largest(self, hard: Sequence[np.ndarray], slope: Sequence[np.ndarray]) -> tuple[float, np.ndarray]:
         """The objective if it depends on storms: the maximum of all cases."""

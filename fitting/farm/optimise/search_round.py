@@ -168,8 +168,7 @@ class _Round:
             return None
         self.tried += 1
         x = np.clip(search.x + step.step, low, high)
-        size = np.max(np.abs(step.step) / span)
-        attempt = _Attempt(x, step.step, size, None, None, gain, -np.inf)
+        attempt = _Attempt(x, step.step, np.max(np.abs(step.step) / span), None, None, gain, -np.inf)
         row = {"round": search.round + 1, "taken": False, "reach": search.reach, "values": x.tolist()}
         runs, failure = try_design(self.design, x, self.windows, self.say)
         if runs is None:

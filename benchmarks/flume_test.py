@@ -19,7 +19,7 @@ from study import Found, command, say, seeds_of, store, versions
 
 from dropper_jax import Scene
 from fitting import fit_channels
-from fitting.channels.fit import make_problem
+from fitting.channels.make_problem import make_problem
 
 TRUTH = {"cdn": 1.4, "can": 0.9}
 START = {"cdn": 0.8, "can": 0.4}

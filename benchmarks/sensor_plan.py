@@ -12,7 +12,7 @@ import numpy as np
 from study import command, say, store
 
 from dropper_jax import load_scene
-from fitting.channels.fit import make_problem
+from fitting.channels.make_problem import make_problem
 
 SCENE, LONGEST = "dropper-release-a", 8.0
 DAMPING = ["effects.linear_damping.b_l", "effects.quadratic_damping.b_q"]

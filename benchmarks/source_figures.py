@@ -38,7 +38,7 @@ from dropper_jax.run.end_links import point_loads
 from dropper_jax.run.simulate import Solution, simulate
 from dropper_jax.study import accuracy_pictures
 from dropper_jax.study.convergence import convergence
-from fitting.traces.trace import read_trace
+from fitting.traces.trace_file import read_trace
 
 AXES = ("x", "y", "z")
 

@@ -41,11 +41,11 @@ PUBLIC = {
     "prepare": "calibration.preparation",
     "profile": "estimate.profiles",
     "read_data": "channels.reading",
-    "read_trace": "traces.trace",
+    "read_trace": "traces.trace_file",
     "simulate_truth": "traces.synthetic",
     "to_state": "traces.planar",
     "wrap": "traces.planar",
-    "write_trace": "traces.trace",
+    "write_trace": "traces.trace_file",
     "write_video": "films.video",
 }
 

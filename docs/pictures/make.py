@@ -24,7 +24,7 @@ from fitting.films.render import View, chessboards, film
 from fitting.films.video import opencv, write_video
 from fitting.sweep import open_sweep, sweep
 from fitting.traces.synthetic import Motion
-from fitting.traces.trace import write_trace
+from fitting.traces.trace_file import write_trace
 
 HERE = Path(__file__).parent
 FIGURES = HERE.parents[1] / "benchmarks" / "source_figures.py"

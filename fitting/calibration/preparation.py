@@ -37,7 +37,8 @@ from fitting.parameters.targets import RECORDING, LostTarget
 from fitting.traces.conventions import check_scale, settle_convention
 from fitting.traces.noise import noise
 from fitting.traces.planar import check_planar, pendulum_period
-from fitting.traces.trace import Trace, as_trace
+from fitting.traces.trace import Trace
+from fitting.traces.trace_file import as_trace
 
 #: One run or several: CSV files or traces.
 TracesLike = Sequence[str | Path | Trace] | str | Path | Trace

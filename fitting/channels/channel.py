@@ -67,18 +67,13 @@ class Channel(ABC):
     camera: int | None = None
 
     @classmethod
-    def make(cls, given: Given) -> Channel:
-        """The channel of a table.
+    @abstractmethod
+    def sensor_fields(cls, given: Given) -> Table:
+        """Fields by name that only this kind has, and those that give the position of the sensor.
 
         Raises:
             SceneError: a position that the scene does not have, or columns that do not fit.
         """
-        return cls(**given.common, **cls.sensor_fields(given))
-
-    @classmethod
-    @abstractmethod
-    def sensor_fields(cls, given: Given) -> Table:
-        """Fields by name that only this kind has, and those that give the position of the sensor."""
 
     @abstractmethod
     def see(self, motion: SavedMotion) -> Array:

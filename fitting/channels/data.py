@@ -39,7 +39,7 @@ class Sensor:
 
 
 @dataclass(frozen=True, eq=False)
-class Run:
+class MeasuredRun:
     """One run: times (k,) [s] and values (k, m) [SI] of every channel, NaN if missing, and its own scene values."""
 
     name: str
@@ -48,6 +48,11 @@ class Run:
     own: dict[str, Any] = field(default_factory=dict)
 
 
+#: Noise of a channel with too few samples for differences, as a fraction of its standard deviation.
+UNKNOWN_NOISE_SHARE = 0.1
+#: Minimum noise as a fraction of the largest value, and of a channel that is zero [SI].
+LEAST_NOISE_SHARE = 1e-6
+LEAST_NOISE = 1e-12
 #: Minimum size of a reading for its relative noise, as a fraction of the channel's RMS: a reading of 0 is not exact.
 LEAST_READING = 0.05
 #: Values (k, m) of every run and channel, or (k, m, ...) of derivatives.
@@ -80,20 +85,19 @@ class Series:
 
 
 @dataclass(frozen=True)
-class Data:
+class ChannelData:
     """What was measured: the sensors, the cameras that time some of them, and the runs."""
 
     sensors: tuple[Sensor, ...]
     cameras: tuple[CameraSpec, ...]
-    runs: tuple[Run, ...]
+    runs: tuple[MeasuredRun, ...]
 
     def columns(self) -> list[tuple[int, int, np.ndarray, int]]:
         """Run, channel, existing samples (k,) and column of every block."""
         found = []
         for r, run in enumerate(self.runs):
             for c, y in enumerate(run.values):
-                for j, known in enumerate(np.isfinite(y).T):
-                    found.append((r, c, known, j))
+                found += [(r, c, known, j) for j, known in enumerate(np.isfinite(y).T)]
         return found
 
     def in_blocks(self, values: ByChannel) -> np.ndarray:
@@ -131,14 +135,14 @@ class Data:
         fraction of its RMS value."""
         values = [run.values[channel] for run in self.runs]
         sizes = np.concatenate([noise_by_differences(y) for y in values])
-        level = max(float(np.nanmax(np.abs(y))) for y in values)
-        spread = max(float(np.nanstd(y, axis=0).max()) for y in values)
-        size = 0.1 * spread  # too few samples for differences
+        level = max(np.nanmax(np.abs(y)) for y in values)
+        spread = max(np.nanstd(y, axis=0).max() for y in values)
+        size = UNKNOWN_NOISE_SHARE * spread
         if np.isfinite(sizes).any():
-            size = float(np.nanmedian(sizes))
-        size = max(size, 1e-6 * level, 1e-12)
+            size = np.nanmedian(sizes)
+        size = max(size, LEAST_NOISE_SHARE * level, LEAST_NOISE)
         if self.sensors[channel].relative and level > 0.0:
-            size /= float(np.sqrt(np.nanmean(np.concatenate(values) ** 2)))
+            size /= np.sqrt(np.nanmean(np.concatenate(values) ** 2))
         return size
 
 

@@ -21,7 +21,7 @@ from fitting.channels.setup import Setup
 
 
 @dataclass(frozen=True)
-class Plan:
+class RunPlan:
     """Static settings of a run: scheme, kind of start, channels, and number of saved states."""
 
     stepper: Stepper
@@ -33,7 +33,7 @@ class Plan:
     every: int
 
 
-def start_state(plan: Plan, setup: Setup, near: State) -> State:
+def start_state(plan: RunPlan, setup: Setup, near: State) -> State:
     """The start, which follows the model: a static pose is solved from a nearby one, angles keep their values.
 
     `initial_state` also gives the first tensions, whose derivatives compile three times as long.
@@ -62,7 +62,7 @@ def at_times(y: Array, first: Array, spacing: Array, t: Array) -> Array:
 
 
 def observe_channels(
-    plan: Plan, setup: Setup, near: State, dt: Array, times: tuple[Array, ...]
+    plan: RunPlan, setup: Setup, near: State, dt: Array, times: tuple[Array, ...]
 ) -> tuple[tuple[Array, ...], State, Array]:
     """Channel values at the stamps `times`, (k, m) each [SI]; the start; the first failed step (-1: none)."""
     model = setup.model
@@ -84,10 +84,7 @@ def observe_channels(
             clock = setup.clocks[channel.camera]
             when = clock.rate * stamps - clock.delay
         when = jnp.maximum(when - reading.delay, 0.0)
-        if channel.of_tension:
-            first = spacing * (1 - early)
-        else:
-            first = channel.margin * spacing
+        first = spacing * (1 - early) if channel.of_tension else channel.margin * spacing
         perfect = channel.mounted(reading.position, reading.turn).see(motion)
         shown.append(reading.offset + reading.gain * at_times(perfect, first, spacing, when))
     return tuple(shown), s, run.first_bad[-1]
@@ -100,7 +97,7 @@ def shift_setup(setup: Setup, tangents: Setup, e: Array) -> Setup:
 
 @cached_jit(static=("plan",), kernel=True)
 def differentiate_channels(
-    plan: Plan, setup: Setup, tangents: Setup, near: State, dt: Array, times: tuple[Array, ...]
+    plan: RunPlan, setup: Setup, tangents: Setup, near: State, dt: Array, times: tuple[Array, ...]
 ) -> tuple[tuple[Array, ...], tuple[Array, ...], State, Array]:
     """Channel values, their derivatives (k, m, directions), the start, and the first failed step."""
 

@@ -15,8 +15,8 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import State
 from dropper_jax.run.build import build_model, stepper_of
-from fitting.channels.data import ByChannel, Data, Run, Series
-from fitting.channels.observe import Plan, differentiate_channels
+from fitting.channels.data import ByChannel, ChannelData, MeasuredRun, Series
+from fitting.channels.observe import RunPlan, differentiate_channels
 from fitting.channels.setup import setup_with_directions
 from fitting.estimate.neighbour_correlation import is_correlated, lag_one_by_source
 from fitting.estimate.residuals import Residuals, Solution, Timing
@@ -77,7 +77,7 @@ class Problem(Residuals):
     freedoms: ClassVar[int] = 0
     least_variance: ClassVar[float] = 1.0
 
-    data: Data
+    data: ChannelData
     scenes: tuple[Scene, ...]
     of_run: tuple[tuple[int, ...], ...]
     plain: tuple[Parameter, ...]
@@ -171,7 +171,7 @@ class Problem(Residuals):
         for run in self.data.runs:
             times = np.concatenate(run.t)
             starts.append(times.min())
-            duration += float(np.ptp(times))
+            duration += np.ptp(times)
         number = np.broadcast_to(self.windows.run[:, None], self.windows.t.shape)
         duration *= 1 + DURATION_MARGIN
         return Timing(self.windows.t, number, self.sample_mask[..., 0], np.array(starts), duration, len(starts))
@@ -206,13 +206,13 @@ class Problem(Residuals):
         """Start of the parameters (p,)."""
         return np.array([p.value for p in self.parameters])
 
-    def plan(self, run: int) -> Plan:
+    def plan(self, run: int) -> RunPlan:
         """Static settings of a run, the same for all, so that runs of one kind share a program."""
         scene = self.scenes[run]
         settings = {}
         if not self.retries:
             settings["halvings"] = 0
-        return Plan(
+        return RunPlan(
             stepper_of(build_model(scene), scene.run, track_work=False, **settings),
             scene.start.kind,
             scene.start.zero,
@@ -224,15 +224,14 @@ class Problem(Residuals):
 
     def _saves(self) -> int:
         """Number of saved states beyond the last sample of the longest run, with delays and rates at their bounds."""
-        free = [p for p in self.parameters if isinstance(p.where, SetupTarget)]
-        delays = [p.low for p in free if p.where.field == "delay"]
-        rates = [p.high for p in free if p.where.field == "rate"]
-        given = [one.delay for one in (*self.data.sensors, *self.data.cameras)]
+        free = [(p, p.where) for p in self.parameters if isinstance(p.where, SetupTarget)]
+        rates = [p.high for p, where in free if where.field == "rate"]
         rate = max([1.0, *rates, *(camera.rate for camera in self.data.cameras)])
-        early = min([0.0, *given, *filter(np.isfinite, delays)])
-        if delays:  # those of a camera and of a channel add up
-            early *= 2
-        late = max(float(t[-1]) for run in self.data.runs for t in run.t) * rate - early
+        late = max(t[-1] for run in self.data.runs for t in run.t) * rate
+        # delays of a camera and of a channel add up
+        for section, given in (("readings", self.data.sensors), ("clocks", self.data.cameras)):
+            lowest = [p.low for p, where in free if (where.section, where.field) == (section, "delay")]
+            late -= min([0.0, *(one.delay for one in given), *filter(np.isfinite, lowest)])
         spacing = self.scenes[0].run.step * self.scenes[0].run.save_every
         margin = max(sensor.channel.margin for sensor in self.data.sensors)
         # cubics through four rows need three saved states after the last sample, and four without both margins
@@ -266,7 +265,9 @@ class Problem(Residuals):
             started.append(start)
         return self.whiten_residuals(Evaluation(shown, slopes, tuple(started), failed, unstable))
 
-    def _why_failed(self, bad: int, start: State, motion: Sequence[Array], slopes: Sequence[Array], run: Run) -> str:
+    def _why_failed(
+        self, bad: int, start: State, motion: Sequence[Array], slopes: Sequence[Array], run: MeasuredRun
+    ) -> str:
         """Why a run cannot be used, of which step number `bad` is the first that failed, -1 without any; empty if it
         can."""
         if bad >= 0:
@@ -282,7 +283,7 @@ class Problem(Residuals):
             return CHAOTIC
         return ""
 
-    def _pad_stamps(self, run: Run, dtype: jnp.dtype) -> tuple[Array, ...]:
+    def _pad_stamps(self, run: MeasuredRun, dtype: jnp.dtype) -> tuple[Array, ...]:
         """Stamps of a run's channels, the last one repeated up to the longest run's count: runs share a program."""
         padded = []
         for channel, t in enumerate(run.t):

@@ -30,7 +30,6 @@ unit = "mm"
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from itertools import chain
 from pathlib import Path
 from typing import NamedTuple
 
@@ -38,12 +37,10 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest, unreadable
 from dropper_jax.base.read import (
-    Plain,
     Table,
     Values,
     check_keys,
     read_items,
-    read_list,
     read_table,
     read_text,
     refuse,
@@ -52,7 +49,8 @@ from dropper_jax.load.packaged import parse_toml
 from dropper_jax.scene import SceneData
 from dropper_jax.scene.fit import to_si
 from fitting.channels.channel import Channel, Given
-from fitting.channels.data import CameraSpec, Data, Run, Sensor
+from fitting.channels.data import CameraSpec, ChannelData, MeasuredRun, Sensor
+from fitting.channels.data_files import Columns, file_with_columns, read_files
 from fitting.channels.entries import (
     check_unique_names,
     optional_number,
@@ -63,7 +61,6 @@ from fitting.channels.entries import (
 )
 from fitting.channels.inertial import Accelerometer, Gyro
 from fitting.channels.sensors import Angle, Depth, Pixel, Position, Tension, read_camera
-from fitting.traces.csv_table import check_times, read_csv, refuse_twice
 
 #: Minimum number of samples of a channel.
 FEWEST_READINGS = 3
@@ -72,40 +69,6 @@ CHANNEL_CLASSES: tuple[type[Channel], ...] = (Angle, Position, Pixel, Tension, D
 KINDS = {cls.kind: cls for cls in CHANNEL_CLASSES}
 COMMON_KEYS = ("name", "kind", "column", "columns", "unit", "camera", "noise", "noise_unit", "offset", "gain", "delay")
 POSITION_KEYS = ("line", "link", "node", "end", "at", "point")
-
-
-class Columns(NamedTuple):
-    """Times (k,) [s] and columns (k,) by name."""
-
-    file: str
-    t: np.ndarray
-    values: dict[str, np.ndarray]
-
-    def find_name(self, column: str) -> str | None:
-        """The name here of a column `COLUMN` or `FILE.COLUMN`; None if it is not in this file."""
-        for name in (column, column.removeprefix(f"{Path(self.file).stem}.")):
-            if name in self.values:
-                return name
-        return None
-
-    def read(self, columns: Sequence[str], unit: str) -> tuple[np.ndarray, np.ndarray]:
-        """Times (k,) [s] and values (k, m) [SI] of columns that are in this file."""
-        found = [self.values[self.find_name(column) or column] for column in columns]
-        return self.t, to_si(1.0, unit)[0] * np.stack(found, axis=1)
-
-
-def read_columns(path: Path) -> Columns:
-    """The columns of a CSV file; lines that begin with # are comments.
-
-    Raises:
-        SceneError: a file that cannot be read, no column t, a cell that is not a number, times that do not increase.
-    """
-    table = read_csv(path, "t and those that the channels name")
-    refuse_twice(table.file, table.names)
-    values = dict(zip(table.names, table.numbers(), strict=True))
-    t = values.pop("t")
-    check_times(table.file, t)
-    return Columns(table.file, t, values)
 
 
 def read_sensor(table: Values, path: str, scene: SceneData, cameras: tuple[CameraSpec, ...]) -> Sensor:
@@ -128,8 +91,9 @@ def read_sensor(table: Values, path: str, scene: SceneData, cameras: tuple[Camer
     unit = read_unit(table, path, "unit", cls.measures)
     if cls.scalar and len(columns) != 1:
         raise SceneError(f"{path}.columns: {len(columns)} columns; allowed: 1, because this kind is a single number")
-    common = {"name": read_name(table, path), "columns": columns, "unit": unit, "camera": camera}
-    channel = cls.make(Given(table, path, common, scene, tuple(c.matrix for c in cameras)))
+    common: Table = {"name": read_name(table, path), "columns": columns, "unit": unit, "camera": camera}
+    given = Given(table, path, common, scene, tuple(c.matrix for c in cameras))
+    channel = cls(**common, **cls.sensor_fields(given))
     noise = optional_number(table, path, "noise", None, above=0.0)
     noise_unit = table.get("noise_unit", unit)
     if noise_unit != "%":
@@ -177,7 +141,7 @@ def read_run(
     folder: Path,
     sensors: tuple[Sensor, ...],
     motions: tuple[RecordedMotion, ...],
-) -> Run:
+) -> MeasuredRun:
     """A `[[run]]`: the samples of every sensor from its files in `folder`, and its own scene values.
 
     Raises:
@@ -185,7 +149,7 @@ def read_run(
             before the scene starts.
     """
     check_keys(read_table(table, path), ("file", "name", "from", "until", "scene"), path)
-    files, default = _files(require_value(table, path, "file", "a CSV, or a list of them"), path, folder)
+    files, default = read_files(require_value(table, path, "file", "a CSV, or a list of them"), path, folder)
     named = [sensor.channel.columns for sensor in sensors]
     low = optional_number(table, path, "from", -np.inf)
     high = optional_number(table, path, "until", np.inf)
@@ -195,7 +159,7 @@ def read_run(
         what = f"{path}: channel {sensor.channel.name!r}"
         columns = named[i]
         # channels with the same columns are those of the files that have them, in order, if there are as many of both
-        owner = _one_file(files, columns, what, named[:i].count(columns), named.count(columns))
+        owner = file_with_columns(files, columns, what, named[:i].count(columns), named.count(columns))
         t, y = owner.read(columns, sensor.channel.unit)
         keep = (t >= low) & (t <= high)
         if (np.isfinite(y[keep]).sum(axis=0) < FEWEST_READINGS).any():
@@ -209,58 +173,7 @@ def read_run(
     name = read_name(table, path, default)
     if "/" in name or "\\" in name:  # the fitted scene of a run is written under its name
         raise refuse(f"{path}.name", name, "cannot be used in the name of a file", "a name without a slash")
-    return Run(name, tuple(times), tuple(values), own)
-
-
-def _files(given: Plain, path: str, folder: Path) -> tuple[list[Columns], str]:
-    """The files of a run and its default name."""
-    if isinstance(given, Mapping):
-        columns = {}
-        for name, values in given.items():
-            try:
-                columns[name] = np.asarray(values, float)
-            except (TypeError, ValueError):
-                raise SceneError(f"{path}.file: {name} is not a list of numbers; allowed: numbers, or nan") from None
-        t = columns.pop("t", np.zeros(0))
-        if t.ndim != 1 or len(t) < 2:
-            raise SceneError(f"{path}.file: has no times t; allowed: at least 2")
-        check_times(f"{path}.file", t)
-        for name, column in columns.items():
-            if column.shape != t.shape:
-                raise SceneError(f"{path}.file: {name} has {column.size} values for {len(t)} times; allowed: as many")
-        return [Columns(path, t, columns)], path.replace(".", "_")
-    if isinstance(given, str):
-        return [read_columns(folder / given)], Path(given).stem
-    found = []
-    names = []
-    for i, item in enumerate(read_list(given, f"{path}.file", None, "a file or a list of files")):
-        if not isinstance(item, Mapping):
-            item = read_text(item, f"{path}.file.{i}")
-        files, name = _files(item, path, folder)
-        found += files
-        names.append(name)
-    if not found:
-        raise SceneError(f"{path}.file: is empty; allowed: a CSV, or a list of them")
-    return found, names[0]
-
-
-def _one_file(files: Sequence[Columns], columns: Sequence[str], what: str, index: int = 0, count: int = 1) -> Columns:
-    """The file that contains all of these columns: the only one, or number `index` of as many as `count`."""
-    found = [file for file in files if all(map(file.find_name, columns))]
-    if len(found) == 1 or (found and len(found) == count):
-        return found[index % len(found)]
-    if found:
-        names = ", ".join(f'"{Path(found[0].file).stem}.{column}"' for column in columns)
-        raise SceneError(
-            f"{what}: {', '.join(columns)} occurs in {len(found)} files; allowed: in one, or one channel for each of "
-            f"the files, in their order. Name the file too: [{names}]"
-        )
-    known = list(chain.from_iterable(file.values for file in files))
-    missing = columns[0]  # unless a column is in no file at all, it is not together with the others
-    for column in reversed(columns):
-        if not any(file.find_name(column) for file in files):
-            missing = column
-    raise SceneError(f"{what}: column {missing!r} is in no file with the others; {nearest(missing, known)}")
+    return MeasuredRun(name, tuple(times), tuple(values), own)
 
 
 def _recorded_motions(files: Sequence[Columns], motions: tuple[RecordedMotion, ...], path: str) -> Table:
@@ -271,7 +184,7 @@ def _recorded_motions(files: Sequence[Columns], motions: tuple[RecordedMotion, .
     paths = []
     for point, columns, unit in motions:
         what = f"{path}: motion of {point!r}"
-        t, y = _one_file(files, columns, what).read(columns, unit)
+        t, y = file_with_columns(files, columns, what).read(columns, unit)
         keep = np.isfinite(y).all(axis=1)
         if keep.sum() < FEWEST_READINGS:
             raise SceneError(f"{what} has fewer than {FEWEST_READINGS} samples; allowed: more")
@@ -286,7 +199,7 @@ def _recorded_motions(files: Sequence[Columns], motions: tuple[RecordedMotion, .
     }
 
 
-def read_data(source: str | Path | Values, scene: SceneData, folder: Path | None = None) -> Data:
+def read_data(source: str | Path | Values, scene: SceneData, folder: Path | None = None) -> ChannelData:
     """The data of a file, or of the same as plain values.
 
     Args:
@@ -313,4 +226,4 @@ def read_data(source: str | Path | Values, scene: SceneData, folder: Path | None
     check_unique_names([motion.point for motion in motions], "motion")
     runs = read_items(read_run, source.get("run", []), "run", folder or Path(), sensors, motions, needed=True)
     check_unique_names([run.name for run in runs], "run")
-    return Data(sensors, cameras, runs)
+    return ChannelData(sensors, cameras, runs)

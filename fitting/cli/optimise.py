@@ -13,7 +13,7 @@ from dropper_jax.cli.outputs import add_out, add_plot, deliver, picture
 from dropper_jax.cli.printing import FAILED, done_object, print_line, print_result, print_warnings, progress, table
 
 if TYPE_CHECKING:
-    from fitting.farm.optimise.run import Optimum
+    from fitting.farm.optimise.optimum import Optimum
 
 help = "design a farm: minimum material, load or motion within a site's limits"
 
@@ -37,7 +37,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     state = output_file(args.state, "--state", (".json",))
 
-    from fitting.farm.optimise.run import along_error, along_text, check_along, optimise, read_problem
+    from fitting.farm.optimise.along_gradient import along_error, along_text, check_along
+    from fitting.farm.optimise.run import optimise, read_problem
     from fitting.farm.site import read_site
 
     register_effects(args)
@@ -71,7 +72,8 @@ def run(args: argparse.Namespace) -> int:
 
 def text(found: Optimum) -> str:
     """The design as text: before, after, active constraints, sensitivity to assumptions."""
-    from fitting.farm.optimise.run import ACTIVE_FROM, MIN_BALANCED, along_text
+    from fitting.farm.optimise.along_gradient import along_text
+    from fitting.farm.optimise.optimum import ACTIVE_FROM, MIN_BALANCED
 
     rows = [("", "before", "after", "bounds")]
     for variable, before, after in zip(found.variables, found.before, found.after, strict=True):

@@ -15,7 +15,7 @@ from dropper_jax.cli.printing import FAILED, OK, listing, print_line, print_resu
 
 if TYPE_CHECKING:
     from fitting.films.ordering import AmbiguousOrderError
-    from fitting.films.track import Tracked
+    from fitting.films.tracked import Tracked
 
 #: Whether markers are brighter than their rim, by `--marker`.
 BRIGHT = {"bright": True, "dark": False}
@@ -76,7 +76,7 @@ def run(args: argparse.Namespace) -> int:
     from fitting.films.ordering import AmbiguousOrderError
     from fitting.films.overlay import write_overlay
     from fitting.films.track import track
-    from fitting.traces.trace import write_trace
+    from fitting.traces.trace_file import write_trace
 
     try:
         tracked = track(

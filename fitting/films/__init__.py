@@ -4,6 +4,7 @@ The steps are the lens (`calibration`), circles (`detection`), identity of the n
 (`link_angles`), and pictures for a visual check (`overlay`). `render` makes videos of a simulated run with known truth.
 """
 
-from fitting.films.track import Tracked, track
+from fitting.films.track import track
+from fitting.films.tracked import Tracked
 
 __all__ = ["Tracked", "track"]

@@ -45,7 +45,7 @@ class Lens:
     @property
     def focus(self) -> np.ndarray:
         """Focal lengths (2,) [pixel], across and down."""
-        return self.matrix[[0, 1], [0, 1]]
+        return np.diag(self.matrix)[:2]
 
     @property
     def centre(self) -> np.ndarray:
@@ -71,20 +71,24 @@ class Lens:
 
 @dataclass(frozen=True)
 class Plane:
-    """The plane of motion: metres (right, up) of straight pixels, by a homography (3, 3)."""
+    """The plane of motion: metres (right, up) of straight pixels, by a homography (3, 3).
+
+    Its third row is positive at pixels of the plane. Beyond the plane's horizon it is negative: a ray there meets the
+    plane behind the camera.
+    """
 
     homography: np.ndarray
 
     def to_metres(self, points: np.ndarray) -> np.ndarray:
-        """(..., 2) [m] of straight pixels (..., 2)."""
+        """(..., 2) [m] of straight pixels (..., 2); NaN beyond the horizon."""
         mapped = points @ self.homography[:, :2].T + self.homography[:, 2]
-        return mapped[..., :2] / mapped[..., 2:]
+        scale = mapped[..., 2:]
+        return mapped[..., :2] / np.where(scale > 0, scale, np.nan)
 
     def metres_per_pixel(self, middle: np.ndarray) -> float:
         """Scale [m] at `middle` (2,): the side of a square as large as the pixel there."""
-        there = self.to_metres(middle + np.array([[0.5, 0.0], [-0.5, 0.0], [0.0, 0.5], [0.0, -0.5]]))
-        right = there[0] - there[1]
-        down = there[2] - there[3]
+        half = 0.5 * np.eye(2)
+        right, down = self.to_metres(middle + half) - self.to_metres(middle - half)
         return float(np.sqrt(abs(right[0] * down[1] - right[1] * down[0])))
 
 
@@ -100,8 +104,8 @@ def corners(image: np.ndarray, board: tuple[int, int]) -> np.ndarray | None:
 def board_points(board: tuple[int, int], square: float) -> np.ndarray:
     """The same corners on the board, (columns x rows, 3) [m]."""
     column, row = np.meshgrid(np.arange(board[0]), np.arange(board[1]))
-    corners = np.stack([column.ravel(), row.ravel(), np.zeros(column.size)], axis=1)
-    return corners.astype(np.float32) * np.float32(square)
+    points = np.stack([column.ravel(), row.ravel(), np.zeros(column.size)], axis=1)
+    return points.astype(np.float32) * np.float32(square)
 
 
 def calibrate(pictures: Sequence[str | Path], board: tuple[int, int] = (9, 6)) -> Lens:
@@ -113,17 +117,17 @@ def calibrate(pictures: Sequence[str | Path], board: tuple[int, int] = (9, 6)) -
     Raises:
         SceneError: too few pictures with a board, sizes that differ, an error above one pixel, no convergence.
     """
-    images = [(Path(path).name, read_image(path)) for path in pictures]
-    sizes = {image.shape for _, image in images}
+    images = list(map(read_image, pictures))
+    sizes = {image.shape for image in images}
     if len(sizes) > 1:
         raise SceneError(f"calibration: pictures of different sizes, {sorted(sizes)}; allowed: one size, the video's")
-    found = [there for _, image in images if (there := corners(image, board)) is not None]
+    found = [there for image in images if (there := corners(image, board)) is not None]
     if len(found) < MIN_PICTURES:
         raise SceneError(
             f"calibration: a board of {board[0]} x {board[1]} inner corners found in {len(found)} of {len(images)} "
             f"pictures, fewer than {MIN_PICTURES}. Use more pictures, or --board with the number of corners"
         )
-    size = images[0][1].shape[::-1]
+    size = images[0].shape[::-1]
     lens = _lens(found, board, size)
     if lens is None:
         raise SceneError("calibration: did not converge. Use pictures at several slants and positions")
@@ -179,6 +183,8 @@ def plane_from_board(
         straight = lens.straighten(found)
         middle = lens.centre
     homography, _ = opencv().findHomography(straight, board_points(board, square)[:, :2].astype(float))
+    # OpenCV's sign is that of the picture's first pixel, which may lie beyond the horizon
+    homography *= np.sign(homography[2] @ [*straight[0], 1.0])
     return Plane(_level_homography(homography, middle))
 
 

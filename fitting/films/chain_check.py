@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from fitting.films.flattening import robust_lengths
+from fitting.films.lengths import robust_lengths
 from fitting.films.marks import Marks, off_cubic
 from fitting.traces.trace import FEWEST_SAMPLES
 
@@ -39,13 +39,13 @@ def why_no_chain(positions: np.ndarray, marks: Marks, error: np.ndarray) -> str:
     """
     _, length, deviation = robust_lengths(positions)
     change = deviation / np.maximum(length, 1e-9)
-    worst = int(np.argmax(change))
+    worst = np.argmax(change)
     if change[worst] > LENGTH_CHANGE:
         return f"link {worst + 1} changes its length by {100 * change[worst]:.2g} %"
-    share = float(marks.frames.mean())
+    share = marks.frames.mean()
     if share > MARKED_SHARE:
         return f"nodes swap, jump or violate the lengths of their links in {100 * share:.0f} % of the frames"
-    if jerk := _why_jerky(positions, float(np.mean(length))):
+    if jerk := _why_jerky(positions, np.mean(length)):
         return jerk
     for j, column in enumerate(error.T, 1):
         known = column[np.isfinite(column)]
@@ -67,10 +67,10 @@ def _why_jerky(positions: np.ndarray, length: float) -> str:
         here = positions[frames, k]
         off, apart = off_cubic(frames, here)
         near = apart == 2
-        spread = float(np.sqrt(np.var(here, axis=0).sum()))
+        spread = np.sqrt(np.var(here, axis=0).sum())
         if near.sum() < FEWEST_SAMPLES or not spread > 0:
             continue
-        ratio = float(np.median(off[near])) / spread
+        ratio = np.median(off[near]) / spread
         low, high = np.percentile(here, (2, 98), axis=0)
         if ratio > MAX_JERK and np.linalg.norm(high - low) > MOVES_BY * length:
             return f"node {k} jumps from frame to frame"

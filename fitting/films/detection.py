@@ -13,8 +13,10 @@ from itertools import product
 
 import numpy as np
 
+from fitting.films.lengths import MEDIAN_TO_DEVIATION
 from fitting.films.video import opencv
 
+#: Number of rays around a circle.
 RAYS = 48
 #: Distance of samples along a ray [pixel].
 RAY_STEP = 0.5
@@ -24,10 +26,33 @@ RADII = tuple(map(float, np.geomspace(2.5, 40.0, 14)))
 RESPONSE_RADIUS = 1.15
 #: Minimum fraction of rays that show an edge.
 SHOWN_RAYS = 0.55
-#: Maximum radius of a circle over the usual one [-].
+#: Minimum answer of a seed, over that of the weakest of the markers from which the appearance was learned.
+SEED_ANSWER = 0.35
+#: Minimum answer of markers over the median of the other spots. Noise reaches 1.3, and discs of 10 grey levels in noise
+#: of 5 give 13.
+CLEAR_ANSWER = 2.0
+#: Minimum answer of a spot [grey].
+LEAST_ANSWER = 2.0
+#: Length of a ray, and its parts inside and outside the rim between which the edge is half way [radius].
+RAY_LENGTH = 1.8
+INSIDE_UNTIL = 0.5
+OUTSIDE = (1.25, 1.6)
+#: Standard deviation of an edge point [pixel].
+EDGE_NOISE = 0.1
+#: Standard deviation of radii [radius], and a value that fixes them.
+RADIUS_SPREAD = 0.04
+FIXED_RADIUS = 1e-4
+#: Maximum distance of an edge point from the usual radius [radius].
+FARTHEST_EDGE = 0.6
+#: Fraction of used rays below which an obstacle hides part of the rim.
+WHOLE_RIM = 0.95
+#: Shift of the centre over the change of the radius at such an obstacle: 0.9 to 2 behind posts.
+HIDDEN_SHIFT = 1.2
+#: Minimum and maximum radius of a circle over the usual one [-].
+SMALLEST_RADIUS = 0.85
 LARGEST_RADIUS = 1.35
 #: Minimum contrast of a circle over the usual one [-].
-MIN_CONTRAST = 0.85
+MIN_CONTRAST = 0.6
 
 
 @dataclass(frozen=True)
@@ -58,7 +83,7 @@ class Circles:
         return Circles(*(getattr(self, f.name)[which] for f in fields(self)))
 
 
-NONE = Circles(np.zeros((0, 2)), *[np.zeros(0)] * 4)
+NO_CIRCLES = Circles(np.zeros((0, 2)), *[np.zeros(0)] * 4)
 
 
 def learn_appearance(
@@ -72,7 +97,7 @@ def learn_appearance(
         answers = _spots(image, size, shade)[1]
         if len(answers) >= nodes and answers[nodes - 1] > best.answer:
             best = MarkerAppearance(RESPONSE_RADIUS * size, shade, float(answers[nodes - 1]))
-    if best.answer < 2.0:  # grey levels above the noise
+    if best.answer < LEAST_ANSWER:
         return replace(best, answer=0.0)
     for _ in range(3):  # the search radius for the rim depends on the radius
         fitted = detect(image, best)
@@ -91,15 +116,16 @@ def learn_appearance(
 
 def stands_out(image: np.ndarray, appearance: MarkerAppearance, nodes: int) -> bool:
     """Whether the `nodes` strongest spots are clearly stronger than the many similar ones of noise."""
-    answers = _spots(image, appearance.radius, appearance.bright)[1][2 * nodes :]
-    # noise reaches 1.3 times the other spots' answer, discs of 10 grey levels in noise of 5 give 13
-    return appearance.answer > 0 and (len(answers) < 2 * nodes or appearance.answer > 2.0 * float(np.median(answers)))
+    others = _spots(image, appearance.radius, appearance.bright)[1][2 * nodes :]
+    if len(others) < 2 * nodes:
+        return appearance.answer > 0
+    return appearance.answer > CLEAR_ANSWER * float(np.median(others))
 
 
 def detect(image: np.ndarray, appearance: MarkerAppearance) -> Circles:
     """Circles that look like markers."""
     where, answers = _spots(image, appearance.radius, appearance.bright)
-    return _at(image, appearance, where[answers > 0.35 * appearance.answer])
+    return _at(image, appearance, where[answers > SEED_ANSWER * appearance.answer])
 
 
 def detect_at(image: np.ndarray, appearance: MarkerAppearance, guesses: np.ndarray) -> Circles:
@@ -115,7 +141,7 @@ def _at(image: np.ndarray, appearance: MarkerAppearance, seeds: np.ndarray) -> C
     smooth = opencv().GaussianBlur(image, (0, 0), 0.8).astype(np.float32)
     for _ in range(2):
         if not len(seeds):
-            return NONE
+            return NO_CIRCLES
         circles = _fit(smooth, seeds, appearance)
         seeds = circles.centre
     return _distinct(circles, appearance)
@@ -146,12 +172,12 @@ def _fit(image: np.ndarray, seeds: np.ndarray, appearance: MarkerAppearance) -> 
     """A circle around each seed (m, 2); those without enough of an edge are omitted."""
     angle = 2 * np.pi * np.arange(RAYS) / RAYS
     ray = np.column_stack([np.cos(angle), np.sin(angle)])
-    along = np.arange(0.0, 1.8 * appearance.radius + RAY_STEP, RAY_STEP)
+    along = np.arange(0.0, RAY_LENGTH * appearance.radius + RAY_STEP, RAY_STEP)
     edge, contrast = _edges(_brightness(image, seeds, ray, along), along, appearance)
     centre, radius, error, used = _circle(edge, ray, appearance.radius)
     size = radius / appearance.radius
-    good = (used >= SHOWN_RAYS) & (size > MIN_CONTRAST) & (size < LARGEST_RADIUS)
-    good &= (np.hypot(*centre.T) < appearance.radius) & (contrast > 0.6 * appearance.contrast)
+    good = (used >= SHOWN_RAYS) & (size > SMALLEST_RADIUS) & (size < LARGEST_RADIUS)
+    good &= (np.hypot(*centre.T) < appearance.radius) & (contrast > MIN_CONTRAST * appearance.contrast)
     return Circles(seeds + centre, error, radius, used, contrast).pick(good)
 
 
@@ -172,8 +198,8 @@ def _edges(light: np.ndarray, along: np.ndarray, appearance: MarkerAppearance) -
     if not appearance.bright:
         light = -light
     at = along / appearance.radius
-    inside = np.median(light[..., at <= 0.5], axis=(1, 2))
-    outside = np.median(light[..., (at > 1.25) & (at < 1.6)], axis=(1, 2))
+    inside = np.median(light[..., at <= INSIDE_UNTIL], axis=(1, 2))
+    outside = np.median(light[..., (at > OUTSIDE[0]) & (at < OUTSIDE[1])], axis=(1, 2))
     contrast = inside - outside
     over = light - (0.5 * (inside + outside))[:, None, None]
     last = np.argmin(over > 0, axis=2)  # the first sample beyond the edge
@@ -189,41 +215,42 @@ def _circle(edge: np.ndarray, ray: np.ndarray, usual: float) -> tuple[np.ndarray
     """Centres (m, 2) relative to the seeds, radii, standard errors [pixel], fractions of rays used.
 
     To first order in the offset c, an edge point lies at `radius + c . ray` along its ray; the radius is known to a few
-    per cent from the other circles. The sum of absolute deviations is minimised (by reweighting), so that the edge of a
-    post that cuts off up to a third of the rays has no influence. Rays beyond three standard deviations are rejected.
+    per cent from the other circles.
     """
-    # standard deviation of an edge point [pixel]
-    edge_noise = 0.1
     design = np.column_stack([ray, np.ones(RAYS)])
-    known = np.isfinite(edge)
-    value = np.where(known, edge, usual) - usual
-    free, fixed = (np.diag([1e-9, 1e-9, 1 / (spread * usual) ** 2]) for spread in (0.04, 1e-4))  # spread of radii
-    near = known & (np.abs(value) < 0.6 * usual)
-    weight = near / edge_noise**2
-    for _ in range(8):
-        off, found = _solve(design, weight, value, fixed)
-        weight = near / (edge_noise * np.maximum(np.abs(off), edge_noise))
-    off = np.where(near, np.abs(off), np.nan)
-    off[~near.any(axis=1)] = np.inf
-    spread = 1.4826 * np.nanmedian(off, axis=1, keepdims=True)
-    used = off < np.maximum(3 * spread, 2 * edge_noise)
-    off, found = _solve(design, used / edge_noise**2, value, free)
+    value = np.where(np.isfinite(edge), edge, usual) - usual
+    used = _rim_rays(np.isfinite(edge) & (np.abs(value) < FARTHEST_EDGE * usual), design, value, usual)
+    off, found = _solve(design, used / EDGE_NOISE**2, value, RADIUS_SPREAD * usual)
     count = used.sum(axis=1)
     variance = (used * off**2).sum(axis=1) / np.maximum(count - 2, 1)
     inverse = np.linalg.inv(np.einsum("mr,ri,rj->mij", used, ray, ray) + 1e-9 * np.eye(2))
     # neighbouring rays share pixels: at most one independent edge point per pixel of the rim
     shared = max(1.0, RAYS / (2 * np.pi * usual))
     error = np.sqrt(shared * variance * 0.5 * np.trace(inverse, axis1=1, axis2=2))
-    # an obstacle that hides part of the rim shifts the centre by as much as it reduces the radius (behind posts by 0.9
-    # to 2 times as much)
-    error = np.where(count < 0.95 * RAYS, np.hypot(error, 1.2 * found[:, 2]), error)
+    # an obstacle that hides part of the rim shifts the centre and reduces the radius
+    error = np.where(count < WHOLE_RIM * RAYS, np.hypot(error, HIDDEN_SHIFT * found[:, 2]), error)
     return found[:, :2], usual + found[:, 2], np.maximum(error, 1e-3), count / RAYS
 
 
-def _solve(
-    design: np.ndarray, weight: np.ndarray, value: np.ndarray, prior: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Deviations (m, rays) and coefficients (m, 3) of weighted least squares."""
+def _rim_rays(near: np.ndarray, design: np.ndarray, value: np.ndarray, usual: float) -> np.ndarray:
+    """Which rays (m, rays), of those whose edge is `near` the usual radius, show the rim.
+
+    The sum of absolute deviations is minimised (by reweighting), so that the edge of a post that cuts off up to a third
+    of the rays has no influence. Rays beyond three standard deviations are rejected.
+    """
+    weight = near / EDGE_NOISE**2
+    for _ in range(8):
+        off, _ = _solve(design, weight, value, FIXED_RADIUS * usual)
+        weight = near / (EDGE_NOISE * np.maximum(np.abs(off), EDGE_NOISE))
+    off = np.where(near, np.abs(off), np.nan)
+    off[~near.any(axis=1)] = np.inf
+    spread = MEDIAN_TO_DEVIATION * np.nanmedian(off, axis=1, keepdims=True)
+    return off < np.maximum(3 * spread, 2 * EDGE_NOISE)
+
+
+def _solve(design: np.ndarray, weight: np.ndarray, value: np.ndarray, spread: float) -> tuple[np.ndarray, np.ndarray]:
+    """Deviations (m, rays) and coefficients (m, 3) of weighted least squares, with the `spread` [pixel] of radii."""
+    prior = np.diag([1e-9, 1e-9, 1 / spread**2])  # the centre is free
     normal = np.einsum("mr,ri,rj->mij", weight, design, design) + prior
     found = np.linalg.solve(normal, np.einsum("mr,ri,mr->mi", weight, design, value)[..., None])[..., 0]
     return value - found @ design.T, found

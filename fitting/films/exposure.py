@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from fitting.films.flattening import MEDIAN_TO_DEVIATION, link_lengths
+from fitting.films.lengths import MEDIAN_TO_DEVIATION, link_lengths
 from fitting.films.tracked_chain import TrackedChain
 
 #: Number of samples from which a link is used: its mean length is subtracted from them.
@@ -32,8 +32,8 @@ def remove_blur(found: TrackedChain) -> TrackedChain:
     """The positions corrected for a long exposure, with the exposure that the lengths show."""
     positions = found.where_detected(found.flat)
     share = exposure_share(positions)
-    shift = share * second_differences(positions)
-    return replace(found, flat=found.flat - shift, exposure=float(np.sqrt(24 * share)))
+    flat = found.flat - share * second_differences(positions)
+    return replace(found, flat=flat, exposure=float(np.sqrt(24 * share)))
 
 
 def second_differences(positions: np.ndarray) -> np.ndarray:
@@ -64,9 +64,9 @@ def exposure_share(positions: np.ndarray) -> float:
     weight = np.ones_like(x)
     share = 0.0
     for _ in range(REWEIGHTINGS):
-        share = float(np.sum(weight * x * y) / np.sum(weight * x**2))
+        share = np.sum(weight * x * y) / np.sum(weight * x**2)
         off = np.abs(y - share * x)
-        scale = MEDIAN_TO_DEVIATION * float(np.median(off)) + MIN_SCALE
+        scale = MEDIAN_TO_DEVIATION * np.median(off) + MIN_SCALE
         weight = np.minimum(1.0, OUTLYING_DEVIATIONS * scale / np.maximum(off, MIN_DEVIATION))
     error = scale / np.sqrt(np.sum(weight * x**2))
     if not share > SIGNIFICANT_ERRORS * error:  # true for NaN as well

@@ -13,8 +13,10 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from fitting.films.detection import Circles
-from fitting.films.flattening import Flat, flatten, robust_lengths
+from fitting.films.flat_map import Flat
+from fitting.films.flattening import flatten
 from fitting.films.identity import follow, length_errors
+from fitting.films.lengths import robust_lengths
 from fitting.films.marks import find_marks
 from fitting.films.missed_circles import fill_missed
 from fitting.films.ordering import (
@@ -34,6 +36,14 @@ from fitting.films.tracked_chain import TrackedChain, reverse_chain
 
 #: Changes [tolerances] up to which another order is equally good.
 AS_GOOD = 3.0
+#: Tolerance of a length [pixel] and as a fraction of it in such an order, once the plane is known, and its minimum over
+#: the usual change of the chain's own links, of which at most 1 pixel counts.
+ORDER_CHANGE = 0.05
+ORDER_CHANGE_SHARE = 0.0005
+OWN_CHANGES = 2.0
+#: Variation of the length of a link that is never detected, and noise of a length [pixel].
+UNKNOWN_SPREAD = 3.0
+LENGTH_NOISE = 0.3
 #: Maximum number of orders that are looked for.
 MAX_ORDERS = 50
 #: Change of a length [pixel] up to which a row of markers is one line of links.
@@ -61,6 +71,8 @@ def follow_film(
     Raises:
         SceneError: no chain, or no circles at `start`; AmbiguousOrderError: several orders fit.
     """
+    # circles beyond the horizon of the plane are not in it
+    circles = [each.pick(np.all(np.isfinite(flat(each.centre)), axis=1)) for each in circles]
     centres = [each.centre for each in circles]
     mapped = map_centres(centres, flat)
     straight = False
@@ -128,41 +140,47 @@ def _learn(tracks: np.ndarray, chain: Chain, still: np.ndarray, order: bool) -> 
         still: nodes that rest (n,).
         order: whether the order of the nodes is learned too.
     """
-    path = np.arange(len(still))
-    changed = False
+    own = np.arange(len(still))
+    path = own
     if order and len(still) > 2:
-        best, *others = _orders(tracks, still) or [path]
-        if others:
-            line = on_a_line(tracks)
-            if line is not None:
-                best = line
-        if not np.array_equal(best, path) and not np.array_equal(best[::-1], path):
-            path = best
-            changed = True
+        path = _best_path(tracks, still)
     tracks = tracks[:, path]
     detected = np.isfinite(tracks[..., 0])
     length, new, spread = robust_lengths(tracks)
     known = np.isfinite(length).any(axis=0)
     new = np.where(known, new, chain.length)
-    spread = np.where(known, spread, 3.0)
+    spread = np.where(known, spread, UNKNOWN_SPREAD)
     # from the frame that shows all nodes with the best-fitting lengths
-    off = np.nan_to_num(np.abs(length - new) / np.hypot(0.3, spread), nan=np.inf).max(axis=1)
+    off = np.nan_to_num(np.abs(length - new) / np.hypot(LENGTH_NOISE, spread), nan=np.inf).max(axis=1)
     at = int(np.argmin(off)) if np.isfinite(off.min()) else chain.at
     if not detected[at].all():
         return chain, False
-    changed = changed or bool((np.abs(new - chain.length) > length_errors(chain)).any()) or at != chain.at
     # a node that is hidden most of the time may have been mistaken for a resting reflection
     held = still[path] & (detected.mean(axis=0) > 0.5)
-    changed = changed or (held.any() and chain.held is None)
+    other_lengths = (np.abs(new - chain.length) > length_errors(chain)).any()
+    other_rest = held.any() and chain.held is None
+    changed = bool(other_lengths or other_rest) or at != chain.at or not np.array_equal(path, own)
     return Chain(tracks[at], new, 2 * spread, at, rates(tracks, at), held), changed
+
+
+def _best_path(tracks: np.ndarray, still: np.ndarray) -> np.ndarray:
+    """The best order of the nodes: of several, that along a line on which they lie; not the reverse of their own."""
+    own = np.arange(len(still))
+    best, *others = _orders(tracks, still) or [own]
+    if others:
+        line = on_a_line(tracks)
+        if line is not None:
+            best = line
+    if np.array_equal(best[::-1], own):
+        return own
+    return best
 
 
 def _orders(tracks: np.ndarray, still: np.ndarray) -> list[np.ndarray]:
     """The best orders of all nodes in which links keep their lengths as well as those of the chain."""
     change, mean = changes(tracks)
     own = float(np.median(np.diagonal(change, 1)))
-    # tolerance [pixel, fraction, deviations of the chain's own links] once the plane is known
-    ratio = change / np.maximum(2.0 * min(own, 1.0), np.hypot(0.05, 0.0005 * mean))
+    ratio = change / np.maximum(OWN_CHANGES * min(own, 1.0), np.hypot(ORDER_CHANGE, ORDER_CHANGE_SHARE * mean))
     return [path for _, path in paths(ratio, still, len(still), AS_GOOD, MAX_ORDERS)]
 
 

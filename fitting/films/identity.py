@@ -18,8 +18,11 @@ from fitting.films.ordering import Chain, distances
 
 #: Fastest step before any was observed, in mean links.
 FIRST_STEP = 0.3
-#: Change per step before any rate is known, in mean links.
+#: Change per step before any rate is known, in mean links, and its minimum [pixel].
 FIRST_CHANGE = 0.12
+LEAST_FIRST_CHANGE = 4.0
+#: Fraction of the fastest step that is kept in every frame.
+FASTEST_DECAY = 0.95
 #: Fraction of the last step by which a node may be off.
 STEP_SHARE = 0.05
 #: Fraction of the last change of a step by which a node may be off.
@@ -34,6 +37,8 @@ LARGEST_MISS = 30.0
 LOST_COST = 16.0
 #: Cost of a node that reappears away from its expected position, in squared standard deviations.
 RETURN_COST = 12.0
+#: Error of a length [standard deviations] up to which a link confirms that a node reappears.
+CONFIRMED_DEVIATIONS = 3.0
 #: Minimum error of an expected position [pixel].
 POSITION_ERROR = 1.5
 #: Error of a bridged position that continues at its rate [pixel].
@@ -67,7 +72,7 @@ class Follower:
         self.lost = np.zeros(len(chain.positions), int)
         self.held = np.zeros(len(chain.positions), bool) if chain.held is None else chain.held
         self.last_positions = chain.positions
-        self.fastest = FIRST_STEP * float(np.mean(chain.length))
+        self.fastest = FIRST_STEP * np.mean(chain.length)
         self.length_error = length_errors(chain)
 
     def expected_positions(self) -> np.ndarray:
@@ -90,7 +95,7 @@ class Follower:
     def _errors(self) -> np.ndarray:
         """Errors (n,) [pixel] of the expected positions, which grow with the rate and while a node is lost."""
         step = np.linalg.norm(self._differences(1), axis=1)
-        change = max(4.0, FIRST_CHANGE * float(np.mean(self.chain.length)))
+        change = max(LEAST_FIRST_CHANGE, FIRST_CHANGE * np.mean(self.chain.length))
         if len(self.past) > 2:
             change = np.linalg.norm(self._differences(2), axis=1)
         moving = (POSITION_ERROR + STEP_SHARE * step + CHANGE_SHARE * change) * (1.0 + self.lost)
@@ -105,7 +110,7 @@ class Follower:
         positions[detected] = centres[found[detected]]
         positions = self._bridge(positions, ~detected & ~self.held)
         steady = np.linalg.norm(positions - self.past[0], axis=1)[detected & (self.lost == 0)]
-        self.fastest = max(0.95 * self.fastest, float(steady.max(initial=0.0)))
+        self.fastest = max(FASTEST_DECAY * self.fastest, steady.max(initial=0.0))
         self.last_positions = np.where(detected[:, None], positions, self.last_positions)
         self.lost = np.where(detected, 0, self.lost + 1)
         self.past = [positions, *self.past[:2]]
@@ -134,7 +139,7 @@ class Follower:
             if far[k, found[k]]:
                 links = [j for j in (k - 1, k) if 0 <= j < len(pair) and found[j] >= 0 and found[j + 1] >= 0]
                 costs = [pair[j, found[j], found[j + 1]] for j in links]
-                if max(costs, default=np.inf) > 3.0**2:  # standard deviations of a length
+                if max(costs, default=np.inf) > CONFIRMED_DEVIATIONS**2:
                     found[k] = -1
         return found
 
@@ -211,7 +216,7 @@ def _viterbi(unary: np.ndarray, pair: np.ndarray) -> tuple[float, np.ndarray]:
         total = cost[:, None] + step
         back.append(np.argmin(total, axis=0))
         cost = np.min(total, axis=0) + own
-    states = [int(np.argmin(cost))]
+    states = [np.argmin(cost)]
     for choice in reversed(back):
-        states.append(int(choice[states[-1]]))
-    return float(cost.min()), np.array(states[::-1])
+        states.append(choice[states[-1]])
+    return cost.min(), np.array(states[::-1])

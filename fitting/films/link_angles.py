@@ -14,8 +14,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from fitting.films.flattening import link_lengths
+from fitting.films.lengths import link_lengths
 from fitting.traces.trace import Convention, Trace
+
+#: Minimum number of valid samples of a link that show its scatter; with fewer, all detected samples are used.
+MIN_VALID = 10
+#: Number of iterations for the further variance of a link.
+ITERATIONS = 20
+#: Minimum factor on the errors of edges that scatter more than the lengths.
+SMALLEST_SCALE = 0.3
 
 
 def four_quadrant(positions: np.ndarray) -> np.ndarray:
@@ -27,14 +34,6 @@ def four_quadrant(positions: np.ndarray) -> np.ndarray:
 def angle_errors(positions: np.ndarray, error: np.ndarray) -> np.ndarray:
     """Standard errors (k, n - 1) [rad] from those of the positions (k, n), in the same unit: across the link."""
     return np.sqrt(error[:, 1:] ** 2 + error[:, :-1] ** 2) / np.maximum(link_lengths(positions), 1e-12)
-
-
-#: Minimum number of valid samples of a link that show its scatter; with fewer, all detected samples are used.
-MIN_VALID = 10
-#: Number of iterations for the further variance of a link.
-ITERATIONS = 20
-#: Minimum factor on the errors of edges that scatter more than the lengths.
-SMALLEST_SCALE = 0.3
 
 
 def estimate_angle_errors(positions: np.ndarray, fit_error: np.ndarray, used: np.ndarray) -> np.ndarray:
@@ -67,7 +66,7 @@ def estimate_angle_errors(positions: np.ndarray, fit_error: np.ndarray, used: np
         excess = _excess_variance(off, variance)
         scale = 1.0
         if excess < 0:  # edges that scatter more than the lengths share pixels: the lengths are right
-            scale = max(SMALLEST_SCALE, float(np.sqrt(np.mean(np.minimum(off / variance, 1.0)))))
+            scale = max(SMALLEST_SCALE, np.sqrt(np.mean(np.minimum(off / variance, 1.0))))
         errors[:, link] = np.sqrt((scale * errors[:, link]) ** 2 + max(excess, 0.0))
     return errors
 
@@ -77,10 +76,10 @@ def _excess_variance(off: np.ndarray, variance: np.ndarray) -> float:
 
     By iteration with the weights of the last a; negative if the lengths scatter less than v.
     """
-    excess = float(np.mean(off))
+    excess = np.mean(off)
     for _ in range(ITERATIONS):
         weight = 1 / (variance + max(excess, 0.0)) ** 2
-        excess = float(np.sum(weight * (off - variance)) / np.sum(weight))
+        excess = np.sum(weight * (off - variance)) / np.sum(weight)
     return excess
 
 

@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 from scipy.ndimage import find_objects, label, maximum_filter, median_filter
 
-from fitting.films.flattening import robust_lengths
 from fitting.films.identity import follow
+from fitting.films.lengths import robust_lengths
 from fitting.films.ordering import Chain, distances, fast_step, rates
 
 #: Deviation of a length beyond which it is wrong, in robust deviations.
@@ -35,8 +35,15 @@ JUMP_DEVIATIONS = 8.0
 SMALLEST_JUMP = 0.15
 #: Number of samples before and after, which give the usual deviation of a position from its neighbours in time.
 NEIGHBOURS = 8
-#: A node cannot move by more than 1.5 fast steps and this number of links.
+#: Maximum distance of the inner neighbours in time from which a jump is detected [frame].
+FARTHEST_NEIGHBOURS = 8
+#: A node cannot move by more than this number of fast steps and of links.
+FAST_STEPS = 1.5
 SPARE_STEP = 0.2
+#: Maximum number of samples of an unreachable run.
+LONGEST_RUN = 6
+#: Number of frames without errors from which nodes are named again, if any stretch has as many.
+LONG_STRETCH = 12
 
 
 @dataclass(frozen=True)
@@ -100,7 +107,7 @@ def find_marks(positions: np.ndarray, detected: np.ndarray) -> Marks:
     swapped = _swapped_names(known, length, usual, deviation) & ~near.any(axis=2)
     # samples that are already marked must not make their neighbours in time look wrong
     wrong = swapped | _ends_of(length)
-    jumped = _jumps(np.where(wrong[..., None], np.nan, known), float(np.median(usual)))
+    jumped = _jumps(np.where(wrong[..., None], np.nan, known), np.median(usual))
     return Marks(swapped, jumped, length)
 
 
@@ -111,7 +118,7 @@ def _swapped_names(positions: np.ndarray, wrong: np.ndarray, usual: np.ndarray, 
     parts = stretches(np.all(detected, axis=1) & ~np.any(wrong, axis=1))
     if not parts:
         return np.zeros_like(swapped)
-    long = min(12, max(part.stop - part.start for part in parts))
+    long = min(LONG_STRETCH, max(part.stop - part.start for part in parts))
     middles = [(part.start + part.stop) // 2 for part in parts if part.stop - part.start >= long]
     centres = [here[known] for here, known in zip(positions, detected, strict=True)]
     circle = np.where(detected, np.cumsum(detected, axis=1) - 1, -2)
@@ -137,7 +144,7 @@ def _jumps(positions: np.ndarray, length: float) -> np.ndarray:
             limit = np.maximum(JUMP_DEVIATIONS * usual, SMALLEST_JUMP * length * (apart / 2) ** 2)
             # if neighbouring samples all look wrong, the worst one is: the others are checked without it
             worst = maximum_filter(off / limit, 5, mode="nearest")
-            now = (off > limit) & (off / limit >= worst) & (apart <= 8)
+            now = (off > limit) & (off / limit >= worst) & (apart <= FARTHEST_NEIGHBOURS)
             if not now.any():
                 break
             result[frames[now], k] = True
@@ -148,15 +155,15 @@ def _out_of_reach(positions: np.ndarray, length: float) -> np.ndarray:
     """Short runs of samples (k, n) that no node can have reached, also across gaps."""
     detected = np.isfinite(positions[..., 0])
     result = np.zeros_like(detected)
-    fastest = 1.5 * fast_step(positions)
+    fastest = FAST_STEPS * fast_step(positions)
     if not fastest:
         return result
     for k in range(detected.shape[1]):
         frames = np.flatnonzero(detected[:, k])
-        way = np.linalg.norm(np.diff(positions[frames, k], axis=0), axis=-1)
-        broken = np.flatnonzero(way > fastest * np.diff(frames) + SPARE_STEP * length) + 1
+        moved = np.linalg.norm(np.diff(positions[frames, k], axis=0), axis=-1)
+        broken = np.flatnonzero(moved > fastest * np.diff(frames) + SPARE_STEP * length) + 1
         for run in np.split(frames, broken):
-            if len(run) <= 6 and len(run) < len(frames) / 2:
+            if len(run) <= LONGEST_RUN and len(run) < len(frames) / 2:
                 result[run, k] = True
     return result
 

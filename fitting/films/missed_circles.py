@@ -91,7 +91,7 @@ def _assign_circles(found: TrackedChain, i: int, error: np.ndarray, flat: np.nda
             if 0 <= j < len(length_error) and found.detected[i, other]:
                 miss = np.linalg.norm(flat - found.flat[i, other], axis=1) - found.chain.length[j]
                 cost = np.maximum(cost, np.abs(miss) / length_error[j])
-        best = int(np.argmin(cost))
+        best = np.argmin(cost)
         if cost[best] < ACCEPTED_DEVIATIONS:
             found.flat[i, k] = flat[best]
             found.pixels[i, k] = circles.centre[best]

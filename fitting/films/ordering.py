@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from fitting.films.flattening import spread_out
+from fitting.films.video import spread_out
 
 #: Maximum number of steps in the search for paths.
 MAX_PATH_STEPS = 40_000
@@ -33,6 +33,15 @@ LENGTH_CHANGE = 0.5
 CHANGE_SHARE = 0.01
 #: Durations [s] of the stretches of the film in which a chain is looked for, one after the other.
 DURATIONS = (1.0, 2.0, 4.0)
+#: Minimum number of frames of such a stretch, and maximum number of stretches of one duration.
+FEWEST_FRAMES = 20
+MAX_STRETCHES = 16
+#: Maximum number of spots among which a chain is looked for, those that are seen most often.
+MAX_SPOTS = 13
+#: Changes of a length [tolerances] up to which two spots may be joined, tried in this order.
+JOINED_CHANGES = (2.0, 4.0, 8.0)
+#: Change of a length that is never seen [pixel].
+UNKNOWN_CHANGE = 1e6
 #: Sum of squared changes [tolerances] by which the second best path must be worse.
 CLEARLY_BEST = 9.0
 #: Motion [radius] below which a marker hangs on a fixed end or on the wall. The second is used if the first leaves too
@@ -122,15 +131,16 @@ def _alone(positions: np.ndarray) -> np.ndarray:
     return apart.min(axis=1)
 
 
-def best_chain(tracks: np.ndarray, nodes: int, radius: float, at: int = 0) -> tuple[Chain | None, float]:
+def best_chain(tracks: np.ndarray, nodes: int, radius: float, at: int) -> tuple[Chain | None, float]:
     """The chain with the smallest change of its lengths, and the margin to the next best chain.
 
     Args:
         tracks: (k, m, 2) [pixel] from `follow_unnamed`.
         nodes: markers of the chain.
+        at: frame of the chain's positions.
     """
     share = np.isfinite(tracks[..., 0]).mean(axis=0)
-    often = np.argsort(-share, kind="stable")[:13]
+    often = np.argsort(-share, kind="stable")[:MAX_SPOTS]
     enough = (share[often] >= OFTEN_SEEN) | ((np.arange(len(often)) < nodes) & (share[often] >= SELDOM_SEEN))
     tracks = tracks[:, often[enough]]
     if tracks.shape[1] < nodes:
@@ -138,15 +148,14 @@ def best_chain(tracks: np.ndarray, nodes: int, radius: float, at: int = 0) -> tu
     change, mean = changes(tracks)
     still = resting(tracks, radius, nodes)
     ratio = change / np.hypot(LENGTH_CHANGE, CHANGE_SHARE * mean)
-    # changes [tolerances] up to which a step may be a link, tried in this order
-    for worst in (2.0, 4.0, 8.0):
+    for worst in JOINED_CHANGES:
         found = paths(ratio, still, nodes, worst)
         if found:
             cost, path = found[0]
             next_best = found[1][0] if len(found) > 1 else worst**2
             pairs = (path[:-1], path[1:])
             chain = Chain(tracks[at, path], mean[pairs], change[pairs], at, rates(tracks[:, path], at))
-            return chain, float(next_best - cost)
+            return chain, next_best - cost
     return None, 0.0
 
 
@@ -164,35 +173,41 @@ def clearest_chain(frames: list[np.ndarray], nodes: int, radius: float, fps: flo
     """The chain of the stretch of the film that determines it most clearly, with its frame in `at`."""
     best = None
     clear = -np.inf
-    counts = np.array(list(map(len, frames)))
     for duration in DURATIONS:
-        size = min(len(frames), max(20, round(duration * fps)))
-        for start in spread_out(len(frames) - size + 1, 16):
-            # a frame with at least as many circles as nodes, the one in which most others agree
-            here = counts[start : start + size]
-            if here.max(initial=0) < nodes:
-                continue
-            enough = np.flatnonzero(here == np.bincount(here[here >= nodes]).argmax())
-            middle = int(enough[np.argmin(np.abs(enough - size // 2))])
-            part = frames[start : start + size]
-            before = follow_unnamed(part[: middle + 1][::-1], 0)[::-1]
-            tracks = np.concatenate([before, follow_unnamed(part, middle)[1:]])
-            chain, margin = best_chain(tracks, nodes, radius, middle)
+        size = min(len(frames), max(FEWEST_FRAMES, round(duration * fps)))
+        for start in spread_out(len(frames) - size + 1, MAX_STRETCHES):
+            chain, margin = _chain_of_stretch(frames[start : start + size], nodes, radius)
             if chain is not None and margin > clear and np.isfinite(chain.positions).all():
-                best = replace(chain, at=int(start) + middle)
+                best = replace(chain, at=start + chain.at)
                 clear = margin
         if clear >= CLEARLY_BEST or size == len(frames):
             break
     return best
 
 
+def _chain_of_stretch(frames: list[np.ndarray], nodes: int, radius: float) -> tuple[Chain | None, float]:
+    """The chain of one stretch of the film, and the margin to the next best one."""
+    counts = np.array(list(map(len, frames)))
+    if counts.max(initial=0) < nodes:
+        return None, 0.0
+    # from a frame with at least as many circles as nodes, a number that most others have too
+    enough = np.flatnonzero(counts == np.bincount(counts[counts >= nodes]).argmax())
+    middle = enough[np.argmin(np.abs(enough - len(frames) // 2))]
+    before = follow_unnamed(frames[: middle + 1][::-1], 0)[::-1]
+    tracks = np.concatenate([before, follow_unnamed(frames, middle)[1:]])
+    return best_chain(tracks, nodes, radius, middle)
+
+
 def changes(tracks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Robust deviation and median (m, m) [pixel] of the distances of all pairs; 1e6 if rarely detected together."""
+    """Robust deviation and median (m, m) [pixel] of the distances of all pairs.
+
+    The deviation of a pair that is rarely detected together is `UNKNOWN_CHANGE`.
+    """
     apart = distances(tracks, tracks)
     few = np.isfinite(apart).sum(axis=0) < max(2, min(10, len(tracks) // 8))
     apart = np.where(few, 0.0, apart)
     low, middle, high = np.nanpercentile(apart, (5, 50, 95), axis=0)
-    return np.where(few, 1e6, 0.5 * (high - low)), middle
+    return np.where(few, UNKNOWN_CHANGE, 0.5 * (high - low)), middle
 
 
 def resting(tracks: np.ndarray, radius: float, nodes: int) -> np.ndarray:
@@ -214,9 +229,7 @@ def paths(
         ratio: (m, m) changes of the distances [tolerances]; steps above `worst` are not links.
         still: (m,) spots that rest: ends only, and never joined with each other.
     """
-    near = []
-    for i, row in enumerate(ratio):
-        near.append([int(j) for j in np.argsort(row) if row[j] <= worst and j != i])
+    near = [np.argsort(row)[: np.sum(row <= worst)].tolist() for row in ratio]
     found: list[tuple[float, tuple[int, ...]]] = []
     stack: list[tuple[float, tuple[int, ...]]] = [(0.0, (i,)) for i in reversed(range(len(ratio)))]
     for _ in range(MAX_PATH_STEPS):
@@ -232,7 +245,7 @@ def paths(
         # the nearest spot is tried first
         for j in reversed(near[path[-1]]):
             if j not in path and not (still[j] and (len(path) < nodes - 1 or still[path[-1]])):
-                stack.append((cost + float(ratio[path[-1], j] ** 2), (*path, j)))
+                stack.append((cost + ratio[path[-1], j] ** 2, (*path, j)))
     return [(cost, np.array(path)) for cost, path in found]
 
 

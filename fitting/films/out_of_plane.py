@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from fitting.films.flattening import link_lengths
+from fitting.films.lengths import length_statistics
 
 #: Relative standard deviation of a link's length that is reported as motion out of the plane: a swing of 0.1 rad.
 OUT_OF_PLANE = 0.003
@@ -31,7 +31,7 @@ def changing_lengths(flat: np.ndarray, used: np.ndarray) -> tuple[str, ...]:
         used: (k, n - 1), frames in which a link is detected.
     """
     away = out_of_plane(flat, used)
-    worst = int(np.argmax(away))
+    worst = np.argmax(away)
     if away[worst] > OUT_OF_PLANE:
         return (
             f"motion out of the plane: link {worst + 1} seems to change its length by {100 * away[worst]:.2g} %, which "
@@ -39,22 +39,13 @@ def changing_lengths(flat: np.ndarray, used: np.ndarray) -> tuple[str, ...]:
         )
     mean, deviation = length_statistics(flat, used)
     change = np.nan_to_num(deviation / mean)
-    worst = int(np.argmax(change))
+    worst = np.argmax(change)
     if change[worst] > CHANGING_LENGTH:
         return (
             f"link {worst + 1} changes its length by {100 * change[worst]:.2g} %: motion out of the plane, a slanting "
             "camera (--plane) or an uncalibrated lens (--calibration)",
         )
     return ()
-
-
-def length_statistics(positions: np.ndarray, used: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Mean and standard deviation (n - 1,) of the links' lengths in the frames `used` (k, n - 1); NaN without any."""
-    found = np.full((2, used.shape[1]), np.nan)
-    for j in np.flatnonzero(used.any(axis=0)):
-        length = link_lengths(positions[:, j : j + 2])[used[:, j]]
-        found[:, j] = np.mean(length), np.std(length)
-    return found[0], found[1]
 
 
 def out_of_plane(flat: np.ndarray, used: np.ndarray) -> np.ndarray:

@@ -8,10 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from dropper_jax.base.files import atomic_write
-from fitting.films.flattening import spread_out
 from fitting.films.render import in_sixteenths
-from fitting.films.track import Tracked
-from fitting.films.video import Video, opencv, write_video
+from fitting.films.tracked import Tracked
+from fitting.films.video import Video, opencv, spread_out, write_video
 
 #: Blue, green, red: links, detected and bridged nodes, text.
 LINK = (178, 114, 0)

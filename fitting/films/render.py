@@ -1,8 +1,8 @@
 """Videos of simulated runs, as a laboratory camera would record them.
 
 A pinhole camera with a bending lens looks at the plane of motion, perpendicular or slanting. Bars are grey; each node
-carries a black sticker with a bright disc. The picture is averaged over the exposure, blurred, and noisy. A fixed post
-and a moving plate are between the camera and the motion.
+carries a black sticker with a bright disc. The picture is averaged over the exposure, blurred, and noisy. A post may
+stand between the camera and the motion.
 """
 
 from __future__ import annotations
@@ -14,40 +14,29 @@ from itertools import product
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from dropper_jax.base.errors import SceneError
 from fitting.films.calibration import Lens, Plane
-from fitting.films.flattening import central_differences, rotation
+from fitting.films.flat_map import central_differences, rotation
 from fitting.films.video import opencv
 from fitting.traces.synthetic import Motion
 
-#: Grey levels of the plate and of a post before it.
+#: Grey levels of the plate, of a post before it, of bars, stickers and discs, and of a board's squares.
 PLATE = 105.0
 POST = 60.0
+BAR = 150.0
+STICKER = 22.0
+DISC = 235.0
+BLACK = 25.0
+WHITE = 225.0
+#: Thickness of a bar and radius of a sticker [radius of a disc].
+BAR_WIDTH = 1.6
+STICKER_RADIUS = 1.7
+#: Inner corners of a chessboard, columns and rows, and the side of its squares [m].
+BOARD = (9, 6)
+SQUARE = 0.03
 #: Minimum number of pictures averaged over an exposure. They are at most 1 pixel apart: a moving disc becomes a streak,
 #: not a row of discs.
 MIN_PICTURES = 5
-
-
-@dataclass(frozen=True)
-class Cover:
-    """An upright plate whose middle moves from `start` at time `begin` [s] to `stop` at `end`.
-
-    Before and after it is out of view. Positions are (x, z) [m] of the run, times count from its first frame; `size` is
-    (width, height) [m].
-    """
-
-    begin: float
-    end: float
-    start: tuple[float, float]
-    stop: tuple[float, float]
-    size: tuple[float, float]
-
-    def corners(self, t: float) -> np.ndarray | None:
-        """Its corners (4, 2) [m] in order, or None if it is out of view."""
-        share = (t - self.begin) / (self.end - self.begin)
-        if not 0 <= share <= 1:
-            return None
-        middle = np.array([1.0 - share, share]) @ [self.start, self.stop]
-        return middle + 0.5 * np.array(self.size) * [[-1, -1], [1, -1], [1, 1], [-1, 1]]
 
 
 @dataclass(frozen=True)
@@ -65,7 +54,6 @@ class View:
         post: (x, width) [m] of an upright post before the plate, or None.
         slant: (pan, pitch) [rad] of the camera, which moves around `centre` at `distance`: positive from the right and
             from above. It has no roll: its rows are level.
-        cover: a plate that moves before the motion, or None.
     """
 
     size: tuple[int, int] = (640, 480)
@@ -80,7 +68,6 @@ class View:
     hidden: tuple[tuple[int, int, int], ...] = ()
     post: tuple[float, float] | None = None
     slant: tuple[float, float] = (0.0, 0.0)
-    cover: Cover | None = None
 
     @property
     def lens(self) -> Lens:
@@ -100,10 +87,20 @@ class View:
         return rotation(*self.slant)
 
     def to_pixels(self, positions: np.ndarray) -> np.ndarray:
-        """Pixels (k, 2) of points (k, 2) (x, z) [m] in the plane."""
+        """Pixels (k, 2) of points (k, 2) (x, z) [m] in the plane.
+
+        Raises:
+            SceneError: a point that is not in front of the camera.
+        """
         flat = (positions - np.asarray(self.centre)) * [1.0, -1.0]
         ahead = flat @ self.rotation[:, :2].T + [0.0, 0.0, self.distance]
-        straight = self.focus * ahead[:, :2] / ahead[:, 2:] + self.lens.matrix[:2, 2]
+        depth = ahead[:, 2:]
+        if not (depth > 0).all():
+            raise SceneError(
+                f"view: a point is {-depth.min():.3g} m behind the camera; needed: all points in front of it "
+                "(use a larger distance or less slant)"
+            )
+        straight = self.focus * ahead[:, :2] / depth + self.lens.centre
         return self.lens.bend(straight)
 
     def stretch(self, positions: np.ndarray) -> np.ndarray:
@@ -121,15 +118,13 @@ def film(motion: Motion, view: View, fps: float, seed: int = 0) -> Iterator[np.n
         streak = view.exposure * np.linalg.norm(at(now, 1), axis=1).max() * view.pixels_per_metre
         count = max(MIN_PICTURES, int(np.ceil(streak)))
         parts = np.linspace(-0.5, 0.5, 2 * count + 1)[1::2] * view.exposure
-        shots = [_shot(view, at(now + part), hidden, i / fps + part) for part in parts]
+        shots = [_shot(view, at(now + part), hidden) for part in parts]
         yield _develop(np.mean(shots, axis=0), view, rng)
 
 
-def chessboards(
-    view: View, board: tuple[int, int] = (9, 6), square: float = 0.03, count: int = 10, seed: int = 0
-) -> Iterator[np.ndarray]:
-    """Pictures of a chessboard of `board` inner corners: the first in the plane of motion, the others slanting."""
-    rng = np.random.default_rng(seed)
+def chessboards(view: View, count: int) -> Iterator[np.ndarray]:
+    """Pictures of a chessboard of `BOARD` inner corners: the first in the plane of motion, the others slanting."""
+    rng = np.random.default_rng(0)
     turn = view.rotation
     away = np.array([0.0, 0.0, view.distance])
     for i in range(count):
@@ -139,29 +134,27 @@ def chessboards(
             # alternately to the sides, where a lens bends most; only complete boards are found
             side = 0.22 * np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]][i % 4])
             away = np.array([*side * view.size / view.focus * far, far])
-        yield _develop(_board(view, board, square, turn, away), view, rng)
+        yield _develop(_board(view, turn, away), view, rng)
 
 
-def _shot(view: View, positions: np.ndarray, hidden: list[int], t: float) -> np.ndarray:
-    """The picture of an instant: nodes at `positions` (n, 2) [m], `t` [s] after the first frame."""
+def _shot(view: View, positions: np.ndarray, hidden: list[int]) -> np.ndarray:
+    """The picture of an instant: nodes at `positions` (n, 2) [m]."""
     width, height = view.size
     image = np.full((height, width), PLATE, np.float32)
     nodes = view.to_pixels(positions)
     stretch = view.stretch(positions)
     cv2 = opencv()
-    thick = max(1, round(1.6 * view.radius * view.pixels_per_metre))
-    cv2.polylines(image, [in_sixteenths(nodes)], False, 150.0, thick, cv2.LINE_AA, 4)
+    thick = max(1, round(BAR_WIDTH * view.radius * view.pixels_per_metre))
+    cv2.polylines(image, [in_sixteenths(nodes)], False, BAR, thick, cv2.LINE_AA, 4)
     for k, position in enumerate(nodes):
-        _disc(image, position, 1.7 * view.radius, stretch[k], 22.0)
+        _disc(image, position, STICKER_RADIUS * view.radius, stretch[k], STICKER)
         if k not in hidden:
-            _disc(image, position, view.radius, stretch[k], 235.0)
+            _disc(image, position, view.radius, stretch[k], DISC)
     if view.post is not None:
         x, wide = view.post
         edges = view.to_pixels(np.array([[x - wide / 2, view.centre[1]], [x + wide / 2, view.centre[1]]]))[:, 0]
         left, right = np.maximum(np.rint(edges).astype(int), 0)
         image[:, left:right] = POST
-    if view.cover is not None and (corners := view.cover.corners(t)) is not None:
-        cv2.fillPoly(image, [in_sixteenths(view.to_pixels(corners))], POST, cv2.LINE_AA, 4)
     return image
 
 
@@ -193,7 +186,7 @@ def _develop(image: np.ndarray, view: View, rng: np.random.Generator) -> np.ndar
     return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
 
 
-def _board(view: View, board: tuple[int, int], square: float, turn: np.ndarray, shift: np.ndarray) -> np.ndarray:
+def _board(view: View, turn: np.ndarray, shift: np.ndarray) -> np.ndarray:
     """A board with a white margin, its middle at `shift` from the camera, rotated by `turn` (3, 3), along every ray."""
     fine = 3  # samples per pixel and axis, averaged; the lens is uniform within a pixel
     width, height = view.size
@@ -201,15 +194,15 @@ def _board(view: View, board: tuple[int, int], square: float, turn: np.ndarray, 
     pixels = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1)
     straight = view.lens.straighten(pixels.reshape(-1, 2)).reshape(height, width, 2)
     step = (np.arange(fine) + 0.5) / fine - 0.5
-    greys = [_squares(to_board.to_metres(straight + shifted) / square, board) for shifted in product(step, step)]
+    greys = [_squares(to_board.to_metres(straight + shifted) / SQUARE) for shifted in product(step, step)]
     return np.mean(greys, axis=0).astype(np.float32)
 
 
-def _squares(positions: np.ndarray, board: tuple[int, int]) -> np.ndarray:
+def _squares(positions: np.ndarray) -> np.ndarray:
     """Grey of the board at positions (height, width, 2) from its middle [side of a square]."""
-    size = np.array(board) + 1
+    size = np.array(BOARD) + 1
     entry = positions + size / 2
     inside = ((entry >= 0) & (entry < size)).all(axis=-1)
     margin = ((entry > -1) & (entry < size + 1)).all(axis=-1)
     black = inside & (np.floor(entry).sum(axis=-1) % 2 == 0)
-    return np.where(black, 25.0, np.where(margin, 225.0, PLATE))
+    return np.where(black, BLACK, np.where(margin, WHITE, PLATE))

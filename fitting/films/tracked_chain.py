@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fitting.films.flattening import Flat
+from fitting.films.flat_map import Flat
 from fitting.films.ordering import Chain
 
 

@@ -138,3 +138,8 @@ def write_video(path: str | Path, frames: Iterable[np.ndarray], fps: float) -> P
         writer.release()
         os.replace(part, path)
     return path
+
+
+def spread_out(count: int, most: int) -> np.ndarray:
+    """At most `most` of the numbers of `count` frames, spread evenly from the first to the last."""
+    return np.unique(np.linspace(0, count - 1, most).astype(int))[:count]

@@ -9,7 +9,7 @@ from dropper_jax.base.files import atomic_write
 from dropper_jax.base.read import Table
 from dropper_jax.base.toml_text import as_toml
 from fitting.from_file.read_file import MeasuredFile
-from fitting.traces.trace import write_trace
+from fitting.traces.trace_file import write_trace
 
 
 def write_case(folder: Path, measured: list[MeasuredFile], scene: Table, options: tuple[str, ...]) -> str:

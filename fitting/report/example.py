@@ -15,7 +15,7 @@ from fitting.calibration.fit import fit
 from fitting.calibration.result import FitResult
 from fitting.report.report import write_report
 from fitting.traces.synthetic import Camera, synthetic_traces
-from fitting.traces.trace import write_trace
+from fitting.traces.trace_file import write_trace
 
 LABEL = "the traces are synthetic: simulated with known damping and artificial noise"
 

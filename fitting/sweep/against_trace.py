@@ -26,7 +26,8 @@ from fitting.sweep.plan import STATUS, Plan
 from fitting.sweep.run import SweepResult, run_at, sweep
 from fitting.traces.conventions import check_scale, settle_convention
 from fitting.traces.planar import check_planar, wrap
-from fitting.traces.trace import Convention, Trace, as_trace, check_trace
+from fitting.traces.trace import Convention, Trace, check_trace
+from fitting.traces.trace_file import as_trace
 
 TRACE_PARTS = ("head", "middle", "tail")
 #: End of head and middle, as fractions of the trace: 12 and 25 s of the thesis' 50 s (its Figure 8.1).

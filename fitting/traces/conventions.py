@@ -29,6 +29,8 @@ from fitting.traces.trace import SIGNS, ZEROS, Convention, Trace
 #: quarter or half a turn; the mean direction of a short swing is off rest by less than the difference.
 WORSE_MISFIT = 0.3
 WORSE_RATIO = 2.0
+#: Minimum number of samples per period of the shortest link as a pendulum, for its angles and rates between them.
+FEWEST_PER_PERIOD = 6
 
 
 def settle_convention(
@@ -76,16 +78,6 @@ def check_scale(trace: Trace, model: Model, requested: Convention) -> None:
     Raises:
         SceneError: with what to change.
     """
-    _check_sampling(trace, model)
-    _check_unit(trace, model, requested.over(trace.convention).unit)
-
-
-#: Minimum number of samples per period of the shortest link as a pendulum, for its angles and rates between them.
-FEWEST_PER_PERIOD = 6
-
-
-def _check_sampling(trace: Trace, model: Model) -> None:
-    """Reject samples that are too far apart."""
     period = pendulum_period(model.line.length)
     longest = period / FEWEST_PER_PERIOD
     if trace.interval > longest:
@@ -93,6 +85,7 @@ def _check_sampling(trace: Trace, model: Model) -> None:
             f"{trace.name}: a sample every {trace.interval:g} s is too few per oscillation of {period:.2g} s; "
             f"allowed: at most {longest:.2g} s apart, times in s"
         )
+    _check_unit(trace, model, requested.over(trace.convention).unit)
 
 
 #: Rates above this multiple of sqrt(g/L) are impossible for a pendulum with angles in radians.
@@ -107,12 +100,9 @@ def _check_unit(trace: Trace, model: Model, unit: str | None) -> None:
     """
     largest = np.nanmax(np.abs(trace.theta))
     length = np.asarray(model.line.length)
-    fastest = FASTEST_RATE * np.sqrt(GRAVITY / float(np.mean(length)))
-    if unit != "deg" and _specific_energy(trace, length) > 2 * GRAVITY * float(np.sum(length)):
-        if unit is None:
-            fix = "Use --unit deg or --unit rad"
-        else:
-            fix = "The unit is rad. Use --unit deg"
+    fastest = FASTEST_RATE * np.sqrt(GRAVITY / np.mean(length))
+    if unit != "deg" and _specific_energy(trace, length) > 2 * GRAVITY * np.sum(length):
+        fix = "Use --unit deg or --unit rad" if unit is None else "The unit is rad. Use --unit deg"
         raise SceneError(f"{trace.name}: theta reaches {largest:.3g} and looks like degrees. {fix}")
     theta = trace.across_gaps(MAX_GAP_PERIODS * pendulum_period(length))
     rate = np.abs(np.diff(theta, axis=0) / np.diff(trace.t)[:, None])
@@ -143,7 +133,7 @@ def _specific_energy(trace: Trace, length: np.ndarray) -> float:
     energy = 0.5 * np.mean(np.abs(velocity) ** 2, axis=1)
     energy = energy[np.isfinite(energy)]
     if len(energy):
-        return float(np.median(energy))
+        return np.median(energy)
     return 0.0
 
 
@@ -180,7 +170,7 @@ def off_rest(theta: np.ndarray, rest: np.ndarray) -> float:
     """
     seen = np.isfinite(theta).any(axis=0)
     mean = np.angle(np.nanmean(np.exp(1j * theta[:, seen]), axis=0))
-    return float(np.sqrt(np.mean(wrap(mean - rest[seen]) ** 2)))
+    return np.sqrt(np.mean(wrap(mean - rest[seen]) ** 2))
 
 
 def missing_reach(model: Model, theta: np.ndarray) -> np.ndarray:
@@ -204,4 +194,4 @@ def _closure(model: Model, theta: np.ndarray) -> float:
     every = max(1, len(rows) // CLOSED_POSES)
     miss = np.abs(missing_reach(model, rows[::every]))
     square = np.sum(miss**2) / max(len(miss), 1) / np.sum(np.asarray(model.line.length) ** 2)
-    return min(np.pi, float(np.sqrt(square)))
+    return min(np.pi, np.sqrt(square))

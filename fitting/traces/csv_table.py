@@ -30,12 +30,21 @@ class CsvTable(NamedTuple):
     names: list[str]
     rows: list[list[str]]
 
-    def numbers(self) -> np.ndarray:
-        """The columns (columns, k).
+    def columns(self) -> dict[str, np.ndarray]:
+        """The used columns (k,) by name.
 
         Raises:
-            SceneError: a row of another length, a cell that is not a number.
+            SceneError: two columns of one name, a row of another length, a cell that is not a number.
         """
+        used = [name for name in self.names if name]
+        if len(set(used)) != len(used):
+            raise SceneError(f"{self.file}: duplicate column; found: {first_names(used, MOST_NAMES)}")
+        values = dict(zip(self.names, self._numbers(), strict=True))
+        values.pop("", None)
+        return values
+
+    def _numbers(self) -> np.ndarray:
+        """All columns (columns, k); those that are not used are NaN."""
         count = len(self.names)
         table = np.full((len(self.rows), count), np.nan)
         for i, row in enumerate(self.rows):
@@ -89,8 +98,9 @@ def read_csv(
     try:
         rows = _split(body)
     except csv.Error as error:
-        why = f"{error}; is a quotation mark not closed?"
-        raise SceneError(f"{path.name}: not a CSV file: {why} allowed: columns {columns}") from None
+        raise SceneError(
+            f"{path.name}: not a CSV file: {error}; is a quotation mark not closed? allowed: columns {columns}"
+        ) from None
     names = [name.strip() for name in rows[0]]
     if all(map(_is_number, names)):
         raise SceneError(f"{path.name}: has no header; allowed: a first row with the names of the columns, {columns}")
@@ -129,13 +139,6 @@ def _is_number(cell: str) -> bool:
     return True
 
 
-def refuse_twice(file: str, names: list[str]) -> None:
-    """Reject a duplicate column."""
-    used = [name for name in names if name]
-    if len(set(used)) != len(used):
-        raise SceneError(f"{file}: duplicate column; found: {first_names(used, MOST_NAMES)}")
-
-
 def check_times(name: str, t: np.ndarray) -> None:
     """Reject times that are missing or do not increase.
 
@@ -148,7 +151,7 @@ def check_times(name: str, t: np.ndarray) -> None:
     if len(step) and (step < 0).all():
         raise SceneError(f"{name}: t: decreases from row to row. Reverse the rows")
     if (step <= 0).any():
-        row = int(np.argmax(step <= 0)) + 2
+        row = np.argmax(step <= 0) + 2
         what = "goes back; allowed: increasing times"
         if step[row - 2] == 0:
             what = "is repeated; allowed: increasing times"
@@ -179,7 +182,7 @@ def placeholder(values: np.ndarray) -> float | None:
             continue
         off = np.abs(value - np.interp(mark, others, values[others]))
         inner = np.abs(values[others[1:-1]] - 0.5 * (values[others[:-2]] + values[others[2:]]))
-        far = max(MARK_DISTANCE * float(np.median(inner)), MARK_RANGE_SHARE * float(np.ptp(values[others])))
+        far = max(MARK_DISTANCE * np.median(inner), MARK_RANGE_SHARE * np.ptp(values[others]))
         if far > 0 and np.median(off) > far:
             return float(value)
     return None

@@ -103,7 +103,7 @@ def noise_by_differences(values: np.ndarray, t: np.ndarray | None = None) -> np.
     if t is None:
         t = np.arange(len(values))
     white = np.random.default_rng(0).standard_normal((len(values), 16))
-    return _calm_difference(values, t) / float(np.nanmean(_calm_difference(white, t)))
+    return _calm_difference(values, t) / np.nanmean(_calm_difference(white, t))
 
 
 #: Frames of a block of differences.
@@ -142,5 +142,5 @@ def _rounding(column: np.ndarray) -> float:
     steps = np.diff(np.unique(column[np.isfinite(column)]))
     steps = steps[steps > 1e-9]
     if len(steps):
-        return float(np.min(steps))
+        return np.min(steps)
     return 0.0

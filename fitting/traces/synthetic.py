@@ -67,8 +67,8 @@ def simulate_truth(
         raise SceneError("synthetic: the run of the true model failed. Use a scene that runs, or a finer step")
     free = np.concatenate([np.asarray(start.r)[None], np.asarray(trajectory.r)])
     t = np.arange(frames + 1) / rate
-    nodes_at = jax.vmap(lambda r, t: model.nodes(r, model.ends(t)))
-    return Motion(t, np.asarray(nodes_at(free, t)))
+    nodes = jax.vmap(lambda r, t: model.nodes(r, model.ends(t)))(free, t)
+    return Motion(t, np.asarray(nodes))
 
 
 @cached_jit(static=("stepper", "steps", "every"), kernel=True)

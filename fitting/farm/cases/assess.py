@@ -11,10 +11,10 @@ import numpy as np
 from dropper_jax.base.read import Table
 from dropper_jax.base.records import column
 from dropper_jax.evaluation.fatigue import YEAR, damage
-from fitting.farm.cases.case_run import Found
 from fitting.farm.cases.case_store import CaseStore
 from fitting.farm.cases.characteristic import characteristic
 from fitting.farm.cases.flags import FINAL_SEEDS, exceeds_uplift, flags_of
+from fitting.farm.cases.run_arrays import Found
 from fitting.farm.site import Anchor, Part, Site, Storm
 
 #: Below 1 % of its mean a load has no defined direction.
@@ -43,15 +43,14 @@ def assess(site: Site, folder: str | Path, step: Table | None = None) -> Table:
         cases.append({**_labels(site, storm), "runs": len(good), "failed": len(bad)})
         if not good:
             continue
-        cases[-1] |= _position_results(site, storm, runs, good)
+        cases[-1] |= _position_results(site, storm, good)
         for part in site.parts:
             rows[part.name].append(_part_row(site, part, storm, runs, good))
         for number, name in enumerate(fixed):
             loads = [run["held_loads"][:, number].astype(float) for run in good]
             by_point[name].append(_anchor_row(site, anchors.get(name), storm, loads))
-    status = "failed" if failed else "ok"
     found = {
-        "status": status,
+        "status": "failed" if failed else "ok",
         "schema": 1,
         "site": site.name,
         "scene": site.scene.name,
@@ -78,23 +77,22 @@ def assess(site: Site, folder: str | Path, step: Table | None = None) -> Table:
 
 def _labels(site: Site, storm: Storm) -> Table:
     """What distinguishes a load case from others."""
-    break_s = None if storm.broken is None else site.break_time
     return {
         "case": storm.number,
         "name": storm.name,
         "sea_state": storm.sea_state.name,
-        "direction_deg": float(np.degrees(storm.direction)),
+        "direction_deg": np.degrees(storm.direction),
         "current": storm.current_name,
         "level_m": storm.level,
         "month": storm.month,
         "crop": storm.crop,
         "return_periods": storm.periods,
         "state": storm.state,
-        "break_s": break_s,
+        "break_s": None if storm.broken is None else site.break_time,
     }
 
 
-def _position_results(site: Site, storm: Storm, runs: CaseStore, good: Sequence[Found]) -> Table:
+def _position_results(site: Site, storm: Storm, good: Sequence[Found]) -> Table:
     """Maximum excursion [m] over the lines of the exclusion zone, depths of the backbone at rest [m], breaks."""
     found: Table = {"broken": sum(len(run["broken"]) for run in good)}
     own = site.run_of(storm)
@@ -102,16 +100,16 @@ def _position_results(site: Site, storm: Storm, runs: CaseStore, good: Sequence[
         kind = own
         if not name.endswith(".max"):  # other statistics have no maximum of a storm
             kind = replace(own, characteristic="mean")
-        values = np.array([run[f"quantity:{name}"] for run in good])
-        found.setdefault("quantities", {})[name] = asdict(characteristic(values, kind))
+        value = characteristic(column(good, f"quantity:{name}"), kind)
+        found.setdefault("quantities", {})[name] = asdict(value)
     if site.exclusion is not None:
         rows = list(map(site.lines.index, site.matching(site.exclusion.lines)))
-        excursion = np.array([run["excursion"][rows].max() for run in good])
-        found["excursion_m"] = asdict(characteristic(excursion, own))
+        excursion = characteristic([run["excursion"][rows].max() for run in good], own)
+        found["excursion_m"] = asdict(excursion)
     if site.backbone is not None:
         rows = list(map(site.lines.index, site.matching(site.backbone.lines)))
         depth = good[0]["depth"][rows]
-        found["depth_m"] = [float(depth[:, 0].min()), float(depth[:, 1].max())]
+        found["depth_m"] = [depth[:, 0].min(), depth[:, 1].max()]
     return found
 
 
@@ -121,14 +119,14 @@ def _part_row(site: Site, part: Part, storm: Storm, runs: CaseStore, good: Seque
     run = site.run_of(storm)
     found = [characteristic(runs.maxima(good, name), run) for name in part.lines]
     share = np.array([load.value for load in found]) * factor / part.capacity
-    worst = int(np.argmax(share))
+    worst = np.argmax(share)
     load = found[worst]
-    capacity = float(part.capacity[worst])
+    capacity = part.capacity[worst]
     links = runs.links[part.lines[worst]]
     first = good[0]
     after_break_s = None
     if storm.broken is not None:
-        after_break_s = float(first["when"][links][np.argmax(first["largest"][links])]) - site.break_time
+        after_break_s = first["when"][links][np.argmax(first["largest"][links])] - site.break_time
     return {
         "case": storm.number,
         "line": part.lines[worst],
@@ -136,11 +134,11 @@ def _part_row(site: Site, part: Part, storm: Storm, runs: CaseStore, good: Seque
         "load_error_n": load.error,
         "interval_n": load.interval,
         "kind": load.kind,
-        "at_rest_n": float(first["rest"][links].max()),
-        "mean_n": float(np.mean([run["mean"][links].max() for run in good])),
+        "at_rest_n": first["rest"][links].max(),
+        "mean_n": np.mean([run["mean"][links].max() for run in good]),
         "capacity_n": capacity,
         "factor": factor,
-        "utilisation": float(share[worst]),
+        "utilisation": share[worst],
         "utilisation_error": load.error_of(factor / capacity),
         "after_break_s": after_break_s,
         "damage_per_hour": _damage(part, good, run.duration - run.skip),
@@ -159,7 +157,7 @@ def _damage(part: Part, good: Sequence[Found], counted: float) -> float | None:
                 return None
             whole = [np.insert(rows, 1, 0.0, axis=1).astype(float) for rows in cycles]
             found[i, j] = max(damage(rows, capacity, part.curve.k, part.curve.m) for rows in whole)
-    return float(found.mean(axis=1).max()) * 3600.0 / counted
+    return found.mean(axis=1).max() * 3600.0 / counted
 
 
 def _anchor_row(site: Site, anchor: Anchor | None, storm: Storm, loads: Sequence[np.ndarray]) -> Table:
@@ -170,17 +168,19 @@ def _anchor_row(site: Site, anchor: Anchor | None, storm: Storm, loads: Sequence
         loads: horizontal and upward loads (k, 2) [N] of each seed.
     """
     run = site.run_of(storm)
+    total = characteristic([np.hypot(*load.T).max() for load in loads], run)
+    upward = characteristic([load[:, 1].max() for load in loads], run)
     row: Table = {
         "case": storm.number,
-        "total_n": asdict(characteristic(np.array([np.hypot(*load.T).max() for load in loads]), run)),
-        "upward_n": asdict(characteristic(np.array([load[:, 1].max() for load in loads]), run)),
+        "total_n": asdict(total),
+        "upward_n": asdict(upward),
         "uplift_deg": max(map(_uplift, loads)),
         "utilisation": None,
         "utilisation_error": None,
     }
     if anchor is not None:
         factor = anchor.factor[storm.kind]
-        used = characteristic(np.array([anchor.table.utilisation(*load.T).max() for load in loads]), run)
+        used = characteristic([anchor.table.utilisation(*load.T).max() for load in loads], run)
         error = used.error_of(factor)
         row |= {"factor": factor, "utilisation": factor * used.value, "utilisation_error": error}
     return row
@@ -192,7 +192,7 @@ def _uplift(load: np.ndarray) -> float:
     loaded = load[size >= max(NO_DIRECTION * size.mean(), 1e-12)]
     if not len(loaded):
         return 0.0
-    return float(np.degrees(np.arctan2(loaded[:, 1], loaded[:, 0]).max()))
+    return np.degrees(np.arctan2(loaded[:, 1], loaded[:, 0]).max())
 
 
 def _assess_point(name: str, anchor: Anchor | None, rows: list[Table]) -> Table:
@@ -203,18 +203,14 @@ def _assess_point(name: str, anchor: Anchor | None, rows: list[Table]) -> Table:
             return row["total_n"]["value"]
         return row["utilisation"]
 
-    found = {
+    return {
         "point": name,
-        "anchor": None,
+        "anchor": None if anchor is None else anchor.name,
         "cases": rows,
         "worst": max(rows, key=load, default=None),
         "uplift_deg": max(column(rows, "uplift_deg"), default=None),
-        "allowed_uplift_deg": None,
+        "allowed_uplift_deg": None if anchor is None else anchor.table.uplift,
     }
-    if anchor is not None:
-        found["anchor"] = anchor.name
-        found["allowed_uplift_deg"] = anchor.table.uplift
-    return found
 
 
 def _assess_part(part: Part, rows: list[Table], site: Site, step: Table | None) -> Table:
@@ -254,7 +250,7 @@ def _fatigue(part: Part, rows: list[Table], site: Site) -> Table:
             by_state.setdefault(name, []).append(row["damage_per_hour"])
     if not by_state:
         return found | {"why": "no intact case is in a sea state with `hours`"}
-    yearly = sum(hours[name] * float(np.mean(own)) for name, own in by_state.items())
+    yearly = sum(hours[name] * np.mean(own) for name, own in by_state.items())
     found["damage_per_year"] = yearly
     if yearly > 0.0:
         found["life_years"] = 1.0 / yearly
@@ -294,8 +290,8 @@ def _backbone(site: Site, cases: list[Table]) -> Table | None:
 def _passes(found: Table) -> bool:
     """Whether every limit holds in every case and no run failed; `flags` report seeds and steps that do not suffice."""
     parts = [part["worst"] for part in found["parts"] if part["worst"] is not None]
-    anchors = column(found["anchors"], "worst")
-    limits = all((row["utilisation"] or 0.0) <= 1.0 for row in (*parts, *anchors, found["exclusion"]) if row)
+    rows = (*parts, *column(found["anchors"], "worst"), found["exclusion"])
+    limits = all((row["utilisation"] or 0.0) <= 1.0 for row in rows if row)
     backbone = found["backbone"] is None or found["backbone"]["holds"]
-    uplift = not any(map(exceeds_uplift, found["anchors"]))
-    return limits and backbone and uplift and not found["failed"] and bool(parts)
+    uplift = any(map(exceeds_uplift, found["anchors"]))
+    return limits and backbone and not uplift and not found["failed"] and bool(parts)

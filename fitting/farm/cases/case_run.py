@@ -1,9 +1,7 @@
-"""One run of a load case, from its scene to the stored arrays, with the statistics of its loads."""
+"""One run of a load case, from its scene to the stored arrays."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -14,152 +12,19 @@ from jax import Array
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.records import column
-from dropper_jax.evaluation.fatigue import RANGE_ROUNDING, cycles
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model, State
 from dropper_jax.run.build import build_model, initial_state, stepper_of
 from dropper_jax.run.chunks import OWN, compile_run, first_carry
-from dropper_jax.run.end_links import EndLinks, line_ends
 from dropper_jax.run.growth import overgrown
 from dropper_jax.run.observation import breaks
-from dropper_jax.run.quantities import Quantity
-from dropper_jax.run.quantity_extremes import quantity_signals
-from dropper_jax.run.quantity_names import quantity
-from dropper_jax.run.statistics import statistic
-from dropper_jax.scene import RunSpec, whole_lines
+from dropper_jax.scene import RunSpec
 from dropper_jax.statics.static_pose import equilibrium
-from dropper_jax.stepping.progress import Trajectory
+from fitting.farm.cases.run_arrays import Found, LoadStatistics, QuantityValues
 from fitting.farm.site import Case, Site, Storm
 
-#: Stored arrays of a run by name.
-Found = dict[str, np.ndarray]
 #: How a run ended, stored as the index.
 STATUS = ("ok", "not_converged", "non_finite", "invalid_input")
-
-
-class Tally:
-    """Loads of a run, chunk by chunk: extremes of links, series of fixed points, cycles of chosen links.
-
-    Args:
-        scene: with the mussels in masses and diameters.
-        skip: time at the start that is not counted [s].
-        positions: (nodes, 3) [m], the origin of excursions.
-        curved: lines whose cycles are counted, those with a fatigue curve.
-    """
-
-    def __init__(self, scene: Scene, skip: float, positions: np.ndarray, curved: Sequence[str]) -> None:
-        self.skip = skip
-        self.positions = positions
-        self.lines = whole_lines(scene)
-        self.fixed = scene.fixed_points
-        self.links = EndLinks(scene)
-        self.ends = [(self.fixed.index(point), end) for point, end in line_ends(scene) if point in self.fixed]
-        links = sum(line.links for line in scene.lines)
-        self.largest = np.full(links, -np.inf)
-        self.when = np.full(links, np.nan)
-        self.total = np.zeros(links)
-        self.samples = 0
-        self.excursion = np.zeros(len(self.lines))
-        self.loads = [np.zeros((0, len(self.fixed), 2), np.float32)]
-        self.curved = {line.name: line.links for line in self.lines if line.name in curved}
-        self.series = {name: [np.zeros((0, links), np.float32)[:, own]] for name, own in self.curved.items()}
-
-    def add(self, t: np.ndarray, positions: np.ndarray, tension: np.ndarray, largest: np.ndarray) -> None:
-        """Samples at times t (k,) [s]: nodes (k, nodes, 3) [m], tension and its maximum since the last (k, n) [N]."""
-        counts = t > self.skip
-        if not counts.any():
-            return
-        t, positions, tension, largest = (values[counts] for values in (t, positions, tension, largest))
-        top = largest.argmax(axis=0)
-        value = np.take_along_axis(largest, top[None], axis=0)[0]
-        self.when = np.where(value > self.largest, t[top], self.when)
-        self.largest = np.fmax(value, self.largest)
-        self.total += tension.sum(axis=0)
-        self.samples += len(t)
-        moved = np.linalg.norm(positions[..., :2] - self.positions[:, :2], axis=-1).max(axis=0)
-        self.excursion = np.maximum(self.excursion, [moved[line.nodes].max() for line in self.lines])
-        # horizontal and upward force of lines on fixed points
-        total = np.zeros((len(t), len(self.fixed), 3))
-        for number, end in self.ends:
-            total[:, number] += self.links.force(end, positions[:, end.nodes], largest, t)
-        loads = np.stack([np.hypot(total[..., 0], total[..., 1]), total[..., 2]], axis=-1)
-        self.loads.append(loads.astype(np.float32))
-        for name, links in self.curved.items():
-            self.series[name].append(tension[:, links].astype(np.float32))
-
-    def collect(self) -> Found:
-        """Arrays of the whole run; cycles are omitted if the package that counts them is not installed."""
-        counted = {}
-        with suppress(SceneError):
-            for name, parts in self.series.items():
-                counted |= _cycles(name, np.concatenate(parts))
-        return {
-            "largest": self.largest,
-            "when": self.when,
-            "mean": self.total / max(self.samples, 1),
-            "excursion": self.excursion,
-            "held_loads": np.concatenate(self.loads),
-            **counted,
-        }
-
-
-def _cycles(name: str, tension: np.ndarray) -> Found:
-    """Rainflow cycles of the links with the most varying and the highest tension: rows of range and count."""
-    found = {}
-    if not len(tension):
-        return found
-    picked = {int(np.argmax(tension.std(axis=0))), int(np.argmax(tension.max(axis=0)))}
-    for i, link in enumerate(sorted(picked)):
-        own = cycles(tension[:, link].astype(float))
-        own = own[own[:, 0] > RANGE_ROUNDING * float(np.abs(tension).max())]
-        found[f"cycles:{name}:{i}"] = own[:, [0, 2]].astype(np.float32)
-    return found
-
-
-class QuantityValues:
-    """Values of a site's quantities at the saved times of a run, chunk by chunk.
-
-    Attributes:
-        watch: what the run records over its steps; None for equal steps.
-    """
-
-    def __init__(self, names: Sequence[str], model: Model, start: State, run: RunSpec) -> None:
-        self.model = model
-        self.start = start
-        self.run = run
-        self.values: dict[Quantity, list[np.ndarray]] = {}
-        for name in names:
-            self.values[quantity(name, model, "quantities")] = []
-        self.watch = None
-        if run.accuracy is not None:
-            self.watch = quantity_signals(list(self.values), start.r)
-
-    def add(self, t: np.ndarray, rows: Trajectory, counts: np.ndarray) -> None:
-        """Rows of the run at times t (k,) [s], of which some count (k,)."""
-        extremes = {}
-        if self.watch is not None and rows.extremes is not None:
-            extremes = self.watch.over_steps(rows.extremes)
-        times = jnp.asarray(t, self.model.dtype)
-        for one, parts in self.values.items():
-            if one.at_rest:
-                continue
-            if one in extremes:
-                values = extremes[one]
-            else:
-                values = one.in_time(self.model, self.start.r, rows.r, rows.v, rows.tension, times, rows.parted)
-            parts.append(np.asarray(values)[counts])
-
-    def collect(self) -> Found:
-        """The statistic of each quantity, as `quantity:NAME`."""
-        found = {}
-        over_steps = self.watch is not None
-        for one, parts in self.values.items():
-            if one.at_rest:  # the start is not among the saved states
-                value = one.of_state(self.model, self.start)
-            else:
-                value = statistic(one.statistic, jnp.concatenate(parts), self.run.interval, over_steps=over_steps)
-            found[f"quantity:{one.name}"] = np.asarray(value)
-        return found
 
 
 class Rest(NamedTuple):
@@ -183,9 +48,9 @@ class Runner:
         self._rests: dict[tuple[object, ...], Rest] = {}
 
     def __call__(self, case: Case) -> Found:
-        """Arrays of a run: those of `Tally`, `quantity:NAME` of the site's quantities, `status`, `failed_at` [s],
-        `message`, `broken` (time [s] of the state's break), `rest` (n,) [N] and `depth` (lines, 2) [m], the minimum and
-        maximum depth below the level, both at rest."""
+        """Arrays of a run: those of `LoadStatistics`, `quantity:NAME` of the site's quantities, `status`, `retried`,
+        `failed_at` [s], `message`, `broken` (time [s] of the state's break), `rest` (n,) [N] and `depth` (lines, 2)
+        [m], the minimum and maximum depth below the level, both at rest."""
         try:
             return self._run(case)
         except SceneError as error:
@@ -199,52 +64,23 @@ class Runner:
         return self._scenes[key].with_values(self.site.moving_changes(case))
 
     def _run(self, case: Case) -> Found:
-        """The run of a case, chunk by chunk up to its end or its first step that fails."""
+        """The run of a case up to its end or its first step that fails."""
         scene = self.scene(case)
         model = build_model(scene)
-        stepper = stepper_of(model, scene.run, track_work=False)
         start, positions = self._rest(scene, model, case.storm)
         skip = self.site.run_of(case.storm).skip
-        tally = Tally(scene, skip, positions, self.site.curve_lines)
+        loads = LoadStatistics(scene, skip, positions, self.site.curve_lines)
         quantities = QuantityValues(self.site.quantities, model, start, scene.run)
-        carry = first_carry(stepper, model, start, scene.run)
-        run = compile_run(stepper, model, carry, scene.run, watch=quantities.watch)
-        carry = run.carry
-        done = 0
-        info = {"status": np.array(0)}
-        retried = 0
-        while done < scene.run.rows:
-            carry, rows = run.advance(carry, scene.run.rows - done, OWN)
-            t = (done + 1 + np.arange(len(rows.r))) * scene.run.interval
-            solved = np.asarray(rows.first_bad) < 0
-            good = int(np.sum(solved))
-            largest = rows.tension
-            if quantities.watch is not None and rows.extremes is not None:
-                largest = rows.extremes.largest[:, : rows.tension.shape[1]]
-            samples = (t, _nodes(model, rows.r, t), rows.tension, largest)
-            tally.add(*(np.asarray(values)[:good] for values in samples))
-            quantities.add(t, rows, solved & (t > skip))
-            done += len(t)
-            retried += int(np.sum(rows.retried[:good]))
-            if good < len(t):
-                code = "not_converged" if np.isfinite(rows.residual[good]) else "non_finite"
-                info = {"status": np.array(STATUS.index(code)), "failed_at": np.array(t[good])}
-                break
+        end, found = _advance(model, start, scene.run, skip, loads, quantities)
         broken = []
         if case.storm.broken is not None:
             entry = case.storm.broken.entry
-            parted = jax.tree.map(lambda a: a[entry : entry + 1], carry.state.parted)
+            parted = jax.tree.map(lambda a: a[entry : entry + 1], end.parted)
             broken = column(breaks(scene, parted), "time_s")
         below = case.storm.level - np.asarray(model.nodes(start.r, model.ends(start.t)))[:, 2]
-        depth = np.array([(below[line.nodes].min(), below[line.nodes].max()) for line in tally.lines])
-        found = tally.collect() | info
-        found |= {
-            "rest": np.asarray(start.tension),
-            "depth": depth,
-            "broken": np.array(broken),
-            "retried": np.array(retried),
-        }
-        return found | quantities.collect()
+        depth = [(below[line.nodes].min(), below[line.nodes].max()) for line in loads.lines]
+        found |= {"rest": np.asarray(start.tension), "depth": np.array(depth), "broken": np.array(broken)}
+        return {**loads.collect(), **found, **quantities.collect()}
 
     def _rest(self, scene: Scene, model: Model, storm: Storm) -> Rest:
         """The farm at rest in the water of a load case."""
@@ -259,6 +95,36 @@ class Runner:
                 positions = still.positions
             self._rests[key] = Rest(start, np.asarray(positions))
         return self._rests[key]
+
+
+def _advance(
+    model: Model, start: State, spec: RunSpec, skip: float, loads: LoadStatistics, quantities: QuantityValues
+) -> tuple[State, Found]:
+    """Run chunk by chunk into `loads` and `quantities`; the last state, and how the run ended."""
+    stepper = stepper_of(model, spec, track_work=False)
+    run = compile_run(stepper, model, first_carry(stepper, model, start, spec), spec, watch=quantities.watch)
+    carry = run.carry
+    done = 0
+    found = {"status": np.array(0)}
+    retried = 0
+    while done < spec.rows:
+        carry, rows = run.advance(carry, spec.rows - done, OWN)
+        t = (done + 1 + np.arange(len(rows.r))) * spec.interval
+        solved = np.asarray(rows.first_bad) < 0
+        good = int(np.sum(solved))
+        largest = rows.tension
+        if quantities.watch is not None and rows.extremes is not None:
+            largest = rows.extremes.largest[:, : rows.tension.shape[1]]
+        samples = (t, _nodes(model, rows.r, t), rows.tension, largest)
+        loads.add(*(np.asarray(values)[:good] for values in samples))
+        quantities.add(t, rows, solved & (t > skip))
+        done += len(t)
+        retried += int(np.sum(rows.retried[:good]))
+        if good < len(t):
+            code = "not_converged" if np.isfinite(rows.residual[good]) else "non_finite"
+            found = {"status": np.array(STATUS.index(code)), "failed_at": np.array(t[good])}
+            break
+    return carry.state, {**found, "retried": np.array(retried)}
 
 
 @jax.jit

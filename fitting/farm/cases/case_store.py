@@ -18,7 +18,8 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import Table
 from dropper_jax.base.store import Store, StoreStopped, read_archive, write_archive
 from dropper_jax.scene import whole_lines
-from fitting.farm.cases.case_run import STATUS, Found
+from fitting.farm.cases.case_run import STATUS
+from fitting.farm.cases.run_arrays import Found
 from fitting.farm.site import Case, Site, Storm
 
 #: Increased when older files can no longer be used.
@@ -92,9 +93,7 @@ class CaseStore(Store[Case, Found]):
         """Successful runs of a load case, and a row for every other run."""
         good = []
         bad = []
-        if seeds is None:
-            seeds = self.site.seeds
-        for seed in seeds:
+        for seed in self.site.seeds if seeds is None else seeds:
             found = self.read(Case(storm, seed)) or {}
             status = STATUS[int(found["status"])] if found else "missing"
             if status == "ok":

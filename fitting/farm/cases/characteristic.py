@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -33,7 +34,7 @@ class Characteristic:
         return scale * self.error
 
 
-def characteristic(maxima: np.ndarray, run: RunValues) -> Characteristic:
+def characteristic(maxima: Sequence[float] | np.ndarray, run: RunValues) -> Characteristic:
     """Mean of the seeds' maxima (seeds,), or the most probable maximum of a storm.
 
     The standard error of the mean is `s/sqrt(n)`. The interval of either is that of a Gumbel distribution (see
@@ -42,8 +43,8 @@ def characteristic(maxima: np.ndarray, run: RunValues) -> Characteristic:
     maxima = np.asarray(maxima, float)
     n = len(maxima)
     counted = run.duration - run.skip
-    error = float(maxima.std(ddof=1) / np.sqrt(n)) if n > 1 else None
-    mean = Characteristic(float(maxima.mean()), error, None, n, "mean")
+    error = maxima.std(ddof=1) / np.sqrt(n) if n > 1 else None
+    mean = Characteristic(maxima.mean(), error, None, n, "mean")
     whole = storm_extreme(maxima, counted, counted, run.confidence)
     if "skipped" in whole:
         return mean
@@ -51,5 +52,5 @@ def characteristic(maxima: np.ndarray, run: RunValues) -> Characteristic:
         return replace(mean, interval=whole["mean_interval"])
     storm = storm_extreme(maxima, counted, run.storm, run.confidence)
     low, high = storm_extreme(maxima, counted, run.storm, 0.6827)["most_probable_interval"]
-    interval = storm["most_probable_interval"]
-    return Characteristic(storm["most_probable"], 0.5 * (high - low), interval, n, "most_probable")
+    error = 0.5 * (high - low)
+    return Characteristic(storm["most_probable"], error, storm["most_probable_interval"], n, "most_probable")

@@ -44,12 +44,11 @@ def flags_of(found: Table, site: Site) -> list[str]:
             notes.append(f"anchor {point}: uplift {anchor['uplift_deg']:.3g} deg; allowed: {allowed:g} deg")
     zone = found["exclusion"]
     if zone is not None and zone["utilisation"] > 1.0:
-        notes.append(f"exclusion: {zone['value']:.3g} m in case {zone['case']}; allowed: {zone['allowed_m']:g} m")
+        notes.append("exclusion: {value:.3g} m in case {case}; allowed: {allowed_m:g} m".format_map(zone))
     own = found["backbone"]
     if own is not None and not own["holds"]:
-        notes.append(
-            f"backbone: {own['shallowest_m']:.3g} to {own['deepest_m']:.3g} m deep at rest, outside its limits"
-        )
+        line = "backbone: {shallowest_m:.3g} to {deepest_m:.3g} m deep at rest, outside its limits"
+        notes.append(line.format_map(own))
     return notes
 
 

@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 
-from dropper_jax.base.markdown import bullets, cell, cells, markdown_table
+from dropper_jax.base.markdown import bullets, cell, cells, markdown_table, text_row
 from dropper_jax.base.read import Table
+from dropper_jax.base.records import column, rows_where
 from dropper_jax.plots import figures, style
 from fitting.farm.site.report_files import write_report
 
@@ -123,10 +124,9 @@ def _standard(found: Table) -> str:
 
 def _factor_cells(part: Table) -> list[str]:
     """The calculation of a part's utilisation, and where its factors come from."""
-    row = part["worst"]
     calculation = "-"
-    if row is not None:
-        calculation = f"{row['factor']:g} x {row['load_n']:.0f} / {row['capacity_n']:.0f} = {row['utilisation']:.3f}"
+    if part["worst"] is not None:
+        calculation = "{factor:g} x {load_n:.0f} / {capacity_n:.0f} = {utilisation:.3f}".format_map(part["worst"])
     return [part["part"], calculation, *cells(part["factors"].values(), "")]
 
 
@@ -137,28 +137,23 @@ def _quantities(found: Table, labels: Labels) -> str:
     for name in dict.fromkeys(name for case in cases for name in case["quantities"]):
         worst = max(cases, key=lambda case: abs(case["quantities"][name]["value"]))
         value = worst["quantities"][name]
-        rows.append([name, f"{value['value']:.4g}", cell(value["error"], ".2g"), labels[worst["case"]]])
+        error = cell(value["error"], ".2g")
+        rows.append(text_row("{0}|{1[value]:.4g}|{2}|{3}", name, value, error, labels[worst["case"]]))
     if not rows:
         return ""
     return "## Quantities\n\n" + markdown_table(["quantity", "value [SI]", "+- seeds", "case"], *rows)
 
 
-def _part_cells(part: Table, labels: Labels) -> list[str]:
+def _part_cells(part: Table, labels: Labels) -> tuple[str, ...]:
     """A part in its worst case."""
     row = part["worst"]
     if row is None:
-        return [part["part"], str(part["lines"]), *["-"] * 7]
-    return [
-        part["part"],
-        str(part["lines"]),
-        row["line"],
-        f"{row['load_n']:.0f}",
-        cell(row["load_error_n"], ".0f"),
-        _step_error(part["step"]),
-        f"{row['at_rest_n']:.0f}",
-        _utilisation(row),
-        labels[row["case"]],
-    ]
+        return text_row("{0[part]}|{0[lines]}|-|-|-|-|-|-|-", part)
+    error = cell(row["load_error_n"], ".0f")
+    return text_row(
+        "{0[part]}|{0[lines]}|{1[line]}|{1[load_n]:.0f}|{2}|{3}|{1[at_rest_n]:.0f}|{4}|{5}",
+        *(part, row, error, _step_error(part["step"]), _utilisation(row), labels[row["case"]]),
+    )
 
 
 def _label(case: Table) -> str:
@@ -185,23 +180,18 @@ def _utilisation(row: Table) -> str:
     return used
 
 
-def _anchor_cells(anchor: Table, labels: Labels) -> list[str]:
+def _anchor_cells(anchor: Table, labels: Labels) -> tuple[str, ...]:
     """A fixed point in its worst case."""
     row = anchor["worst"]
     if row is None:
-        return [anchor["point"], *["-"] * 6]
+        return text_row("{0[point]}|-|-|-|-|-|-", anchor)
     uplift = f"{anchor['uplift_deg']:.1f}"
     if anchor["allowed_uplift_deg"] is not None:
         uplift += f" of {anchor['allowed_uplift_deg']:g}"
-    return [
-        anchor["point"],
-        anchor["anchor"] or "not given",
-        f"{row['total_n']['value']:.0f}",
-        f"{row['upward_n']['value']:.0f}",
-        uplift,
-        _utilisation(row),
-        labels[row["case"]],
-    ]
+    return text_row(
+        "{0[point]}|{1}|{2[total_n][value]:.0f}|{2[upward_n][value]:.0f}|{3}|{4}|{5}",
+        *(anchor, anchor["anchor"] or "not given", row, uplift, _utilisation(row), labels[row["case"]]),
+    )
 
 
 def _position_lines(found: Table, labels: Labels) -> list[str]:
@@ -221,19 +211,17 @@ def _position_lines(found: Table, labels: Labels) -> list[str]:
     return lines
 
 
-def _fatigue_cells(part: Table) -> list[str]:
+def _fatigue_cells(part: Table) -> tuple[str, ...]:
     """The fatigue curve of a part, its damage and life, or why they are not known."""
     own = part["fatigue"]
     if "skipped" in own:
-        return [part["part"], own["skipped"], "-", "-", "-"]
-    curve = own["curve"]
-    return [
-        part["part"],
-        f"K = {curve['k']:g}, m = {curve['m']:g} ({curve['source']})",
-        cell(own["largest_damage_per_hour"], ".2g"),
-        own.get("why") or f"{own['damage_per_year']:.2g}",
-        cell(own["life_years"], ".3g"),
-    ]
+        return text_row("{0[part]}|{1[skipped]}|-|-|-", part, own)
+    hourly = cell(own["largest_damage_per_hour"], ".2g")
+    life = cell(own["life_years"], ".3g")
+    yearly = own.get("why") or f"{own['damage_per_year']:.2g}"
+    return text_row(
+        "{0[part]}|K = {1[k]:g}, m = {1[m]:g} ({1[source]})|{2}|{3}|{4}", part, own["curve"], hourly, yearly, life
+    )
 
 
 def _worst_cases(found: Table, labels: Labels) -> str:
@@ -277,7 +265,7 @@ def draw_utilisation(found: Table, path: Path) -> Path:
     bars = {name: bar for name, bar in reversed(bars.items()) if bar["worst"] is not None}
     figure = figures.new_figure(7.5, 1.5 + 0.34 * max(len(bars), 1))
     axes = figure.subplots()
-    intact = [case["case"] for case in found["cases"] if case["state"] == "intact"]
+    intact = column(rows_where(found["cases"], "state", "intact"), "case")
     for y, bar in enumerate(bars.values()):
         worst = bar["worst"]["utilisation"]
         colour = WITHIN_COLOUR if worst <= 1.0 else BEYOND_COLOUR
@@ -285,15 +273,10 @@ def draw_utilisation(found: Table, path: Path) -> Path:
         step_error = (bar.get("step") or {}).get("relative", 0.0) * worst
         error = np.hypot(bar["worst"]["utilisation_error"] or 0.0, step_error)
         axes.errorbar(worst, y, xerr=error, color=style.DARK, capsize=3, lw=1, zorder=4)
-        used_intact = []
-        used_broken = []
-        for row in bar["cases"]:
-            if row["case"] in intact:
-                used_intact.append(row["utilisation"])
-            else:
-                used_broken.append(row["utilisation"])
-        _draw_cases(axes, y, used_intact, "intact", style.CYCLE[0])
-        _draw_cases(axes, y, used_broken, "a line breaks", style.CYCLE[1])
+        used = np.array(column(bar["cases"], "utilisation"))
+        is_intact = np.isin(column(bar["cases"], "case"), intact)
+        _draw_cases(axes, y, used[is_intact], "intact", style.CYCLE[0])
+        _draw_cases(axes, y, used[~is_intact], "a line breaks", style.CYCLE[1])
     axes.axvline(1.0, color=style.ALERT, lw=1, ls="--")
     axes.set_yticks(range(len(bars)), list(bars))
     axes.grid(False, axis="y")
@@ -302,9 +285,9 @@ def draw_utilisation(found: Table, path: Path) -> Path:
     return figures.save(figure, path)
 
 
-def _draw_cases(axes: Axes, y: int, used: list[float], label: str, colour: str) -> None:
+def _draw_cases(axes: Axes, y: int, used: np.ndarray, label: str, colour: str) -> None:
     """A dot for each case of a row, at its utilisation."""
-    if not used:
+    if not len(used):
         return
     name = label if y == 0 else None  # once in the legend
     axes.plot(used, np.full(len(used), y), "o", ms=3.5, color=colour, zorder=3, label=name)

@@ -6,7 +6,7 @@ import json
 import os
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 from functools import lru_cache
@@ -16,8 +16,9 @@ from typing import Any
 
 from dropper_jax.base.errors import Progress, silent
 from dropper_jax.effects import REGISTERED_FILES, register_file, register_installed
-from fitting.farm.cases.case_run import Found, Runner
+from fitting.farm.cases.case_run import Runner
 from fitting.farm.cases.case_store import CasesStopped, CaseStore
+from fitting.farm.cases.run_arrays import Found
 from fitting.farm.site import Case, Site, read_site
 from fitting.sweep.cluster import run_on_cluster
 
@@ -60,12 +61,13 @@ def run_cases(
     started = time.perf_counter()
     identity = json.dumps(site.portable())
     jobs = [(identity, case.storm.number, case.seed) for case in todo]
+    source: Iterable[tuple[int, Found]] = ()
     if scheduler is not None:
         source = run_on_cluster(scheduler, run_one, jobs)
     elif workers > 1 and len(todo) > 1:
         source = _local(jobs, min(workers, len(todo)))
-    else:
-        source = _here(site, todo)
+    elif todo:
+        source = enumerate(map(Runner(site), todo))
 
     def count_and_rest(ran: int, seconds: float) -> str:
         return f"{resumed + ran} of {len(cases)} runs, {seconds / ran * (len(todo) - ran):.0f} s left"
@@ -73,12 +75,6 @@ def run_cases(
     results = ((todo[i], found) for i, found in source)
     store.fill(results, resumed, len(cases), progress or silent, count_and_rest)
     return Done(len(cases), resumed, time.perf_counter() - started)
-
-
-def _here(site: Site, todo: list[Case]) -> Iterator[tuple[int, Found]]:
-    """Results one after another, in this process."""
-    if todo:
-        yield from enumerate(map(Runner(site), todo))
 
 
 @lru_cache(maxsize=2)

@@ -8,7 +8,8 @@ is frozen until windows are chosen again. Cases with a broken line have loads of
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,22 +17,20 @@ import numpy as np
 from dropper_jax.base.errors import Progress, SceneError
 from dropper_jax.base.parallel_runs import run_parallel
 from dropper_jax.base.records import names_of
-from dropper_jax.load.scene import Scene
-from dropper_jax.model import State
-from dropper_jax.scene import whole_lines
 from dropper_jax.scene.run import DEFAULT_ACCURACY
-from fitting.farm.optimise.broken_link import link_of, masked_still
-from fitting.farm.optimise.equilibria import Rest, solve_rest
 from fitting.farm.optimise.full_storm import Storms, full_storm
 from fitting.farm.optimise.goals import DepthUtilisation, Goals, check_depths
 from fitting.farm.optimise.maxima_weights import check_seeds, weights
 from fitting.farm.optimise.models import ASSUMPTIONS, Still, idle, sea_of, shifted_designs, still
-from fitting.farm.optimise.settings import WINDOW_RAMP, Settings
+from fitting.farm.optimise.run_starts import DesignCache, RunStarts
+from fitting.farm.optimise.settings import WINDOW_RAMP, SearchSettings
 from fitting.farm.optimise.storm import Peaks, WindowRun, check_windows, peaks, slopes
+from fitting.farm.optimise.strength import over_strength, strength_of
 from fitting.farm.optimise.values import Values
 from fitting.farm.optimise.variables import Variable, with_design
-from fitting.farm.optimise.windows import RunStart, Window
-from fitting.farm.site import Case, Part, Site, Storm
+from fitting.farm.optimise.windows import Window, WindowRuns
+from fitting.farm.site import Case, Site, Storm
+from fitting.farm.site.case import name_waters
 from fitting.farm.site.site import LONGEST_INTERVAL
 
 #: Change of a variable up and down in derivatives of windows, relative to its range, and of the assumptions.
@@ -39,45 +38,19 @@ from fitting.farm.site.site import LONGEST_INTERVAL
 DIFFERENCE_STEP = 2e-3
 
 
-@dataclass(frozen=True)
-class WindowRuns:
-    """Runs of the windows of a design.
-
-    Attributes:
-        x: the design (p,).
-        factors: ratio of the whole run's hard peaks to the soft ones, for each window (q,).
-        windows: one of each case.
-        slopes: derivatives of `peaks` by variables and assumptions, for each case (q, p + a); empty if unknown.
-    """
-
-    x: np.ndarray
-    factors: Sequence[np.ndarray]
-    windows: Sequence[Peaks]
-    slopes: Sequence[np.ndarray] = ()
-
-    @property
-    def peaks(self) -> list[np.ndarray]:
-        """Peaks of whole runs as the windows predict them, for each case (q,)."""
-        return [window.soft * factor for window, factor in zip(self.windows, self.factors, strict=True)]
-
-    @property
-    def solved(self) -> bool:
-        """Whether every step of every window was."""
-        return all(window.solved for window in self.windows)
-
-
 class Design:
-    """The problem; stores the equilibria of the last design, from which the next ones are solved.
+    """The problem.
 
     Attributes:
         start: the design at the start (p,).
+        starts: of the runs of any design.
         quantities: that apply to storms, by kind of state (`Storm.kind`).
 
     Raises:
         SceneError: a scene that cannot be designed, variables without effect, contradicting depths, too few seeds.
     """
 
-    def __init__(self, site: Site, variables: Sequence[Variable], goals: Goals, settings: Settings) -> None:
+    def __init__(self, site: Site, variables: Sequence[Variable], goals: Goals, settings: SearchSettings) -> None:
         check_seeds(site.run)
         self.site = site
         self.calm = replace(site, states=(None,))  # windows break their lines themselves
@@ -93,9 +66,8 @@ class Design:
         )
         self._strength = [strength_of(part, site.scene) for part in site.parts]
         self._compiled: set[tuple[str, str]] = set()
-        self._near: dict[object, State] = {}
-        self._x = np.zeros(0)
-        self._of_current: dict[object, Any] = {}
+        self._of_scene = DesignCache()
+        self.starts = RunStarts(self.calm, self.variables)
         first = still(self.calm, self.variables, self.start, self.cases[0].storm)
         check_windows(first.model)
         check_depths(goals.depths, first.model)
@@ -109,42 +81,6 @@ class Design:
         if named:
             raise SceneError(f"variable: {', '.join(named)} moves nothing. Use numbers that do")
 
-    def _of_design(self, x: np.ndarray, key: object, make: Callable[[], Any]) -> Any:
-        """A property of a design, made once until another design is asked for."""
-        if not np.array_equal(x, self._x):
-            self._x = np.array(x)
-            self._of_current = {}
-        if key not in self._of_current:
-            self._of_current[key] = make()
-        return self._of_current[key]
-
-    def run_start(self, x: np.ndarray, storm: Storm, starts_broken: bool = False) -> RunStart:
-        """Start of a window: calm model and equilibrium of a design in the current and level of a load case.
-
-        Args:
-            starts_broken: whether a line that breaks is missing from the start on; otherwise all lines are intact
-                there.
-        """
-        key = (*storm.still, storm.state, starts_broken)
-        return self._of_design(x, key, lambda: self._make_start(x, storm, starts_broken, key))
-
-    def _make_start(self, x: np.ndarray, storm: Storm, starts_broken: bool, key: object) -> RunStart:
-        """The start of a window, whose equilibrium is stored under a key."""
-        if storm.broken is None:
-            found = still(self.calm, self.variables, x, storm)
-            return RunStart(found, self._rest(found, key))
-        whole = self.run_start(x, replace(storm, broken=None))
-        parted = masked_still(whole.still, link_of(whole.still.model, storm.broken))
-        if starts_broken:
-            return RunStart(parted, self._rest(parted, key), parted)
-        return RunStart(masked_still(whole.still, None), whole.rest, parted)
-
-    def _rest(self, found: Still, key: object) -> Rest:
-        """The equilibrium, solved from the last one under this key."""
-        own = solve_rest(found, self._near.get(key))
-        self._near[key] = own.state
-        return own
-
     def count_limited(self, kind: str) -> int:
         """Number of quantities with a limit: all but a motion that is the objective."""
         objective = self.goals.objective.of == "motion" and kind == "intact"
@@ -156,14 +92,13 @@ class Design:
         Returns:
             (1 + parts,) and the derivatives by the variables (1 + parts, p).
         """
-
-        def differentiate() -> tuple[np.ndarray, np.ndarray]:
+        found = self._of_scene.at(x)
+        if not found:
             slopes = []
             for distance, higher, lower in shifted_designs(self.variables, x):
                 slopes.append((self._evaluate_scene(higher) - self._evaluate_scene(lower)) / distance)
-            return self._evaluate_scene(x), np.stack(slopes, axis=1)
-
-        return self._of_design(x, "scene", differentiate)
+            found["constraints"] = (self._evaluate_scene(x), np.stack(slopes, axis=1))
+        return found["constraints"]
 
     def _evaluate_scene(self, x: np.ndarray) -> np.ndarray:
         """Material, then the strength of each part over that at the start (1 + parts,)."""
@@ -173,11 +108,11 @@ class Design:
 
     def depths(self, x: np.ndarray, storm: Storm) -> list[DepthUtilisation]:
         """Depths of a design at rest, all lines intact, in the water of a load case."""
-        start = self.run_start(x, replace(storm, broken=None))
+        start = self.starts.at(x, replace(storm, broken=None))
         found = []
         for depth in self.goals.depths:
             r = np.asarray(start.rest.state.r)
-            found += depth.utilisations(start.still.model, r, start.rest.dr, float(storm.level))
+            found += depth.utilisations(start.still.model, r, start.rest.dr, storm.level)
         return found
 
     def window(self, x: np.ndarray, window: Window) -> Peaks:
@@ -185,7 +120,7 @@ class Design:
         storm = window.case.storm
         scene = with_design(self.calm.scene, self.variables, x)
         sea = sea_of(self.calm, scene, window.case, WINDOW_RAMP, window.begin)
-        start = self.run_start(x, storm, window.starts_broken)
+        start = self.starts.at(x, storm, window.starts_broken)
         return peaks(start, sea, self.quantities[storm.kind], self.window_run, window.height)
 
     def slopes(self, found: Sequence[Peaks], say: Progress, assumptions: bool = False) -> list[np.ndarray]:
@@ -203,7 +138,7 @@ class Design:
             SceneError: a run that failed.
         """
         scene = with_design(self.site.scene, self.variables, x)
-        states = [self.run_start(x, case.storm).rest.state for case in self.cases]
+        states = [self.starts.at(x, case.storm).rest.state for case in self.cases]
 
         def run_fully(i: int) -> Storms:
             case = self.cases[i]
@@ -215,8 +150,7 @@ class Design:
                 (steps,) = self.site.steps
                 raise SceneError(f"design: {storm.message}. Use a smaller run.{steps}, or bounds nearer to the start")
         windows = [self._window_around_peak(case, storm) for case, storm in zip(self.cases, full, strict=True)]
-        found = self._run_windows(x, windows, say)
-        for i, soft in enumerate(found):
+        for i, soft in enumerate(self.run_windows(x, windows, say).windows):
             if not soft.solved:
                 name = self.cases[i].storm.name
                 raise SceneError(f"design: a window of {name} has steps that do not converge")
@@ -226,7 +160,7 @@ class Design:
 
     def _window_around_peak(self, case: Case, storm: Storms) -> Window:
         """The window around the peak of a whole run that is nearest to its limit; its scale factor comes later."""
-        when = storm.when[int(np.argmax(storm.hard[: self.count_limited(case.storm.kind)]))]
+        when = storm.when[np.argmax(storm.hard[: self.count_limited(case.storm.kind)])]
         last = max(self.site.run.duration - self.settings.window, 0.0)
         begin = float(np.clip(when - self.settings.before, 0.0, last))
         window = Window(case, begin, np.ones(len(storm.hard)))
@@ -242,26 +176,24 @@ class Design:
         """`one` of the number of every case; a program that is not yet compiled runs alone the first time."""
         count = len(self.cases)
         found = {}
+
+        def say_done(before: int, k: int) -> None:
+            say((before + k) / count, f"{what}: {before + k} of {count}")
+
         for kind in self.site.kinds:
             own = [i for i, case in enumerate(self.cases) if case.storm.kind == kind]
-
-            def say_done(k: int, done: int = len(found)) -> None:
-                say((done + k) / count, f"{what}: {done + k} of {count}")
-
             alone = int((what, kind) not in self._compiled)
-            found |= dict(zip(own, run_parallel(one, own, say_done, alone=alone), strict=True))
+            results = run_parallel(one, own, partial(say_done, len(found)), alone=alone)
+            found |= dict(zip(own, results, strict=True))
             self._compiled.add((what, kind))
         return [found[i] for i in range(count)]
 
-    def _run_windows(self, x: np.ndarray, windows: Sequence[Window], say: Progress) -> list[Peaks]:
-        """Peaks of the windows of a design, one of each case."""
-        for window in windows:  # equilibria are made before threads ask for them
-            self.run_start(x, window.case.storm, window.starts_broken)
-        return self._run_parallel(lambda i: self.window(x, windows[i]), "windows", say)
-
     def run_windows(self, x: np.ndarray, windows: Sequence[Window], say: Progress) -> WindowRuns:
         """Runs of the windows of a design, one of each case."""
-        return WindowRuns(x, [window.factor for window in windows], self._run_windows(x, windows, say))
+        for window in windows:  # equilibria are made before threads ask for them
+            self.starts.at(x, window.case.storm, window.starts_broken)
+        found = self._run_parallel(lambda i: self.window(x, windows[i]), "windows", say)
+        return WindowRuns(x, [window.factor for window in windows], found)
 
     def differentiate(self, runs: WindowRuns, say: Progress, assumptions: bool = False) -> WindowRuns:
         """Runs with derivatives by the variables, and by the assumptions if wanted; without any if a shifted run
@@ -285,7 +217,7 @@ class Design:
         by_seed: dict[str, np.ndarray] = {}
         (material, *strength), of_scene = self.scene_constraints(x)
         of_scene = np.pad(of_scene, ((0, 0), (0, len(ASSUMPTIONS))))
-        hard, slope = _over_strength(hard, slope, np.array(strength), of_scene[1:])
+        hard, slope = over_strength(hard, slope, np.array(strength), of_scene[1:])
         seeds = len(self.site.seeds)
         for i, storm in enumerate(self.site.storms):
             own = slice(i * seeds, (i + 1) * seeds)  # seeds vary fastest
@@ -296,20 +228,16 @@ class Design:
                 name = f"{self.quantities[storm.kind][q].name}: {storm.name}"
                 rows.append((name, float(share[:, q] @ peaks[:, q]), shares[:, q].sum(axis=0)))
                 by_seed[name] = seeds * shares[:, q]
-        storms = {storm.still: storm for storm in self.site.storms}
-        for storm in storms.values():
-            label = ""
-            if len(storms) > 1:
-                label = f": {storm.current_name or ''} level {storm.level:+g} m"
+        storms = list({storm.still: storm for storm in self.site.storms}.values())
+        for storm, water in zip(storms, name_waters(storms), strict=True):
+            label = f": {water}" if len(storms) > 1 else ""
             rows += [(name + label, near, by) for name, near, by in self.depths(x, storm)]
-        names = tuple(name for name, _, _ in rows)
-        value = np.array([near for _, near, _ in rows])
-        slopes = np.array([by for _, _, by in rows])
+        names, value, slopes = zip(*rows, strict=True)
         objective = float(material)
         objective_slope = of_scene[0]
         if self.goals.objective.of != "material":
             objective, objective_slope = self._largest(hard, slope)
-        return Values(objective, objective_slope, names, value, slopes, solved, by_seed)
+        return Values(objective, objective_slope, names, np.array(value), np.array(slopes), solved, by_seed)
 
     def _largest(self, hard: Sequence[np.ndarray], slope: Sequence[np.ndarray]) -> tuple[float, np.ndarray]:
         """The objective if it depends on storms: the maximum of all cases."""
@@ -318,32 +246,4 @@ class Design:
         q = -1 if of.of == "motion" else names_of(self.site.parts).index(of.part)
         intact = [i for i, case in enumerate(self.cases) if case.storm.broken is None]
         worst = max(intact, key=lambda i: hard[i][q])
-        return float(hard[worst][q]), slope[worst][q]
-
-
-def _over_strength(
-    hard: Sequence[np.ndarray], slope: Sequence[np.ndarray], strength: np.ndarray, slopes: np.ndarray
-) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """Quantities (q,) of every case and their slopes (q, p + a), with the loads of parts over their present strength.
-
-    Args:
-        strength: of the parts over that at the start (parts,); slopes: its derivatives (parts, p + a). Parts come first
-            among the quantities.
-    """
-    n = len(strength)
-    now = strength[:, None]
-    peaks = []
-    changes = []
-    for h, s in zip(hard, slope, strict=True):
-        peaks.append(np.concatenate([h[:n] / strength, h[n:]]))
-        changes.append(np.vstack([s[:n] / now - h[:n, None] / now**2 * slopes, s[n:]]))
-    return peaks, changes
-
-
-def strength_of(part: Part, scene: Scene) -> float:
-    """Breaking load of a part [N] if it comes from the scene, so that it follows the design; 1 if the site gives it."""
-    if not part.of_scene:
-        return 1.0
-    specs = {line.name: line.spec for line in whole_lines(scene)}
-    loads = [specs[name].breaking_load for name in part.lines]
-    return float(np.mean([np.min(load) for load in loads if load is not None]))
+        return hard[worst][q], slope[worst][q]

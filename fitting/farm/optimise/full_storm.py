@@ -65,7 +65,7 @@ def full_storm(site: Site, scene: Scene, case: Case, quantities: tuple[LimitedSi
     first = int(np.floor(site.run_of(case.storm).skip / run.interval))
     largest = found.extremes.largest[first:]
     peak = (np.argmax(largest, axis=0), np.arange(largest.shape[1]))
-    hard = np.array(largest[peak], float)
+    hard = np.array(largest.max(axis=0), float)
     when = np.array(found.extremes.largest_at[first:][peak], float)
     steps = Steps(found.r[first:], found.tension[first:], jnp.ones(len(found.r) - first))
     for i, quantity in enumerate(quantities):

@@ -23,7 +23,7 @@ def weights(maxima: np.ndarray, run: RunValues) -> np.ndarray:
     """Weights (n, q) of maxima (n, q), in the order of the seeds; for a signal without spread, those of the mean.
 
     A load that is absent for some seeds has no single distribution of maxima, and also uses the mean, as in
-    `fitting.farm.cases.flags`.
+    `evaluation.extremes.storm_extreme`.
     """
     maxima = np.asarray(maxima, float)
     n = len(maxima)

@@ -11,7 +11,7 @@ from dropper_jax.plots.figures import save as save_figure
 from dropper_jax.plots.style import DARK, FAINT, FIRST, SECOND, plot_style
 from fitting.farm.optimise.equilibria import near_rest
 from fitting.farm.optimise.models import still_model
-from fitting.farm.optimise.run import Optimum
+from fitting.farm.optimise.optimum import Optimum
 from fitting.farm.site import Site
 
 #: Maximum number of constraints that are drawn.
@@ -29,7 +29,7 @@ def design_picture(site: Site, found: Optimum, file: Path) -> Path:
     used = np.reshape([both for _, both in rows], (-1, 2)).T
     designs = (("before", found.before, FAINT, 0.2), ("after", found.after, FIRST, -0.2))
     for i, (label, values, colour, shift) in enumerate(designs):
-        model = still_model(site, found.variables, np.asarray(values), storm)
+        model = still_model(site, found.variables, values, storm)
         s = near_rest(model, None)
         nodes = np.asarray(model.nodes(s.r, model.ends(s.t)))
         counts = [member.links + 1 for member in model.geometry.members]

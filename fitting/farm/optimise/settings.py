@@ -15,7 +15,7 @@ WINDOW_RAMP = 10.0
 
 
 @dataclass(frozen=True)
-class Settings(DeclaredSection):
+class SearchSettings(DeclaredSection):
     """Values of `[optimise]`, settings of the search for a design.
 
     window = 60.0           [s] of each storm with derivatives; `before` = 45.0 of it before the peak load

@@ -51,7 +51,7 @@ def shadow_prices(
     axes = np.eye(p)
     walls = np.hstack([-axes[:, x - low <= AT_BOUND * span], axes[:, high - x <= AT_BOUND * span]])
     by_constraint = np.zeros(len(values.value))
-    size = float(np.linalg.norm(cost))
+    size = np.linalg.norm(cost)
     if size == 0.0:
         return ShadowPrices(by_constraint, 0.0)
     matrix = np.hstack([(values.slopes[active, :p] * span).T, walls])[~fixed]
@@ -59,4 +59,4 @@ def shadow_prices(
         return ShadowPrices(by_constraint, 1.0)
     found, left = nnls(matrix, -cost)
     by_constraint[active] = found[: len(active)]
-    return ShadowPrices(by_constraint, float(left) / size)
+    return ShadowPrices(by_constraint, left / size)

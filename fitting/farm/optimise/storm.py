@@ -36,8 +36,8 @@ from dropper_jax.stepping.stepper import make_stepper
 from dropper_jax.study.march import spare_rows
 from fitting.farm.optimise.models import in_waves, numbered_slopes
 from fitting.farm.optimise.quantities import LimitedSignal, Steps
+from fitting.farm.optimise.run_starts import RunStart
 from fitting.farm.optimise.settings import WINDOW_RAMP
-from fitting.farm.optimise.windows import RunStart
 from fitting.sensitivity.study_steps import find_own_lengths
 
 #: Part of a window before a line breaks.
@@ -158,8 +158,7 @@ def check_windows(model: Model) -> None:
     if model.line.failures is not None:
         raise SceneError("scene: links that break cannot be designed. Use cases.states, or a scene without them")
     if model.initial_internal_state() or model.laws or model.constraints:
-        what = "friction, bodies or effects with a state"
-        raise SceneError(f"scene: {what} cannot be designed. Use a scene without them")
+        raise SceneError("scene: friction, bodies or effects with a state cannot be designed. Use a scene without them")
 
 
 def _run_phases(
@@ -218,8 +217,8 @@ def _counted_steps(lengths: list[Array], rows: list[Trajectory]) -> Steps:
 @cached_jit(static=("quantities",))
 def _hard(quantities: tuple[LimitedSignal, ...], model: Model, steps: Steps) -> Array:
     """Hard peaks (q,)."""
-    highest = highest_signals(quantities, model, steps)
-    return jnp.stack([jnp.max(jnp.where(steps.time > 0.0, x, -jnp.inf)) for x in highest])
+    counts = steps.time > 0.0
+    return jnp.stack([jnp.max(jnp.where(counts, x, -jnp.inf)) for x in highest_signals(quantities, model, steps)])
 
 
 @cached_jit(static=("quantities",))

@@ -33,7 +33,7 @@ class Values:
     @property
     def worst(self) -> float:
         """The largest constraint."""
-        return float(np.max(self.value, initial=-np.inf))
+        return np.max(self.value, initial=-np.inf)
 
 
 def active_constraints(values: Values, limit: float) -> np.ndarray:
@@ -73,5 +73,5 @@ def dominated_slopes(values: Values, span: np.ndarray, limit: float) -> list[Dom
         seed = off.argmax(axis=0)
         dominated = (off.max(axis=0) / len(rows) > 0.25 * size) & (size * span > 0.05 * np.max(size * span))
         for k in np.flatnonzero(dominated):
-            found.append(Dominated(name, int(k), int(seed[k]), float(mean[k]), float(median[k])))
+            found.append(Dominated(name, k, seed[k], mean[k], median[k]))
     return found

@@ -48,16 +48,19 @@ class Variable(DeclaredSection):
         except SceneError as error:
             raise SceneError(f"{path}.name: {error}") from None
         if isinstance(value, bool) or not isinstance(value, int | float):
-            other = f"is {plain(value)!r}, no single number; allowed: paths of such numbers"
-            raise SceneError(f"{path}.name: {found.name!r} {other}")
+            raise SceneError(
+                f"{path}.name: {found.name!r} is {plain(value)!r}, no single number; allowed: paths of such numbers"
+            )
         if scene.template is not None and ScenePath(where).section == "parameters":
             given = scene.template.table["parameters"][ScenePath(where).key]
             if isinstance(given, str):
-                follows = f"follows from others ({given}); allowed: parameters that are numbers"
-                raise SceneError(f"{path}.name: {found.name!r} {follows}")
+                raise SceneError(
+                    f"{path}.name: {found.name!r} follows from others ({given}); allowed: parameters that are numbers"
+                )
         if not found.low <= value <= found.high:
-            outside = f"and high leave out the scene's {value:g}; allowed: bounds around it"
-            raise SceneError(f"{path}.low: {found.low} {outside}")
+            raise SceneError(
+                f"{path}.low: {found.low} and high leave out the scene's {value:g}; allowed: bounds around it"
+            )
         sizes = () if found.catalogue is None else tuple(np.unique(found.catalogue).tolist())
         return replace(found, path=where, value=float(value), catalogue=sizes)
 
@@ -65,11 +68,13 @@ class Variable(DeclaredSection):
     def check(self, path: str) -> Iterator[Check]:
         yield not self.low < self.high, f"{path}.high: {self.high} leaves an empty interval; allowed: > {self.low:g}"
         if self.catalogue is not None:
-            nothing = "is empty; allowed: at least one size; or leave the key out"
-            yield len(self.catalogue) == 0, f"{path}.catalogue: [] {nothing}"
+            empty = len(self.catalogue) == 0
+            yield empty, f"{path}.catalogue: [] is empty; allowed: at least one size; or leave the key out"
             for i, size in enumerate(self.catalogue):
-                outside = f"is out of bounds; allowed: {self.low:g} to {self.high:g}"
-                yield not self.low <= size <= self.high, f"{path}.catalogue.{i}: {size} {outside}"
+                yield (
+                    not self.low <= size <= self.high,
+                    f"{path}.catalogue.{i}: {size} is out of bounds; allowed: {self.low:g} to {self.high:g}",
+                )
 
     @property
     def span(self) -> float:

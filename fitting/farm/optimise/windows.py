@@ -1,14 +1,13 @@
-"""Windows of load cases that a search uses, and the starts of their runs."""
+"""Windows of load cases that a search uses, and their runs for a design."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
-from fitting.farm.optimise.equilibria import Rest
-from fitting.farm.optimise.models import Still
+from fitting.farm.optimise.storm import Peaks
 from fitting.farm.site import Case
 
 
@@ -29,9 +28,28 @@ class Window:
     starts_broken: bool = False
 
 
-class RunStart(NamedTuple):
-    """Start of a run: calm model with its slopes, equilibrium, and the later model of a window with a broken line."""
+@dataclass(frozen=True)
+class WindowRuns:
+    """Runs of the windows of a design.
 
-    still: Still
-    rest: Rest
-    after: Still | None = None
+    Attributes:
+        x: the design (p,).
+        factors: ratio of the whole run's hard peaks to the soft ones, for each window (q,).
+        windows: one of each case.
+        slopes: derivatives of `peaks` by variables and assumptions, for each case (q, p + a); empty if unknown.
+    """
+
+    x: np.ndarray
+    factors: Sequence[np.ndarray]
+    windows: Sequence[Peaks]
+    slopes: Sequence[np.ndarray] = ()
+
+    @property
+    def peaks(self) -> list[np.ndarray]:
+        """Peaks of whole runs as the windows predict them, for each case (q,)."""
+        return [window.soft * factor for window, factor in zip(self.windows, self.factors, strict=True)]
+
+    @property
+    def solved(self) -> bool:
+        """Whether every step of every window was."""
+        return all(window.solved for window in self.windows)

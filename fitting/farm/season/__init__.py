@@ -8,6 +8,7 @@ tide and in every current, then give the depth of the backbone.
 """
 
 from fitting.farm.season.report import write_season
-from fitting.farm.season.season import schedule, season
+from fitting.farm.season.schedule import schedule
+from fitting.farm.season.season import season
 
 __all__ = ["schedule", "season", "write_season"]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product, starmap
 from typing import NamedTuple
 
 import numpy as np
@@ -27,23 +28,23 @@ BODY = ("mass", "volume", "drag_area", "added_mass")
 CHANGING = ("time", "factor", "amplitude", "period", "phase")
 
 
-class Water(NamedTuple):
+class WaterState(NamedTuple):
     """A state of the tide: level [m], speed of the current [m/s], None for that of the scene."""
 
     level: float
     speed: float | None
 
 
-def list_waters(site: Site, season: SeasonValues) -> tuple[Water, ...]:
+def list_waters(site: Site, season: SeasonValues) -> tuple[WaterState, ...]:
     """Every combination of level and current of `[season]`, otherwise of `[cases]`."""
     levels = site.lists.levels if season.levels is None else season.levels
     speeds = season.currents
     if speeds is None:
         speeds = sorted({float(current["speed"]) for current in site.lists.currents if "speed" in current}) or [None]
-    return tuple(Water(float(level), speed) for level in levels for speed in speeds)
+    return tuple(starmap(WaterState, product(levels, speeds)))
 
 
-def scene_at_rest(site: Site, month: str, water: Water, points: dict[str, Table]) -> Scene:
+def scene_at_rest(site: Site, month: str, water: WaterState, points: dict[str, Table]) -> Scene:
     """The farm of a month at rest in the water: with mussels on its lines, and some points replaced."""
     table = site.scene.as_written()
     for line in table["line"]:
@@ -71,7 +72,9 @@ def bare_points(site: Site, names: Sequence[str]) -> dict[str, Table]:
     return found
 
 
-def find_float_loads(site: Site, month: str, water: Water, names: Sequence[str]) -> tuple[np.ndarray, dict[str, float]]:
+def find_float_loads(
+    site: Site, month: str, water: WaterState, names: Sequence[str]
+) -> tuple[np.ndarray, dict[str, float]]:
     """Downward force of the lines on each float point (points,) [N] at its position in the scene, and the weight in
     water [N] of each line.
 
@@ -85,7 +88,7 @@ def find_float_loads(site: Site, month: str, water: Water, names: Sequence[str])
         raise SceneError(f"season: {month}, level {water.level:+g} m: no equilibrium: {pose.message}")
     loads = fixed_point_loads(scene, pose.positions, pose.tension)
     wet = wet_weights(scene)
-    by_line = {line.name: float(wet[line.links].sum()) for line in whole_lines(scene)}
+    by_line = {line.name: wet[line.links].sum() for line in whole_lines(scene)}
     return np.array([-loads[name][2] for name in names]), by_line
 
 
@@ -101,7 +104,7 @@ class RestOnFloats:
 
 
 def find_rest_on_floats(
-    site: Site, season: SeasonValues, month: str, water: Water, floats: dict[str, int]
+    site: Site, season: SeasonValues, month: str, water: WaterState, floats: dict[str, int]
 ) -> RestOnFloats:
     """The equilibrium on its floats; depths are below the level."""
     points = bare_points(site, list(floats))
@@ -121,7 +124,7 @@ def find_rest_on_floats(
         for line in lines:
             nodes += [line.nodes[stop] for stop, point in line.stops.items() if point in floats]
     below = water.level - z[nodes]
-    return RestOnFloats(water.level, water.speed, pose.status, float(below.min()), float(below.max()))
+    return RestOnFloats(water.level, water.speed, pose.status, below.min(), below.max())
 
 
 def _body(season: SeasonValues, count: int) -> Table:
@@ -133,6 +136,6 @@ def _body(season: SeasonValues, count: int) -> Table:
     return {
         "mass": count * season.density * season.volume,
         "volume": count * season.volume,
-        "drag_area": count * 0.5 * float(frontal),
+        "drag_area": count * 0.5 * frontal,
         "added_mass": 0.5,
     }

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dropper_jax.base.markdown import bullets, cell, markdown_table
+from dropper_jax.base.markdown import bullets, cell, markdown_table, text_row
 from dropper_jax.base.read import Table
 from dropper_jax.base.records import column
 from dropper_jax.plots import figures, style
@@ -29,6 +29,12 @@ COLUMNS = (
     "lifting_m",
     "holds",
 )
+#: What the page says of the schedule.
+ABOUT = (
+    "Visits: {visits}, floats moved: {handled}. A float lifts {lift_n:.0f} N. The required reserve is "
+    "{wanted_reserve:g}, and floats carry at least {least_share:.0%} of their lift. Depths are those at rest below the "
+    "water's level, over all levels and currents."
+)
 
 
 def write_season(found: Table, folder: str | Path) -> dict[str, Path]:
@@ -45,10 +51,7 @@ def page(found: Table) -> str:
     head = ["month", "wet weight [N]", "to carry [N]", "allowed", "floats", "change", "reserve", "backbone [m]"]
     parts = [
         f"# Season: {found['site']}",
-        f"{verdict} Visits: {found['visits']}, floats moved: {found['handled']}. A float lifts "
-        f"{found['lift_n']:.0f} N. The required reserve is {found['wanted_reserve']:g}, and floats carry at least "
-        f"{found['least_share']:.0%} of their lift. Depths are those at rest below the water's level, over all levels "
-        "and currents.",
+        f"{verdict} {ABOUT.format_map(found)}",
         bullets(found["flags"]),
         markdown_table([*head, "to sinking [m]", "to lifting [m]"], *map(_month_cells, found["months"])),
         "![Floats and their bounds](season.png)",
@@ -56,23 +59,15 @@ def page(found: Table) -> str:
     return "\n\n".join(filter(None, parts)) + "\n"
 
 
-def _month_cells(row: Table) -> list[str]:
+def _month_cells(row: Table) -> tuple[str, ...]:
     """A month of the page's table."""
-    change = "-"
-    if row["change"]:
-        change = f"{row['change']:+d}"
-    margins = (row["sinking_m"], row["lifting_m"])
-    return [
-        row["month"],
-        f"{row['wet_weight_n']:.0f}",
-        f"{row['need_n']:.0f}",
-        f"{row['least']} to {row['most']}",
-        str(row["floats"]),
-        change,
-        cell(row["reserve"], ".2f"),
-        f"{row['shallowest_m']:.2f} to {row['deepest_m']:.2f}",
-        *("no limit" if margin is None else f"{margin:+.2f}" for margin in margins),
-    ]
+    change = f"{row['change']:+d}" if row["change"] else "-"
+    margins = ["no limit" if row[key] is None else f"{row[key]:+.2f}" for key in ("sinking_m", "lifting_m")]
+    return text_row(
+        "{0[month]}|{0[wet_weight_n]:.0f}|{0[need_n]:.0f}|{0[least]} to {0[most]}|{0[floats]}|{1}|{2}|"
+        "{0[shallowest_m]:.2f} to {0[deepest_m]:.2f}|{3}|{4}",
+        *(row, change, cell(row["reserve"], ".2f"), *margins),
+    )
 
 
 #: Height up to which an unlimited number of floats is drawn, over the maximum of all others.
@@ -111,8 +106,6 @@ def draw(found: Table, path: Path) -> Path:
     # half a name of a month on either side
     lower.set(ylabel="backbone, depth [m]", xlim=(-0.4, len(months) - 0.6))
     lower.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4, borderaxespad=0.2)
-    rotation = 0
-    if len(months) > MAX_UPRIGHT:
-        rotation = 30
+    rotation = 30 if len(months) > MAX_UPRIGHT else 0
     lower.set_xticks(list(number), [row["month"] for row in months], rotation=rotation)
     return figures.save(figure, path)

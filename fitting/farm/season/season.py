@@ -1,10 +1,9 @@
-"""The season month by month: required lift, schedule of floats, resulting geometry of the farm, and its report."""
+"""The season month by month: required lift, floats, and the resulting geometry of the farm."""
 
 from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 
 import numpy as np
@@ -12,13 +11,12 @@ import numpy as np
 from dropper_jax.base.errors import Progress, SceneError, part_of, silent
 from dropper_jax.base.read import Table
 from dropper_jax.load.library import FAMILIES, PREFIX
-from fitting.farm.season.equilibria import RestOnFloats, Water, find_float_loads, find_rest_on_floats, list_waters
+from fitting.farm.season.equilibria import RestOnFloats, WaterState, find_float_loads, find_rest_on_floats, list_waters
+from fitting.farm.season.schedule import schedule, spread
 from fitting.farm.site import Site
 from fitting.farm.site.case import match_names, short
 from fitting.farm.site.sections import SeasonValues
 
-#: Visits, moved floats, and the floats of each month so far.
-Plan = tuple[int, int, list[int]]
 #: Maximum number of times that the bounds on the number of floats are tightened.
 MAX_TIGHTENED = 4
 #: Maximum number of floats of a month where nothing limits it.
@@ -53,50 +51,6 @@ class FarmOnFloats:
     holds: bool
 
 
-def schedule(low: Sequence[int], high: Sequence[int], start: int | None = None) -> list[int]:
-    """Number of installed floats in every month.
-
-    Of all plans within the bounds, those with the fewest months of change are selected, then those that move the fewest
-    floats, and finally the one with the fewest floats. The search goes month by month over numbers that are a bound of
-    some month: a change to any other number can be shifted to one of these without another visit or float.
-
-    Args:
-        low, high: minimum and maximum floats of each month; where low is above high, low is used.
-        start: floats before the first month; their first change is a visit too. None: they are newly installed.
-    """
-    spans = [(lo, max(lo, hi)) for lo, hi in zip(low, high, strict=True)]
-    numbers = set(itertools.chain.from_iterable(spans))
-    if start is not None:
-        numbers.add(start)
-    best: dict[int | None, Plan] = {start: (0, 0, [])}
-    for lo, hi in spans:
-        best = {n: _best_plan(best, n) for n in sorted(numbers) if lo <= n <= hi}
-    return min(best.values(), key=lambda found: (*found[:2], found[2][-1:]))[2]
-
-
-def _best_plan(best: dict[int | None, Plan], floats: int) -> Plan:
-    """The best of the plans by their last number of floats, continued to this number."""
-    found = []
-    for before, (visits, moved, plan) in best.items():
-        if before is not None:
-            visits += before != floats
-            moved += abs(floats - before)
-        found.append((visits, moved, [*plan, floats]))
-    return min(found)
-
-
-def spread(count: int, need: Sequence[float] | np.ndarray) -> list[int]:
-    """Floats distributed over points in proportion to their needs, as whole numbers by largest remainders."""
-    wanted = np.maximum(need, 0.0)
-    if not wanted.any():
-        wanted = np.ones(len(need))
-    share = count * wanted / wanted.sum()
-    found = share.astype(int)
-    order = np.argsort(found - share, kind="stable")
-    found[order[: count - found.sum()]] += 1
-    return found.tolist()
-
-
 def season(site: Site, progress: Progress | None = None) -> Table:
     """The season of a site with `[season]` and `[[growth]]`.
 
@@ -129,10 +83,10 @@ def season(site: Site, progress: Progress | None = None) -> Table:
             say(0.5 + 0.5 * i / len(rows), f"{row.month}: equilibria, floats: {floats}")
             found = farm.on_floats(row, floats)
             on_floats.append(found)
-            if found.sinking_m is not None and found.sinking_m < 0.0 and low[i] <= high[i]:
+            if (found.sinking_m or 0.0) < 0.0 and low[i] <= high[i]:
                 low[i] = max(low[i], floats + 1)
                 is_tightened = True
-            elif found.lifting_m is not None and found.lifting_m < 0.0 and low[i] < high[i]:
+            elif (found.lifting_m or 0.0) < 0.0 and low[i] < high[i]:
                 high[i] = min(high[i], floats - 1)
                 is_tightened = True
         if not is_tightened:
@@ -165,7 +119,7 @@ class _Farm:
     season: SeasonValues
     points: list[str]
     lift: float
-    waters: tuple[Water, ...]
+    waters: tuple[WaterState, ...]
     equilibria: dict[tuple[str, int], list[RestOnFloats]] = field(default_factory=dict)
 
     def month(self, month: str, say: Progress) -> Month:
@@ -186,8 +140,8 @@ class _Farm:
             month=month,
             wet_weight_n=sum(weights.values()),
             mussels_wet_n=sum(weights[name] for name in self.site.growth[month]),
-            need_n=float(total.max()),
-            least_need_n=float(total.min()),
+            need_n=total.max(),
+            least_need_n=total.min(),
             need_by_point_n=np.max(forces, axis=0),
             least=math.ceil(season.reserve * max(total.max(), 0.0) / self.lift - 1e-9),
             most=most,
@@ -274,14 +228,15 @@ def _flags(row: Table) -> list[str]:
     month = row["month"]
     flags = []
     if row["least"] > row["most"]:
-        flags.append(
-            f"{month}: the reserve needs floats: {row['least']}, and `least_share` allows {row['most']} at most. Use "
-            "smaller floats (volume), a smaller reserve or a smaller least_share"
+        line = (
+            "{month}: the reserve needs floats: {least}, and `least_share` allows {most} at most. Use smaller floats "
+            "(volume), a smaller reserve or a smaller least_share"
         )
+        flags.append(line.format_map(row))
     bad = [pose for pose in row["poses"] if pose["status"] != "ok"]
     if bad:
         flags.append(f"{month}: no equilibrium at level {bad[0]['level_m']:+g} m: its depths are unknown")
     for key, what in (("sinking_m", "too deep"), ("lifting_m", "too high")):
-        if row[key] is not None and row[key] < 0.0:
+        if (row[key] or 0.0) < 0.0:
             flags.append(f"{month}: the backbone lies {-row[key]:.2g} m {what} (floats: {row['floats']})")
     return flags

@@ -153,10 +153,14 @@ class Storm:
         return INTACT if self.broken is None else BROKEN
 
     @property
+    def heading(self) -> float | None:
+        """Direction of the current [rad]; None for that of the scene."""
+        return None if self.current is None else self.current["direction"]
+
+    @property
     def still(self) -> tuple[object, ...]:
         """The values that the equilibrium depends on."""
-        heading = None if self.current is None else self.current["direction"]
-        return self.current_name, heading, self.level, self.month, self.crop
+        return self.current_name, self.heading, self.level, self.month, self.crop
 
     @property
     def name(self) -> str:
@@ -170,6 +174,16 @@ class Storm:
         if self.broken is not None:
             parts.append(f"{self.state} broken")
         return ", ".join(filter(None, parts))
+
+
+def name_waters(storms: Sequence[Storm]) -> list[str]:
+    """Names of the equilibria of load cases: current and level, and what else differs between them."""
+    names = [f"{storm.current_name or ''} level {storm.level:+g} m" for storm in storms]
+    headings = ["" if storm.heading is None else f"{np.degrees(storm.heading):g} deg" for storm in storms]
+    for values in (headings, [storm.month for storm in storms], [storm.crop for storm in storms]):
+        if len(set(values)) > 1:
+            names = [f"{name} {value}" for name, value in zip(names, values, strict=True)]
+    return names
 
 
 @dataclass(frozen=True)
@@ -188,11 +202,9 @@ def breaks(scene: Scene, states: tuple[str, ...], path: str) -> tuple[Break | No
     """
     lines = names_of(whole_lines(scene))
     found: list[Break | None] = []
-    names = []
     for i, state in enumerate(states):
         if state == INTACT:
             found.append(None)
-            names.append(INTACT)
             continue
         pattern, colon, link = state.partition(":")
         if colon and not link.isdecimal():
@@ -200,7 +212,7 @@ def breaks(scene: Scene, states: tuple[str, ...], path: str) -> tuple[Break | No
         for name in match_names([pattern], lines, f"{path}.{i}"):
             entry = len(scene.failures) + len(found) - found.count(None)
             found.append(Break(name, *_locate_link(scene, name, link, f"{path}.{i}"), entry))
-            names.append(name)
+    names = [INTACT if state is None else state.name for state in found]
     for name in names:
         if names.count(name) > 1:
             raise refuse(path, name, "is given twice", "every state once")

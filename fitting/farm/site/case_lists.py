@@ -97,9 +97,7 @@ def _current(item: Plain, path: str) -> Table:
         return {"name": f"{speed:g} m/s", "speed": speed}
     found: Table = {key: plain(value) for key, value in item.items()}
     speed = found.get("speed")
-    own = "given"
-    if isinstance(speed, int | float):
-        own = f"{speed:g} m/s"
+    own = f"{speed:g} m/s" if isinstance(speed, int | float) else "given"
     if "return_period" in found:
         found["return_period"] = read_years(found["return_period"], f"{path}.return_period")
     return {**found, "name": read_text(found.get("name", own), f"{path}.name")}

@@ -19,8 +19,8 @@ def check_times(run: RunValues, lists: CaseLists, broken: bool) -> None:
     if run.skip >= run.duration:
         raise refuse("run.skip", run.skip, "covers the whole run", f"0 to less than {run.duration:g} s")
     if broken and lists.break_time is not None and not run.skip <= lists.break_time < run.duration:
-        why = "is outside the counted part of the run"
-        raise refuse("cases.break_time", lists.break_time, why, f"{run.skip:g} to less than {run.duration:g} s")
+        allowed = f"{run.skip:g} to less than {run.duration:g} s"
+        raise refuse("cases.break_time", lists.break_time, "is outside the counted part of the run", allowed)
 
 
 def check_hours(states: Sequence[SeaState]) -> None:
@@ -36,8 +36,10 @@ def check_currents(site: Site) -> None:
     if len(kinds) > 1:
         raise refuse("cases.currents", sorted(kinds), "are of different kinds", "currents of one kind")
     if "table" in kinds and any("velocities" not in (s.current or {}) for s in site.storms):
-        why = "the scene's current is a table of heights, which a speed cannot scale"
-        raise SceneError(f"cases.currents: {why}. Use tables as [sea.current] with heights and velocities")
+        raise SceneError(
+            "cases.currents: the scene's current is a table of heights, which a speed cannot scale. Use tables as "
+            "[sea.current] with heights and velocities"
+        )
 
 
 def check_breaking(site: Site) -> None:

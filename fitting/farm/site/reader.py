@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Mapping
 from importlib import resources
 from importlib.resources.abc import Traversable
 from pathlib import Path
-
-import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.read import (
@@ -21,9 +18,8 @@ from dropper_jax.base.read import (
     read_number,
     read_table,
     read_text,
-    refuse,
 )
-from dropper_jax.base.records import names_of, without_keys
+from dropper_jax.base.records import names_of
 from dropper_jax.load.packaged import find_scene, is_packaged, parse_toml
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.growth import overgrown
@@ -31,30 +27,11 @@ from dropper_jax.run.quantity_names import quantity
 from dropper_jax.run.scene_model import bare_model
 from dropper_jax.run.statistics import PERIOD
 from dropper_jax.scene import whole_lines
-from fitting.farm.site.case import (
-    BROKEN,
-    Anchor,
-    Part,
-    breaks,
-    find_owners,
-    kinds_of,
-    match_names,
-    read_patterns,
-    short,
-)
+from fitting.farm.site.case import BROKEN, breaks, kinds_of, match_names
 from fitting.farm.site.case_lists import CaseLists
 from fitting.farm.site.checks import check_breaking, check_currents, check_hours, check_times
-from fitting.farm.site.sections import (
-    AnchorTable,
-    Backbone,
-    Exclusion,
-    Factors,
-    GrowthTable,
-    PartTable,
-    RunValues,
-    SeasonValues,
-    SeaState,
-)
+from fitting.farm.site.parts import read_anchors, read_parts, refuse_duplicates
+from fitting.farm.site.sections import Backbone, Exclusion, Factors, GrowthTable, RunValues, SeasonValues, SeaState
 from fitting.farm.site.site import Site, water_of
 
 #: Sections that are read here, and those that other modules read.
@@ -94,7 +71,7 @@ def read_site(source: str | Path | Values) -> Site:
     run = RunValues.read(table.get("run", {}), "run")
     lists = CaseLists.read(table.get("cases", {}), "cases")
     states = read_items(SeaState.read, table.get("sea_state", []), "sea_state", needed=True)
-    _unique("sea_state", names_of(states))
+    refuse_duplicates("sea_state", names_of(states))
     check_hours(states)
     broken = breaks(scene, lists.states, "cases.states")
     kinds = kinds_of(broken)
@@ -105,7 +82,7 @@ def read_site(source: str | Path | Values) -> Site:
     for path, names, known in (("cases.months", lists.months, growth), ("cases.crops", lists.crops, crop)):
         for i, name in enumerate(names):
             read_text(name, f"{path}.{i}", known)
-        _unique(path, names)
+        refuse_duplicates(path, names)
     default_name = file.stem if file else scene.name
     site = Site(
         name=read_text(table.get("name", default_name), "name"),
@@ -118,8 +95,8 @@ def read_site(source: str | Path | Values) -> Site:
         crop=crop,
         states=broken,
         factors=factors,
-        parts=_parts(table, scene, lines, factors, kinds),
-        anchors=_anchors(table, scene, factors, kinds),
+        parts=read_parts(table, scene, lines, factors, kinds),
+        anchors=read_anchors(table, scene, factors, kinds),
         quantities=_quantities(table, scene),
         raw={key: plain(table[key]) for key in PASSED if key in table},
         table={key: plain(value) for key, value in table.items()},
@@ -151,7 +128,7 @@ def _quantities(table: Values, scene: Scene) -> tuple[str, ...]:
         for name in names:
             if quantity(name, model, "quantities").signal == PERIOD:
                 raise SceneError(f"quantities: {name!r} belongs to the static pose. Use `dropper modes`")
-    _unique("quantities", names)
+    refuse_duplicates("quantities", names)
     return tuple(names)
 
 
@@ -216,13 +193,6 @@ def _flat(table: Values, path: str = "") -> Table:
     return found
 
 
-def _unique(path: str, names: Sequence[str]) -> None:
-    """Reject a name that is used twice."""
-    for name in names:
-        if list(names).count(name) > 1:
-            raise refuse(path, name, "is used twice", "a unique name")
-
-
 def _growth(table: Values, lines: tuple[str, ...]) -> dict[str, dict[str, Table]]:
     """Tables of `[line.growth]` by month and line."""
     found: dict[str, dict[str, Table]] = {}
@@ -244,69 +214,3 @@ def _crop(table: Values) -> dict[str, dict[str, float]]:
         for level, value in zip(CROP_LEVELS, values, strict=True):
             found.setdefault(level, {})[path] = read_number(value, f"crop.{path}", {}, "a number")
     return found
-
-
-def _parts(
-    table: Values,
-    scene: Scene,
-    lines: tuple[str, ...],
-    factors: Factors,
-    kinds: Sequence[str],
-) -> tuple[Part, ...]:
-    """The parts, with factors for all `kinds` of states; every line is in one of them or in `unchecked`."""
-    specs = {line.name: line.spec for line in whole_lines(scene)}
-    found = []
-    unchecked = read_patterns(table.get("unchecked", []), "unchecked")
-    groups = [("unchecked", match_names(unchecked, lines, "unchecked"))]
-    for i, part in enumerate(read_items(PartTable.read, table.get("part", []), "part")):
-        path = f"part.{i}"
-        names = match_names(part.lines, lines, f"{path}.lines")
-        groups.append((f"{path} ({part.name!r})", names))
-        own = _complete_factors(part.factor, factors, kinds, f"{path}.factor")
-        capacity = np.array([_capacity(part, specs[name].breaking_load, name, path) for name in names])
-        found.append(Part(part.name, names, capacity, own, part.curve, part.capacity is None))
-    _unique("part.name", names_of(found))
-    owners = find_owners(groups, "line")
-    left = [name for name in lines if name not in owners]
-    if left:
-        raise SceneError(f"part: no part has the lines {short(left)}. Use a [[part]] with them, or `unchecked`")
-    return tuple(found)
-
-
-def _capacity(part: PartTable, capacity: np.ndarray | None, line: str, path: str) -> float:
-    """Breaking load [N] of a line: that of its part, otherwise the minimum of its links in the scene."""
-    if part.capacity is not None:
-        return part.capacity
-    if capacity is None:
-        raise SceneError(
-            f"{path}.capacity: missing; needed: the breaking load [N] of {part.name!r}, because {line!r} has no "
-            "`breaking_load` in the scene"
-        )
-    return float(np.min(capacity))
-
-
-def _complete_factors(given: Factors | None, table: Factors, kinds: Sequence[str], path: str) -> Factors:
-    """The factors of a part, with those of `[factors]` for kinds of states that it does not give."""
-    given = given or table
-    common = without_keys(table.by_kind, given.by_kind)
-    sources = [given.source, *(f"{kind}: {table.source}, {table.edition}, {table.clause}" for kind in common)]
-    found = replace(given, **common, source="; ".join(sources))
-    for kind in sorted(kinds):
-        if kind not in found.by_kind:
-            raise SceneError(f"{path}: missing; needed: a number, or `{kind}` in [factors], because cases are {kind}")
-    return found
-
-
-def _anchors(table: Values, scene: Scene, factors: Factors, kinds: Sequence[str]) -> tuple[Anchor, ...]:
-    """The anchors, with factors for all `kinds` of states; a fixed point belongs to one of them at most."""
-    found = []
-    groups = []
-    for i, anchor in enumerate(read_items(AnchorTable.read, table.get("anchor", []), "anchor")):
-        path = f"anchor.{i}"
-        points = match_names(anchor.points, scene.fixed_points, f"{path}.points", "fixed point")
-        groups.append((path, points))
-        own = _complete_factors(anchor.factor, factors, kinds, f"{path}.factor")
-        found.append(Anchor(anchor.name or ", ".join(anchor.points), points, anchor, own.by_kind))
-    find_owners(groups, "point")
-    _unique("anchor.name", names_of(found))
-    return tuple(found)

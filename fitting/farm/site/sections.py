@@ -134,8 +134,7 @@ class GrowthTable(Section):
     @classmethod
     def values_of(cls, table: Values, path: str) -> Table:
         where = select_keys(table, ("month", "lines"))
-        mussels = without_keys(table, where)
-        return super().values_of(where, path) | {"growth": GrowthSpec.read(mussels, path)}
+        return super().values_of(where, path) | {"growth": GrowthSpec.read(without_keys(table, where), path)}
 
 
 @dataclass(frozen=True)
@@ -166,8 +165,7 @@ class Factors(Section):
     @property
     def by_kind(self) -> dict[str, float]:
         """The factors that are given, by kind of state."""
-        found = {"intact": self.intact, "broken": self.broken}
-        return without_none(found)
+        return without_none({"intact": self.intact, "broken": self.broken})
 
     @classmethod
     def of(cls, value: Plain, path: str) -> Factors:

@@ -137,7 +137,7 @@ class Site:
     def portable(self) -> Table:
         """Plain values for `read_site`, independent of files: they contain the scene's values instead of its name."""
         own = without_keys(self.table, ("parameters", "set"))
-        return {**own, "name": self.name, "scene": self.scene.as_written()}
+        return own | {"name": self.name, "scene": self.scene.as_written()}
 
     @property
     def seeds(self) -> tuple[int, ...]:

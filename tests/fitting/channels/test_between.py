@@ -1,33 +1,30 @@
 """Parameters over runs, against what is known of means of normal samples."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 from scipy.stats import t as student
 
 from dropper_jax import load_scene
-from fitting.channels.fit import make_problem, over_runs
-from fitting.channels.result import combine_runs
+from fitting.channels.between_runs import combine_runs, over_runs
+from fitting.channels.make_problem import make_problem
+
+VALUES = np.array([1.0, 1.3, 0.9, 1.15, 1.05])
 
 
 def test_runs_of_equal_and_small_errors_give_students_interval():
-    values = np.array([1.0, 1.3, 0.9, 1.15, 1.05])
-    found = combine_runs("b", values, 1e-12 * np.eye(5))
-    error = values.std(ddof=1) / np.sqrt(5)
+    found = combine_runs("b", VALUES, 1e-12 * np.eye(5))
+    error = VALUES.std(ddof=1) / np.sqrt(5)
     reach = student(4).ppf(0.95) * error
-    assert np.isclose(found.mean, values.mean())
-    assert np.isclose(found.std_error, error)
-    assert np.allclose([found.low, found.high], values.mean() + reach * np.array([-1, 1]))
-    assert np.isclose(found.spread, values.std(ddof=1), rtol=1e-4)
+    expected = (VALUES.mean(), error, VALUES.mean() - reach, VALUES.mean() + reach)
+    assert (found.mean, found.std_error, found.low, found.high) == pytest.approx(expected)
+    assert found.spread == pytest.approx(VALUES.std(ddof=1), rel=1e-4)
 
 
 def test_variance_between_runs_is_what_own_errors_do_not_explain():
     """With equal errors s restricted likelihood has tau^2 = var - s^2, or 0."""
-    values = np.array([1.0, 1.3, 0.9, 1.15, 1.05])
-    found = combine_runs("b", values, 0.1**2 * np.eye(5))
-    assert np.isclose(found.spread**2, values.var(ddof=1) - 0.1**2, rtol=1e-3)
-    none = combine_runs("b", values, 0.5**2 * np.eye(5))
+    found = combine_runs("b", VALUES, 0.1**2 * np.eye(5))
+    assert np.isclose(found.spread**2, VALUES.var(ddof=1) - 0.1**2, rtol=1e-3)
+    none = combine_runs("b", VALUES, 0.5**2 * np.eye(5))
     assert none.spread == 0
     assert np.isclose(none.std_error, 0.5 / np.sqrt(5))
 
@@ -49,9 +46,6 @@ def test_runs_whose_names_contain_an_at_sign_are_combined_by_parameter():
     channel = {"name": "angle", "kind": "angle", "column": "a", "unit": "rad", "link": 1}
     problem = make_problem({"run": runs, "channel": [channel]}, scene, ["b_q"], ["b_l"], {}, {}, {})
     values = np.arange(1.0, 1.0 + len(problem.parameters))
-    errors = SimpleNamespace(covariance=1e-12 * np.eye(len(values)))
-    solution = SimpleNamespace(problem=problem)
-    fit = SimpleNamespace(solution=solution, parameters=problem.parameters, values=values, errors=errors)
-    (found,) = over_runs(fit)
+    (found,) = over_runs(problem, values, 1e-12 * np.eye(len(values)))
     assert found.name == "effects.linear_damping.b_l"
     assert found.mean == pytest.approx(values[-2:].mean())

@@ -66,13 +66,14 @@ def test_the_end_of_a_line_is_on_its_last_link_with_any_rounding(links):
     assert data.sensors[0].channel.link == links - 1
 
 
-def test_noise_without_a_size_in_per_cent_is_a_fraction_of_the_values(scene):
-    rng = np.random.default_rng(0)
-    t = np.linspace(0.0, 1.0, 101)
-    force = 1000.0 + 50.0 * np.sin(6.0 * t) + 10.0 * rng.standard_normal(len(t))
-    cell = {**TENSION, "unit": "N", "noise_unit": "%"}
+@pytest.mark.parametrize(("unit", "noise"), [("N", 10.0), ("%", 0.01)])
+def test_noise_without_a_size_is_that_of_samples_of_a_smooth_motion(scene, unit, noise):
+    """In per cent it is a fraction of the values."""
+    t = np.linspace(0.0, 10.0, 1001)
+    force = 1000.0 + 50.0 * np.sin(6.0 * t) + 10.0 * np.random.default_rng(0).standard_normal(len(t))
+    cell = {**TENSION, "unit": "N", "noise_unit": unit}
     data = read_data({"run": [{"file": {"t": t, "F": force}}], "channel": [cell]}, scene)
-    assert data.first_noise()[0] == pytest.approx(0.01, rel=0.5)
+    assert data.first_noise()[0] == pytest.approx(noise, rel=0.15)
 
 
 def test_an_anchor_is_pulled_by_its_one_line_and_a_knot_by_two(scene):

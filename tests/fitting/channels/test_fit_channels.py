@@ -12,7 +12,8 @@ from scipy.integrate import solve_ivp
 import dropper_jax as dj
 from dropper_jax import as_toml
 from fitting import fit_channels
-from fitting.channels.fit import growth, make_problem, warnings_of
+from fitting.channels.fit import growth, warnings_of
+from fitting.channels.make_problem import make_problem
 from fitting.channels.observe import differentiate_channels, observe_channels, shift_setup
 from fitting.channels.result import ChannelFit
 from fitting.channels.sensors import projection
@@ -183,6 +184,14 @@ def test_runs_with_a_damping_of_their_own_share_the_rest():
 def test_mistakes_are_named(more, message, refusal):
     given = {"free": ["b_l"], "own": [], "start": {}, "bounds": {}, "priors": {}, **more}
     assert message in refusal(make_problem, table(seen(np.random.default_rng(0))), dj.load_scene(scene()), **given)
+
+
+def test_a_run_lasts_until_the_last_sample_whose_camera_and_channel_are_both_early():
+    given = table(seen(np.random.default_rng(0)))
+    given["camera"] = [{**CAMERA, "delay": -0.5}]
+    given["channel"] = [{**channel, "delay": -0.4} for channel in CHANNELS]
+    problem = make_problem(given, dj.load_scene(scene()), ["b_l"], [], {}, {}, {})
+    assert problem.plan(0).saves * problem.dt >= T[-1] + 0.9
 
 
 def test_a_point_behind_its_camera_is_named(refusal):

@@ -10,8 +10,8 @@ from dropper_jax import SceneError, load_scene
 from dropper_jax.base.constants import GRAVITY
 from fitting import fit_channels
 from fitting.channels.channel import SavedMotion
-from fitting.channels.fit import make_problem
 from fitting.channels.inertial import Accelerometer, Gyro
+from fitting.channels.make_problem import make_problem
 from fitting.channels.observe import at_times
 
 MASS, LENGTH, B_L, B_Q, START = 0.2, 0.5, 0.04, 0.05, 0.8

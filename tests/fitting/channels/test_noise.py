@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fitting import Huber, StudentT
-from fitting.channels.data import Data, Run, Sensor
+from fitting.channels.data import ChannelData, MeasuredRun, Sensor
 from fitting.channels.problem import Evaluation, Problem
 from fitting.channels.sensors import Angle
 from fitting.estimate.least_squares import first_solution
@@ -24,7 +24,7 @@ NO_SCENES = {"scenes": (SimpleNamespace(fit=None),), "of_run": (), "plain": (), 
 
 def measured(y):
     channel = Angle("a", ("a",), "rad")
-    return Data((Sensor(channel),), (), (Run("r", (T[: len(y)],), (y[:, None],)),))
+    return ChannelData((Sensor(channel),), (), (MeasuredRun("r", (T[: len(y)],), (y[:, None],)),))
 
 
 def estimate_size(y, slopes, size=1.0, loss=LEAST_SQUARES, rounds=3):
@@ -96,11 +96,6 @@ def test_a_smooth_misfit_is_no_noise():
     assert rho > 0.9
 
 
-def test_what_samples_say_of_their_noise_on_a_smooth_motion():
-    y = np.sin(T) + 0.01 * np.random.default_rng(4).normal(size=N)
-    assert measured(y).first_noise()[0] == pytest.approx(0.01, rel=0.15)
-
-
 def test_each_sensor_has_a_memory_of_its_own():
     """A sensor with memory and one without, in two runs: each has its own size and memory, and no other is assumed."""
     rng = np.random.default_rng(6)
@@ -108,8 +103,8 @@ def test_each_sensor_has_a_memory_of_its_own():
     for i in range(1, N):
         kept[:, i] = 0.8 * kept[:, i - 1] + 0.6 * kept[:, i]
     sensors = tuple(Sensor(Angle(name, (name,), "rad"), noise=1.0) for name in ("a", "b"))
-    runs = tuple(Run(str(i), (T, T), (0.02 * white[i][:, None], 0.5 * kept[i][:, None])) for i in range(2))
-    problem = Problem(data=Data(sensors, (), runs), parameters=(), **NO_SCENES)
+    runs = tuple(MeasuredRun(str(i), (T, T), (0.02 * white[i][:, None], 0.5 * kept[i][:, None])) for i in range(2))
+    problem = Problem(data=ChannelData(sensors, (), runs), parameters=(), **NO_SCENES)
     shown = [[np.zeros((N, 1))] * 2] * 2
     e = problem.whiten_residuals(Evaluation(shown, [[np.zeros((N, 1, 0))] * 2] * 2, ()))
     model = ResidualNoiseModel(first_solution(problem, np.zeros(0), e), problem.windows, (), np.full((2, 1), 1e-9))

@@ -11,6 +11,12 @@ from fitting.channels.sensors import Angle, Depth, Pixel, Position, Tension, pro
 NODES = jnp.array([[[0.0, 0.0, 0.0], [1.0, 1.0, -2.0], [4.0, 5.0, -2.0]]] * 2)
 SEEN = SavedMotion(NODES, NODES[1:], jnp.array([[3.0, 5.0]]))
 COMMON = {"name": "a", "columns": ("c",), "unit": "-"}
+#: From (0, -10, 0) towards +y: x is right, z is up.
+CAMERA = projection(np.array([0.0, -10.0, 0.0]), np.zeros(3), 1000.0, np.array([320.0, 240.0]))
+
+
+def dot(node):
+    return Pixel(**COMMON, node=Node(node, node, 0.0), matrix=tuple(map(tuple, CAMERA)))
 
 
 def test_angles_by_their_zero():
@@ -42,30 +48,23 @@ def test_two_lines_pull_a_point_by_their_resultant():
 
 
 def test_a_camera_sees_right_to_the_right_and_up_above_by_the_focal_length_over_the_distance():
-    """From (0, -10, 0) towards +y: x is right, z is up; 1 m at 10 m is a tenth of the focal length."""
-    matrix = projection(np.array([0.0, -10.0, 0.0]), np.zeros(3), 1000.0, np.array([320.0, 240.0]))
+    """1 m at 10 m is a tenth of the focal length."""
     nodes = jnp.array([[[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 10.0, -2.0]]])
     seen = SavedMotion(nodes, nodes, jnp.zeros((1, 1)))
-    show = lambda j: Pixel(**COMMON, node=Node(j, j, 0.0), matrix=tuple(map(tuple, matrix))).see(seen)[0]  # noqa: E731
-    assert np.allclose(show(0), [420, 240])
-    assert np.allclose(show(1), [320, 140])
-    assert np.allclose(show(2), [320, 340])
+    assert np.allclose([dot(node).see(seen)[0] for node in range(3)], [[420, 240], [320, 140], [320, 340]])
 
 
 def test_a_camera_does_not_see_what_is_behind_it():
     """At 3 m from the axis, 5 m ahead and 5 m behind: a pinhole would show the latter mirrored, at -3/5."""
-    matrix = projection(np.array([0.0, -10.0, 0.0]), np.zeros(3), 1000.0, np.zeros(2))
     nodes = jnp.array([[[3.0, y, 0.0]] for y in (-5.0, -10.0, -15.0)])
-    dot = Pixel(**COMMON, node=Node(0, 0, 0.0), matrix=tuple(map(tuple, matrix)))
-    seen = dot.see(SavedMotion(nodes, nodes, jnp.zeros((3, 1))))
-    np.testing.assert_allclose(seen, [[600.0, 0.0], [np.nan, np.nan], [np.nan, np.nan]], atol=1e-9)
+    seen = dot(0).see(SavedMotion(nodes, nodes, jnp.zeros((3, 1))))
+    np.testing.assert_allclose(seen, [[920.0, 240.0], [np.nan, np.nan], [np.nan, np.nan]], atol=1e-9)
 
 
 def test_a_projection_of_either_sign_looks_at_the_same_side():
-    matrix = projection(np.array([0.0, -10.0, 0.0]), np.zeros(3), 1000.0, np.zeros(2))
     for sign in (1.0, -1.0):
-        camera = read_camera({"name": "left", "projection": (sign * matrix).tolist()}, "camera.0")
-        np.testing.assert_array_equal(camera.matrix, matrix)
+        camera = read_camera({"name": "left", "projection": (sign * CAMERA).tolist()}, "camera.0")
+        np.testing.assert_array_equal(camera.matrix, CAMERA)
 
 
 def test_between_saved_times_cubics_are_met_exactly_and_other_motions_to_fourth_order():

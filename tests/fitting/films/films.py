@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 from closed_chain import in_space, rigid_line, still
 
-from fitting import Motion
+from fitting import Motion, wrap
 from fitting.films import track
 from fitting.films.detection import Circles
 from fitting.films.marks import find_marks
 from fitting.films.ordering import AmbiguousOrderError
-from fitting.films.render import Cover, View, chessboards, film
+from fitting.films.render import POST, View, chessboards, film, in_sixteenths
 from fitting.films.video import opencv, write_video
 
 FPS = 60.0
@@ -58,6 +58,28 @@ def point_masses(start: np.ndarray, loop: bool, t: np.ndarray, damping: float = 
 
 
 @dataclass(frozen=True)
+class Cover:
+    """An upright plate before the motion, of a size [m], whose middle (x, z) [m] moves between two times [s].
+
+    Before and after it is out of view.
+    """
+
+    begin: float
+    end: float
+    start: tuple[float, float]
+    stop: tuple[float, float]
+    size: tuple[float, float]
+
+    def draw(self, image: np.ndarray, view: View, t: float) -> np.ndarray:
+        share = (t - self.begin) / (self.end - self.begin)
+        if 0 <= share <= 1:
+            middle = np.array([1.0 - share, share]) @ [self.start, self.stop]
+            corners = middle + 0.5 * np.array(self.size) * [[-1, -1], [1, -1], [1, 1], [-1, 1]]
+            opencv().fillPoly(image, [in_sixteenths(view.to_pixels(corners))], POST, shift=4)
+        return image
+
+
+@dataclass(frozen=True)
 class Film:
     """What is filmed: chain or loop, `links` of 0.1 m, released after `rest` [s], and how."""
 
@@ -67,6 +89,7 @@ class Film:
     links: int = 4
     rest: float = 0.0
     duration: float = 3.0
+    cover: Cover | None = None
 
     @property
     def nodes(self) -> int:
@@ -112,12 +135,11 @@ FILMS = {
         Film("chain, blurred", False, replace(CHAIN, exposure=1 / 160, blur=1.5)),
         Film("loop, post in the first second", True, replace(LOOP, post=(0.13, 0.03)), links=5, rest=0.7, duration=3.5),
         Film(
-            "chain, cover moves over", False,
-            replace(CHAIN, cover=Cover(0.8, 1.6, (-0.35, -0.2), (0.35, -0.2), (0.07, 0.6))),
+            "chain, cover moves over", False, CHAIN, cover=Cover(0.8, 1.6, (-0.35, -0.2), (0.35, -0.2), (0.07, 0.6)),
         ),
         Film(
-            "loop, cover moves over", True,
-            replace(LOOP, cover=Cover(0.3, 1.2, (-0.1, -0.2), (0.4, -0.1), (0.06, 0.3))), links=5,
+            "loop, cover moves over", True, LOOP, links=5,
+            cover=Cover(0.3, 1.2, (-0.1, -0.2), (0.4, -0.1), (0.06, 0.3)),
         ),
         Film("loop, first circles missing", True, replace(LOOP, hidden=((2, 0, 8), (4, 0, 14))), links=5),
     )
@@ -155,11 +177,14 @@ def save_images(folder, images):
     return paths
 
 
-def make(what: Film, folder: Path, boards: int = BOARDS) -> tuple[Path, list[str], np.ndarray]:
+def make(what: Film, folder: Path) -> tuple[Path, list[str], np.ndarray]:
     """The film, pictures of boards by its camera, and the true angles (k, links) [rad], counter-clockwise."""
     motion = what.motion()
-    path = write_video(folder / "film.avi", film(motion, what.view, FPS), FPS)
-    pictures = save_images(folder, chessboards(what.view, count=boards))
+    frames = film(motion, what.view, FPS)
+    if what.cover is not None:
+        frames = (what.cover.draw(image, what.view, i / FPS) for i, image in enumerate(frames))
+    path = write_video(folder / "film.avi", frames, FPS)
+    pictures = save_images(folder, chessboards(what.view, count=BOARDS))
     link = np.diff(motion.nodes[::FINE][..., [0, 2]], axis=1)
     return path, pictures, np.arctan2(link[..., 1], link[..., 0])
 
@@ -174,7 +199,7 @@ def judged(what: Film, path: Path, boards: list[str], truth: np.ndarray) -> dict
     except AmbiguousOrderError as error:
         return {"status": "ambiguous_order", "message": str(error)}
     frames = np.round(found.trace.t * FPS).astype(int)
-    off = turns(found.trace.theta - truth[frames])
+    off = wrap(found.trace.theta - truth[frames])
     known = np.isfinite(off)
     rms, stated = (float(np.sqrt(np.mean(x[known] ** 2))) for x in (off, found.trace.se))
     return {
@@ -185,11 +210,6 @@ def judged(what: Film, path: Path, boards: list[str], truth: np.ndarray) -> dict
         "stated_over_true": stated / rms,
         "marked_share": float(found.marks.frames.mean()),
     }
-
-
-def turns(angle: np.ndarray) -> np.ndarray:
-    """Angles [rad] without full turns."""
-    return (angle + np.pi) % (2 * np.pi) - np.pi
 
 
 def spoiled(what: Film, draws: int = 40, seed: int = 0) -> dict[str, Any]:

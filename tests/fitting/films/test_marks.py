@@ -4,9 +4,12 @@ import films
 import numpy as np
 import pytest
 
-from fitting import Convention, Trace, View, read_trace, write_trace
+from dropper_jax import SceneError
+from fitting import View, wrap
+from fitting.films.calibration import Plane
 from fitting.films.exposure import exposure_share, second_differences
-from fitting.films.flattening import Flat, flatten
+from fitting.films.flat_map import Flat
+from fitting.films.flattening import flatten
 from fitting.films.link_angles import estimate_angle_errors, four_quadrant
 from fitting.films.marks import find_marks
 
@@ -30,16 +33,6 @@ def test_marks_name_times_and_nodes():
     assert "swapped" in span["why"]
 
 
-def test_a_trace_carries_notes_and_is_read_as_before(tmp_path):
-    t = np.arange(20) / 60
-    trace = Trace("a", t, np.sin(t)[:, None], convention=Convention("horizontal", -1, "rad"))
-    write_trace(tmp_path / "a.csv", trace, ["marked 0.1 to 0.2 s: nodes 1 2 (swapped)"])
-    again = read_trace(tmp_path / "a.csv")
-    np.testing.assert_allclose(again.theta, trace.theta)
-    assert again.convention == trace.convention
-    assert "# marked 0.1 to 0.2 s: nodes 1 2 (swapped)" in (tmp_path / "a.csv").read_text()
-
-
 def test_slant_and_bending_are_found_from_the_lengths_alone():
     motion = films.FILMS["loop, slanting camera"].positions()
     view = View(slant=(0.13, -0.07), bending=(-0.12, 0.05), centre=(0.14, -0.1), distance=0.7)
@@ -49,10 +42,21 @@ def test_slant_and_bending_are_found_from_the_lengths_alone():
     np.testing.assert_allclose(found.parameters[:2], view.slant, atol=0.005)
     link = np.diff(motion, axis=1)
     truth = np.arctan2(link[..., 1], link[..., 0])
-    off = [films.turns(four_quadrant(to(pixels) * [1.0, -1.0]) - truth) for to in (Flat(view.size), found)]
+    off = [wrap(four_quadrant(to(pixels) * [1.0, -1.0]) - truth) for to in (Flat(view.size), found)]
     raw, rms = (np.sqrt(np.mean(each**2)) for each in off)
     assert rms < 1.2e-3 < 5e-3 < raw
     np.testing.assert_allclose(found.back(found(pixels[:3])), pixels[:3], atol=1e-6)
+
+
+def test_a_pixel_beyond_the_horizon_has_no_position_and_a_point_behind_the_camera_no_pixel():
+    """A camera 1 m above a level plane, 100 pixels per unit of slope: row y below the horizon sees 100/y m ahead."""
+    level = Plane(np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 100.0], [0.0, 1.0, 0.0]]))
+    seen = level.to_metres(np.array([[50.0, 200.0], [50.0, 0.0], [50.0, -200.0]]))
+    np.testing.assert_array_equal(seen, [[0.25, 0.5], [np.nan] * 2, [np.nan] * 2])
+    view = View(slant=(1.2, 0.0))  # a point x to the right is at the depth 1 m - x sin 1.2
+    assert np.isfinite(view.to_pixels(np.array([[1.07, 0.0], [-1.07, 0.0]]))).all()
+    with pytest.raises(SceneError, match="a point is 0.0066 m behind the camera"):
+        view.to_pixels(np.array([[0.0, 0.0], [1.08, 0.0]]))
 
 
 def test_the_exposure_is_found_from_the_lengths_and_taken_back():

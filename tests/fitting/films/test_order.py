@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from dropper_jax import SceneError
-from fitting.films.flattening import Flat
+from fitting.films.flat_map import Flat
 from fitting.films.following import follow_film
 from fitting.films.marks import find_marks
 from fitting.films.ordering import AmbiguousOrderError, paths

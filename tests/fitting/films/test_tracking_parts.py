@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from fitting.films.detection import MarkerAppearance, detect, learn_appearance
-from fitting.films.flattening import Flat
+from fitting.films.flat_map import Flat
 from fitting.films.following import follow_film
 from fitting.films.identity import Follower
 from fitting.films.link_angles import angle_errors, four_quadrant

@@ -5,7 +5,7 @@ import numpy as np
 import dropper_jax as dj
 from dropper_jax import build_model
 from fitting import fitted_scene
-from fitting.channels.setup import find_free
+from fitting.channels.free_numbers import find_free
 from fitting.parameters.parameter import with_parameter_values
 from fitting.parameters.scene_parameters import find_parameters
 

@@ -13,7 +13,8 @@ from fitting.parameters.paths import resolve
 from fitting.traces import planar
 from fitting.traces.conventions import check_scale, settle_convention
 from fitting.traces.noise import DEGREE, noise, smooth
-from fitting.traces.trace import as_trace, check_trace
+from fitting.traces.trace import check_trace
+from fitting.traces.trace_file import as_trace
 
 ANY = Convention()
 
@@ -101,7 +102,9 @@ def test_values_of_comments_are_read_after_an_equals_sign_or_a_colon(tmp_path, n
 def test_notes_and_warnings_of_any_text_leave_a_written_trace_as_it_was(tmp_path):
     t = np.arange(30) / 60
     before = Trace("x", t, np.sin(t)[:, None], convention=Convention("down", 1, "rad"), warnings=("one\nunit=deg",))
-    file = write_trace(tmp_path / "x.csv", before, ["unit=deg", "zero: horizontal", "two\nlines, sign: -1", ""])
+    marked = "marked 0.1 to 0.2 s: nodes 1 2 (swapped)"
+    file = write_trace(tmp_path / "x.csv", before, [marked, "unit=deg", "zero: horizontal", "two\nlines, sign: -1", ""])
+    assert f"# {marked}" in file.read_text().splitlines()
     after = read_trace(file)
     assert after.convention == before.convention
     assert after.warnings == ("one unit=deg",)
@@ -196,39 +199,31 @@ def test_the_convention_of_a_closed_loop_is_guessed_from_closure_and_gravity(dro
         np.testing.assert_allclose(np.cos(found.theta - true.theta), 1.0, atol=1e-12)
 
 
-def settle(trace, model, given):
-    check_scale(trace, model, given)
-    return settle_convention(trace, model, given)
+SECOND_FRAMES = (np.arange(200)[:, None] + np.arange(7)) % 2
 
 
 @pytest.mark.parametrize(
-    ("spread", "size", "given", "words"),
+    ("spread", "size", "missing", "given", "words"),
     [
-        (1.0, 1.0, Convention("horizontal", -1, "rad"), "zero=horizontal, sign=-1 is .* rad from the scene's pose"),
-        (1.0, np.degrees(1.0), ANY, "looks like degrees. Use --unit deg"),
-        (1.0, np.degrees(1.0), Convention(unit="rad"), "looks like degrees. The unit is rad. Use --unit deg"),
-        (20.0, 1.0, ANY, "too few per oscillation"),
+        (1.0, 1.0, 0, Convention("horizontal", -1, "rad"), "zero=horizontal, sign=-1 is .* rad from the scene's pose"),
+        (1.0, np.degrees(1.0), 0, ANY, "looks like degrees. Use --unit deg"),
+        (1.0, np.degrees(1.0), 0, Convention(unit="rad"), "looks like degrees. The unit is rad. Use --unit deg"),
+        (1.0, np.degrees(1.0), SECOND_FRAMES, ANY, "looks like degrees"),
+        (1.0, 1.0, SECOND_FRAMES, Convention(unit="deg"), "looks like radians"),
+        (20.0, 1.0, 0, ANY, "too few per oscillation"),
     ],
 )
-def test_angles_that_the_scene_contradicts_are_refused(dropper, spread, size, given, words):
+def test_angles_that_the_scene_contradicts_are_refused(dropper, spread, size, missing, given, words):
     trace = still_swinging(*dropper)
     swing = 0.5 * np.sin(np.arange(200) * 0.2)[:, None] * (size > 1)
-    measured = Trace("x", spread * trace.t, size * (trace.theta + swing))
-    with pytest.raises(SceneError, match=words):
-        settle(measured, dropper[0], given)
+    measured = Trace("x", spread * trace.t, np.where(missing, np.nan, size * (trace.theta + swing)))
 
-
-@pytest.mark.parametrize(
-    ("size", "given", "words"),
-    [(np.degrees(1.0), ANY, "looks like degrees"), (1.0, Convention(unit="deg"), "looks like radians")],
-)
-def test_the_unit_of_links_that_are_seen_every_second_frame_is_checked(dropper, size, given, words):
-    true = still_swinging(*dropper)
-    swing = 0.5 * np.sin(np.arange(200) * 0.2)[:, None] * (size > 1)
-    odd = (np.arange(200)[:, None] + np.arange(7)) % 2
-    measured = Trace("x", true.t, np.where(odd, np.nan, size * (true.theta + swing)))
-    with pytest.raises(SceneError, match=words):
+    def settle():
         check_scale(measured, dropper[0], given)
+        return settle_convention(measured, dropper[0], given)
+
+    with pytest.raises(SceneError, match=words):
+        settle()
 
 
 def test_gaps_between_known_samples_are_crossed_up_to_their_length():

@@ -20,10 +20,11 @@ from dropper_jax.evaluation.record import record
 from dropper_jax.evaluation.tension import anchors
 from dropper_jax.scene import line_slices
 from fitting.farm.cases import assess, run_cases, write_page
-from fitting.farm.cases.case_run import QuantityValues, Runner
+from fitting.farm.cases.case_run import Runner
 from fitting.farm.cases.case_store import CaseStore as Store
 from fitting.farm.cases.characteristic import characteristic
 from fitting.farm.cases.page import page_text
+from fitting.farm.cases.run_arrays import QuantityValues
 from fitting.farm.cases.step_errors import step_errors
 from fitting.farm.site import Case, read_site
 from fitting.farm.site.sections import RunValues, standards

@@ -15,17 +15,18 @@ from dropper_jax.scene import line_slices
 from dropper_jax.statics.rest_problem import unbalanced
 from dropper_jax.study.gradient_check import GradientCheck
 from fitting.farm.optimise.broken_link import link_of, with_link_mask
-from fitting.farm.optimise.design import DIFFERENCE_STEP, WindowRuns
+from fitting.farm.optimise.design import DIFFERENCE_STEP
 from fitting.farm.optimise.equilibria import near_rest, solve_rest
-from fitting.farm.optimise.goals import read_goals
 from fitting.farm.optimise.models import still, still_model
+from fitting.farm.optimise.programme import programme
 from fitting.farm.optimise.quantities import Steps
+from fitting.farm.optimise.read_goals import read_goals
 from fitting.farm.optimise.run import optimise, read_problem
-from fitting.farm.optimise.search import Search, programme
+from fitting.farm.optimise.search_state import Search
 from fitting.farm.optimise.storm import Peaks, check_windows
 from fitting.farm.optimise.values import Values
 from fitting.farm.optimise.variables import read_variables
-from fitting.farm.optimise.windows import Window
+from fitting.farm.optimise.windows import Window, WindowRuns
 from fitting.farm.site import read_site
 
 LOOPS = packaged_scene("looped-longline")
@@ -120,12 +121,17 @@ def test_a_bad_problem_is_refused_before_anything_runs(sections, message):
         read_problem(changed(**sections))
 
 
+def first_model(own):
+    """The model of a site's first load case at rest, with its variables at their start."""
+    variables = read_variables(own.raw["variable"], own.scene)
+    return still_model(own, variables, np.array([v.value for v in variables]), own.cases[0].storm)
+
+
 @pytest.mark.parametrize(("height", "met"), [(-0.2, True), (0.4, True), (0.7, False)])
 def test_a_point_may_be_allowed_above_the_water(height, met):
     """A bound of -0.5 m allows half a metre above the water's level."""
     own = changed(**constraint("depth", points="p1", shallowest=-0.5))
-    variables = read_variables(own.raw["variable"], own.scene)
-    model = still_model(own, variables, np.array([v.value for v in variables]), own.cases[0].storm)
+    model = first_model(own)
     r = np.full((model.free_nodes, 3), height)
     (bound,) = read_goals(own).depths[-1].utilisations(model, r, np.zeros((3, *r.shape)), 0.0)
     assert (bound.value <= 1.0) == met
@@ -178,8 +184,7 @@ def test_a_constraint_may_limit_a_quantity_by_name():
     limits = {"tension.west-leg.fairlead.max": 2e4, "offset.p1.max": 5.0}
     rows = [{"kind": "quantity", "of": of, "maximum": most} for of, most in limits.items()]
     own = changed(constraint=rows, anchor=[{"points": "*", "capacity": 6e3}])
-    variables = read_variables(own.raw["variable"], own.scene)
-    model = still_model(own, variables, np.array([v.value for v in variables]), own.cases[0].storm)
+    model = first_model(own)
     pose = near_rest(model, None)
     tension, offset = read_goals(own).quantities(own, model)[-2:]
     steps = Steps(pose.r[None], pose.tension[None], np.ones(1))
@@ -275,7 +280,7 @@ def test_capacities_that_are_the_scene_s_follow_the_design():
 def test_derivatives_of_a_constraint_are_the_mean_of_those_of_its_seeds(characteristic, monkeypatch):
     design = read_problem(changed(run={**SITE["run"], "seeds": 4, "characteristic": characteristic}))
     rng = np.random.default_rng(0)
-    start = design.run_start(design.start, design.cases[0].storm)
+    start = design.starts.at(design.start, design.cases[0].storm)
     count = len(design.quantities["intact"])
     hard = [rng.uniform(1.0, 2.0, count) for _ in design.cases]
     runs = WindowRuns(design.start, [np.ones(count) for _ in hard], [Peaks(peaks, peaks, None) for peaks in hard])

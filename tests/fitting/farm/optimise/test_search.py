@@ -9,10 +9,16 @@ import pytest
 
 from dropper_jax.base.errors import silent
 from dropper_jax.base.parallel_runs import run_parallel
-from fitting.farm.optimise import run
-from fitting.farm.optimise.run import design_warnings
-from fitting.farm.optimise.search import MAX_RESIDUAL, Search, measure, run_round, run_search
+from dropper_jax.study.gradient_check import GradientCheck
+from fitting.farm.optimise import along_gradient
+from fitting.farm.optimise.optimum import Optimum, design_warnings
+from fitting.farm.optimise.search import measure, run_search
+from fitting.farm.optimise.search_round import MAX_RESIDUAL, run_round
+from fitting.farm.optimise.search_state import Search
 from fitting.farm.optimise.values import Values, dominated_slopes
+
+#: Two runs that show what the gradient predicts.
+TRUE_GRADIENT = GradientCheck.of(1.0, 1.0)
 
 
 def values(*constraints):
@@ -31,11 +37,20 @@ def test_the_residual_is_that_of_windows_before_they_are_renewed():
 
 
 def test_large_residuals_and_designs_that_are_no_optimum_are_reported():
-    assert design_warnings(MAX_RESIDUAL, 0.95, 0.01) == []
-    assert design_warnings(float("nan"), 1.0, 0.2) == []
-    assert "differed by 3.0% of a limit" in design_warnings(0.03, 1.0, 0.2)[0]
-    assert "balance 40% of the objective's slope" in design_warnings(0.0, 0.4, 0.2)[0]
-    assert "changes of up to 0.40% of the variables' ranges" in design_warnings(0.0, 1.0, 0.004)[0]
+    assert design_warnings(MAX_RESIDUAL, 0.95, 0.01, (), TRUE_GRADIENT) == []
+    assert design_warnings(float("nan"), 1.0, 0.2, (), TRUE_GRADIENT) == []
+    for numbers, words in (
+        ((0.03, 1.0, 0.2), "differed by 3.0% of a limit"),
+        ((0.0, 0.4, 0.2), "balance 40% of the objective's slope"),
+        ((0.0, 1.0, 0.004), "changes of up to 0.40% of the variables' ranges"),
+    ):
+        (line,) = design_warnings(*numbers, (), TRUE_GRADIENT)
+        assert words in line
+
+
+@pytest.mark.parametrize(("objective", "gain"), [((4.0, 3.0), 0.25), ((0.0, 0.0), np.nan)])
+def test_the_gain_is_relative_and_unknown_where_the_start_costs_nothing(objective, gain):
+    np.testing.assert_equal(Optimum.gain.fget(SimpleNamespace(objective=objective)), gain)
 
 
 def test_a_derivative_that_one_snapping_seed_dominates_is_reported_by_mean_and_median():
@@ -48,7 +63,7 @@ def test_a_derivative_that_one_snapping_seed_dominates_is_reported_by_mean_and_m
     (found,) = dominated_slopes(own, np.ones(2), 0.99)
     assert (found.constraint, found.variable, found.seed) == ("legs", 0, 9)
     assert (found.mean, found.median) == pytest.approx((-178.1, -265.5))
-    assert "one seed dominates 1 derivative" in design_warnings(0.0, 1.0, 0.2, [found])[0]
+    assert "one seed dominates 1 derivative" in design_warnings(0.0, 1.0, 0.2, [found], TRUE_GRADIENT)[0]
     assert dominated_slopes(dataclasses.replace(own, by_seed={"legs": rows[:9]}), np.ones(2), 0.99) == []
     assert dominated_slopes(dataclasses.replace(own, by_seed={"legs": rows[8:]}), np.ones(2), 0.99) == []
 
@@ -62,13 +77,13 @@ def test_two_runs_along_the_gradient_show_whether_it_predicts_the_highest_peak(m
         window=lambda x, own: SimpleNamespace(hard=peaks(x), soft=peaks(x)),
         slopes=lambda *_: [np.array([[0.0], [slope]])],
     )
-    monkeypatch.setattr(run, "first_windows", lambda _: [SimpleNamespace(case=None)])
-    found = run.check_along(design)
+    monkeypatch.setattr(along_gradient, "first_windows", lambda _: [SimpleNamespace(case=None)])
+    found = along_gradient.check_along(design)
     assert found.status == status
     if np.isfinite(slope):
         assert found.measured == pytest.approx(2.0 * 3.0 * 0.005 * 2.0)
         assert found.ratio == pytest.approx(3.0 / slope)
-    warned = any("not_trusted" in text for text in design_warnings(0.0, 1.0, 0.2, along=found))
+    warned = any("not_trusted" in text for text in design_warnings(0.0, 1.0, 0.2, (), found))
     assert warned == (status == "not_trusted")
 
 
@@ -115,6 +130,11 @@ def design_of(of, variables, **settings):
     )
 
 
+def of_first(x, constraint=0.5):
+    """The first variable as objective, and a constraint that does not change."""
+    return Values(float(x[0]), np.ones(1), ("a",), np.array([constraint]), np.zeros((1, 1)))
+
+
 def search_round(search, design):
     return run_round(search, design, (), lambda: None, silent)
 
@@ -139,8 +159,7 @@ def test_no_design_is_tried_twice_where_bounds_cut_a_step_short():
 
 
 def test_a_design_whose_derivatives_cannot_be_run_is_not_taken():
-    looked = lambda x: Values(float(x[0]), np.ones(1), ("a",), np.array([0.5]), np.zeros((1, 1)))  # noqa: E731
-    design = design_of(looked, [SimpleNamespace(low=0.0, high=1.0, span=1.0)])
+    design = design_of(of_first, [SimpleNamespace(low=0.0, high=1.0, span=1.0)])
     differentiate = design.differentiate
     design.differentiate = lambda runs, say: differentiate(runs, say) if runs.found.objective == 1.0 else runs
     search = Search(np.ones(1), 0.4, scale=1.0)
@@ -150,9 +169,8 @@ def test_a_design_whose_derivatives_cannot_be_run_is_not_taken():
 
 
 def test_a_search_ends_at_a_start_whose_derivatives_cannot_be_run():
-    beyond = lambda x: Values(float(x[0]), np.ones(1), ("a",), np.array([1.5]), np.zeros((1, 1)))  # noqa: E731
     variable = SimpleNamespace(low=0.0, high=1.0, span=1.0, catalogue=())
-    design = design_of(beyond, [variable], rounds=8)
+    design = design_of(lambda x: of_first(x, 1.5), [variable], rounds=8)
     design.differentiate = lambda runs, say: runs
     search = Search(np.ones(1), 0.4)
     run_search(search, design, lambda: None, silent)
@@ -161,11 +179,7 @@ def test_a_search_ends_at_a_start_whose_derivatives_cannot_be_run():
 
 def test_the_last_step_of_a_round_is_not_differentiated():
     differences = []
-
-    def looked(x):
-        return Values(float(x[0]), np.ones(1), ("a",), np.array([0.5]), np.zeros((1, 1)))
-
-    design = design_of(looked, [SimpleNamespace(low=0.0, high=3.0, span=1.0)], renew=3, reach=0.1)
+    design = design_of(of_first, [SimpleNamespace(low=0.0, high=3.0, span=1.0)], renew=3, reach=0.1)
     differentiate = design.differentiate
     design.differentiate = lambda runs, say: differences.append(runs.found.objective) or differentiate(runs, say)
     search = Search(np.array([2.0]), 0.1, scale=1.0)

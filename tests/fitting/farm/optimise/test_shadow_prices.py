@@ -8,7 +8,8 @@ import pytest
 from dropper_jax.base.errors import silent
 from fitting.farm.optimise.models import ASSUMPTIONS
 from fitting.farm.optimise.run import read_problem
-from fitting.farm.optimise.search import Search, run_round
+from fitting.farm.optimise.search_round import run_round
+from fitting.farm.optimise.search_state import Search
 from fitting.farm.optimise.shadow_prices import shadow_prices
 from fitting.farm.optimise.values import Values
 from fitting.farm.optimise.variables import bounds

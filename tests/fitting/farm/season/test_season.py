@@ -8,7 +8,8 @@ import pytest
 
 from dropper_jax import SceneError
 from fitting.farm.season import schedule, season, write_season
-from fitting.farm.season.season import double_crops, spread
+from fitting.farm.season.schedule import spread
+from fitting.farm.season.season import double_crops
 from fitting.farm.site import read_site
 
 RHO, G = 1025.0, 9.81

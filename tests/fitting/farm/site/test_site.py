@@ -11,6 +11,7 @@ import pytest
 
 from dropper_jax import SceneError
 from fitting.farm.site import read_site
+from fitting.farm.site.case import name_waters
 
 SITE = {
     "scene": "dropper-farm",
@@ -61,6 +62,15 @@ def test_cases_are_every_combination_with_every_seed(site):
     assert "swell, 90 deg, 0.9 m/s, level -1 m, september, west-leg broken" in labels
     assert {case.seed for case in site.cases} == {5, 6}
     assert site.scene.sea.depth == 25.0  # a parameter of the template reached the scene
+
+
+def test_equilibria_that_differ_have_different_names(site):
+    storms = list({storm.still: storm for storm in site.storms}.values())
+    assert len(storms) == 2 * 2 * 2 * 2  # directions of the current with the waves, speeds, levels, months
+    names = name_waters(storms)
+    assert len(set(names)) == len(names)
+    assert "0.9 m/s level -1 m 90 deg september" in names
+    assert name_waters(storms[:1]) == ["0 m/s level -1 m"]
 
 
 def test_a_case_changes_what_it_names_and_nothing_else(site):

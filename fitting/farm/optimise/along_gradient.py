@@ -1,0 +1,53 @@
+"""Check of a design's derivatives: two runs of a window along the gradient of its highest peak."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from dropper_jax.base.errors import Progress, silent
+from dropper_jax.study.gradient_check import GradientCheck, check_gradient
+from fitting.farm.optimise.design import Design
+from fitting.farm.optimise.windows import Window
+
+
+def along_error(along: GradientCheck) -> float:
+    """Relative error of the derivative along the gradient."""
+    return abs(along.ratio - 1.0)
+
+
+def along_text(along: GradientCheck) -> str:
+    """What two runs along the gradient show."""
+    return f"two runs along the gradient change the highest peak by {along.ratio:.3g} of what it predicts"
+
+
+def check_along(design: Design, say: Progress = silent) -> GradientCheck:
+    """Two runs of a window along the gradient of its highest peak, by 0.5 % of the variables' ranges, at the start of a
+    design: the worst window."""
+    say(0.0, "two runs along the gradient")
+    found = [_check_window(design, window) for window in first_windows(design)]
+    return max(found, key=lambda one: np.nan_to_num(along_error(one), nan=np.inf))
+
+
+def _check_window(design: Design, window: Window) -> GradientCheck:
+    """Two runs of one window."""
+    peaks = design.window(design.start, window)
+    (slopes,) = design.slopes([peaks], silent)
+    highest = np.argmax(peaks.hard)
+    span = np.array([v.span for v in design.variables])
+
+    def peak(x: np.ndarray) -> float:
+        return design.window(np.asarray(x), window).soft[highest]
+
+    return check_gradient(peak, design.start, slopes[highest, : len(span)], span)
+
+
+def first_windows(design: Design) -> list[Window]:
+    """A window of one case of each kind, from the start of the storm."""
+    windows = []
+    for kind, quantities in design.quantities.items():
+        case = next(case for case in design.cases if case.storm.kind == kind)
+        begin = Window(case, 0.0, np.ones(len(quantities)))
+        windows.append(replace(begin, height=design.window(design.start, begin).hard))
+    return windows

@@ -66,14 +66,12 @@ def run(args: Namespace) -> int:
         if not is_one_picture(args.plot):
             along_lines(scene, found.positions, found.tension, picture(args.plot, "along"))
     values = _object(scene, found, angles, bent)
-    text = _text(lines, found, angles, bent)
+    parts = _line_tables(lines, found, angles, bent)
     if not failed:
-        parts = [text]
         if "held_load_n" in values:
             parts.append(_loads(values["held_load_n"]))
         parts += [_end_forces(values), *weights_table(scene), f"ok: scaled residual {found.residual:.1e}"]
-        text = "\n".join(parts)
-    return deliver(args, {**values, "warnings": remarks}, text, failure_of(found))
+    return deliver(args, {**values, "warnings": remarks}, "\n".join(parts), failure_of(found))
 
 
 def _tide(scene: Scene, args: Namespace) -> int:
@@ -145,16 +143,17 @@ def _by_end(values: dict[str, np.ndarray]) -> dict[str, dict[str, float]]:
     return found
 
 
-def _text(lines: Sequence[LineSlice], found: Equilibrium, angles: np.ndarray, bent: np.ndarray) -> str:
-    """A table of nodes and links for each line."""
+def _line_tables(lines: Sequence[LineSlice], found: Equilibrium, angles: np.ndarray, bent: np.ndarray) -> list[str]:
+    """A table of nodes and links for each line, below its name if there are several."""
     parts = []
+    nodes = np.column_stack([found.positions, bent])
+    links = np.column_stack([angles, found.tension])
     for line in lines:
         if len(lines) > 1:
             parts.append(f"line {line.name}")
-        nodes = found.positions[line.nodes], bent[line.nodes]
-        parts.append(_line_table(*nodes, found.tension[line.links], angles[line.links]))
+        parts.append(_line_table(nodes[line.nodes], links[line.links]))
     note = "angles and tension are those of the link that ends at the node; polar is 0 at the horizontal, down > 0"
-    return "\n".join([*parts, note])
+    return [*parts, note]
 
 
 def _end_forces(found: Table) -> str:
@@ -172,20 +171,19 @@ def _end_forces(found: Table) -> str:
 def _loads(found: dict[str, np.ndarray]) -> str:
     """Forces of the lines on the fixed points."""
     rows = [("fixed point", "horizontal [N]", "vertical, upwards [N]", "total [N]", "uplift angle [deg]")]
-    for name, load in found.items():
-        across = np.hypot(load[0], load[1])
-        size = float(np.linalg.norm(load))
+    for name, (x, y, up) in found.items():
+        across = np.hypot(x, y)
+        size = np.hypot(across, up)
         angle = "-"  # a zero load has no direction
         if size > 0.0:
-            angle = f"{np.degrees(np.arctan2(load[2], across)):.2f}"
-        rows.append((name, *cells((across, load[2], size), ".5g"), angle))
+            angle = f"{np.degrees(np.arctan2(up, across)):.2f}"
+        rows.append((name, *cells((across, up, size), ".5g"), angle))
     return table(rows)
 
 
-def _line_table(positions: np.ndarray, bent: np.ndarray, tension: np.ndarray, angles: np.ndarray) -> str:
+def _line_table(nodes: np.ndarray, links: np.ndarray) -> str:
+    """Positions and curvature of nodes (n + 1, 4), and angles and tension of the links (n, 3) that end at them."""
     heads = ("node", "x [m]", "y [m]", "z [m]", "curvature [1/m]", "polar [rad]", "azimuth [rad]", "tension [N]")
-    nodes = np.column_stack([positions, bent])
-    links = np.column_stack([angles, tension])
     of_links = [("", "", ""), *(cells(link, ".5f") for link in links)]
     rows: list[tuple[str, ...]] = [heads]
     for i, (node, link) in enumerate(zip(nodes, of_links, strict=True)):

@@ -143,6 +143,9 @@ def _runs(
     return rows
 
 
+#: Maximum number of ends whose spectra are drawn.
+MOST_SPECTRA = 6
+#: Columns of the runs in time: formats of the values by heading.
 RUNS = {
     "hs [m]": "{hs_m:g}",
     "tp [s]": "{tp_s:g}",
@@ -217,8 +220,7 @@ def _draw(name: str, found: FrequencyResponse, path: Path) -> None:
     with style.plot_style():
         figure = figures.new_figure(7.0, 4.4)
         axes = figure.subplots()
-        # the six ends with the largest deviations
-        ends = np.argsort(-found.tension_deviation[state])[:6]
+        ends = np.argsort(-found.tension_deviation[state])[:MOST_SPECTRA]
         curves = [Curve(" at ".join(found.ends[i]), omega, tension[:, i] / 1e6) for i in ends]
         draw_panel(axes, Panel("", curves))
         axes.set(xlabel="frequency [rad/s]", ylabel="spectrum of the tension [kN$^2$ s/rad]", ylim=(0.0, None))

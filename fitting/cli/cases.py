@@ -12,7 +12,7 @@ from dropper_jax.base.memory import available_cores
 from dropper_jax.base.read import Table
 from dropper_jax.cli.given import output_folder, positive_integer
 from dropper_jax.cli.options import add_effects, add_examples, add_json, add_quiet, register_effects
-from dropper_jax.cli.printing import FAILED, OK, done_object, listing, print_result, progress
+from dropper_jax.cli.printing import Failure, done_object, listing, print_result, progress
 
 if TYPE_CHECKING:
     from fitting.farm.site import Site
@@ -78,10 +78,10 @@ def run(args: argparse.Namespace) -> int:
     found = assess(site, folder, steps)
     files = write_page(found, folder)
     found |= {"out": str(folder), "runs": done.runs, "resumed": done.resumed, "run_s": done.run_s}
-    print_result(args, found, text(found, files))
+    failure: Failure | None = None
     if found["failed"]:
-        return FAILED
-    return OK
+        failure = (found["status"], f"{len(found['failed'])} of {len(site.cases)} runs are missing or failed")
+    return print_result(args, found, text(found, files), failure)
 
 
 def _list(site: Site, args: argparse.Namespace) -> int:

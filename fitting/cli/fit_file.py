@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import re
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,7 +12,7 @@ import numpy as np
 
 from dropper_jax.base.errors import Progress, SceneError
 from dropper_jax.base.read import Table
-from dropper_jax.cli.given import number
+from dropper_jax.cli.given import by_name, check_positive, number, read_numbers
 from dropper_jax.cli.printing import table
 
 if TYPE_CHECKING:
@@ -51,10 +51,11 @@ def given_of(args: argparse.Namespace) -> FileOptions:
 
     lengths = None
     if args.lengths is not None:
-        lengths = tuple(positive(part, "--lengths", "m") for part in args.lengths.split(","))
+        lengths = tuple(read_numbers(args.lengths, "--lengths", "is not a list of numbers [m]"))
+        for length in lengths:
+            check_positive("--lengths", length, "> 0 m")
     for key, unit in {"rate": "1/s", "counts": "-", "mass": "kg"}.items():
-        if getattr(args, key) is not None:
-            positive(getattr(args, key), f"--{key}", unit)
+        check_positive(f"--{key}", getattr(args, key), f"> 0 [{unit}]")
     units = [*RADIANS, "counts"]
     if args.unit is not None and args.unit not in units:
         raise SceneError(f"--unit: {args.unit!r} is unknown; allowed: {', '.join(units)}")
@@ -108,28 +109,19 @@ def traces_for(args: argparse.Namespace, scene: Scene) -> tuple[list[str | Trace
     return found, notes
 
 
-def positive(text: str | float, option: str, unit: str) -> float:
-    """A positive number of an option."""
-    try:
-        value = float(text)
-    except ValueError:
-        raise SceneError(f"{option}: {text!r} is not a number [{unit}]") from None
-    if not 0 < value < float("inf"):
-        raise SceneError(f"{option}: {value:g} is not positive; allowed: > 0 [{unit}]")
-    return value
-
-
 def column_names(text: str | None) -> dict[str, str] | None:
     """Columns of a file by name, of `time=timestamp,theta_1=angle`."""
     if text is None:
         return None
-    columns = {}
-    for part in text.split(","):
-        name, _, column = (word.strip() for word in part.partition("="))
-        if not (name and column):
-            raise SceneError(f"--columns: {part!r} is not NAME=COLUMN; allowed: time=COLUMN,theta_1=COLUMN,...")
-        columns[name] = column
-    return columns
+    return by_name(map(_column_name, text.split(",")), "--columns")
+
+
+def _column_name(text: str) -> tuple[str, str]:
+    """Name and column of `theta_1=angle`."""
+    name, _, column = (word.strip() for word in text.partition("="))
+    if not (name and column):
+        raise SceneError(f"--columns: {text!r} is not NAME=COLUMN; allowed: time=COLUMN,theta_1=COLUMN,...")
+    return name, column
 
 
 def fit_files(args: argparse.Namespace, shared: Table, say: Progress) -> tuple[FitResult, Table, str]:
@@ -142,6 +134,8 @@ def fit_files(args: argparse.Namespace, shared: Table, say: Progress) -> tuple[F
     from fitting.from_file.values import found_values, value_rows
 
     given = given_of(args)
+    if args.held_out is None:  # a stretch that is held out may lie after --until
+        given = replace(given, end=args.until)
     measured = [read_measured(file, given) for file in args.traces]
     if len({one.trace.links for one in measured}) > 1:
         counts = ", ".join(f"{one.trace.name} {one.trace.links}" for one in measured)

@@ -197,8 +197,19 @@ OF_DATA = ("start.", "channel.", "camera.")
 OF_DESCENT = ("optimizer", "learning_rate", "steps")
 #: Options of traces that are None if not given.
 TRACE_VALUES = (
-    *("since", "until", "held_out", "window", "zero", "sign", "unit", "columns", "rest"),
-    *("rate", "counts", "lengths", "mass"),
+    "since",
+    "until",
+    "held_out",
+    "window",
+    "zero",
+    "sign",
+    "unit",
+    "columns",
+    "rest",
+    "rate",
+    "counts",
+    "lengths",
+    "mass",
 )
 #: Options of traces that are on or off.
 TRACE_SWITCHES = ("static_start", "fixed", "advice", "auto_free", "compare_models", "accept_misfit", "same_motion")

@@ -11,6 +11,8 @@ from dropper_jax.cli.printing import progress, table
 
 help = "plan an experiment: which release, duration and camera determine the parameters best"
 
+NOT_NUMBERS = "is not a list of numbers; allowed: such as 8,16,48"
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_examples(
@@ -47,8 +49,8 @@ def run(args: argparse.Namespace) -> int:
     found = plan(
         args.scenes,
         args.free,
-        durations=_numbers("duration", args.duration),
-        noises=_numbers("noise", args.noise),
+        durations=read_numbers(args.duration, "--duration", NOT_NUMBERS),
+        noises=read_numbers(args.noise, "--noise", NOT_NUMBERS),
         requested=args.wanted,
         gap_weight=args.gap_weight,
         rate=args.rate,
@@ -60,8 +62,3 @@ def run(args: argparse.Namespace) -> int:
         f"{table(rows(found))}\n"
         "standard errors in the parameters' units; times the best: their geometric mean relative to the first row",
     )
-
-
-def _numbers(option: str, text: str) -> list[float]:
-    """The numbers of a list, separated by commas."""
-    return read_numbers(text, f"--{option}", "is not a list of numbers; allowed: such as 8,16,48")

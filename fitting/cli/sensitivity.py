@@ -53,8 +53,7 @@ def run(args: argparse.Namespace) -> int:
     check_method(args)
 
     from fitting import sensitivity
-    from fitting.sensitivity.global_indices import global_text
-    from fitting.sensitivity.result import local_text
+    from fitting.sensitivity.texts import global_text, local_text
 
     problem = sensitivity.study(scene, args.of, args.to)
     say = progress(args.quiet)

@@ -15,7 +15,7 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.markdown import cells
 from dropper_jax.base.memory import available_cores
 from dropper_jax.base.read import ScenePath, Table
-from dropper_jax.cli.given import by_name, output_folder, read_numbers, read_spaced
+from dropper_jax.cli.given import by_name, output_folder, read_numbers, read_spaced, split_names
 from dropper_jax.cli.options import add_examples, add_quiet, add_run_values, add_scene, read_scene
 from dropper_jax.cli.printing import listing, print_line, print_result, print_warnings, progress, table
 from fitting.cli.fit_file import column_names
@@ -65,6 +65,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--plot", metavar="DIR", help="write a picture of every quantity over the varied inputs")
     parser.add_argument(
         "--quantities",
+        type=split_names,
         metavar="NAMES",
         help=f"quantities to save: {', '.join(DEFAULT_QUANTITIES)} (default: all; with --trace none), or by "
         "name as for `dropper sensitivity --of`, such as tension.west-leg.fairlead.max",
@@ -147,14 +148,11 @@ def run(args: argparse.Namespace) -> int:
 
 def _options(args: argparse.Namespace) -> Table:
     """Options of a sweep with and without a trace."""
-    quantities = None
+    quantities = args.quantities
     chunk = args.chunk
     if args.trace:
-        quantities = []
-        if chunk is None:
-            chunk = CHUNK_WITH_TRACE
-    if args.quantities:
-        quantities = args.quantities.split(",")
+        quantities = quantities or []
+        chunk = CHUNK_WITH_TRACE if chunk is None else chunk
     return {
         "seeds": args.seeds,
         "quantities": quantities,

@@ -11,7 +11,7 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.markdown import cells
 from dropper_jax.cli.given import check_positive, number, output_file, read_numbers
 from dropper_jax.cli.options import add_examples, add_json, add_quiet
-from dropper_jax.cli.printing import FAILED, OK, listing, print_line, print_result, print_warnings, progress
+from dropper_jax.cli.printing import listing, print_result, print_warnings, progress
 
 if TYPE_CHECKING:
     from fitting.films.ordering import AmbiguousOrderError
@@ -101,7 +101,7 @@ def run(args: argparse.Namespace) -> int:
     except AmbiguousOrderError as error:
         return report_ambiguous(error, args, out.with_name(f"{out.stem}-orders.png"))
     found = {**tracked.to_json(), "out": None}
-    message = f"error: {tracked.message}"
+    message = tracked.message
     if tracked.status != "lost":
         print_warnings(tracked.warnings)
         write_trace(out, tracked.trace, notes(tracked))
@@ -111,11 +111,8 @@ def run(args: argparse.Namespace) -> int:
         message += f"; the earlier part is in {out}"
     if overlay:
         write_overlay(tracked, args.video, overlay)
-    print_result(args, found, text(tracked, out))
-    if tracked.status == "ok":
-        return OK
-    print_line(message)
-    return FAILED
+    failure = None if tracked.status == "ok" else (tracked.status, message)
+    return print_result(args, found, text(tracked, out), failure)
 
 
 def start_positions(nodes: list[str] | None) -> list[tuple[float, float]] | None:

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
+from fitting.from_file.columns import Columns
+from fitting.from_file.motion import LinkMotion
+from fitting.from_file.pendulum import main_period
 
 #: Seconds per unit of time.
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
@@ -17,6 +21,8 @@ LONGEST_PERIOD = 16.0
 FEWEST_ROWS = 10
 #: Rows of a part after a jump back, below which they are in disorder and not another run.
 SECOND_RUN_ROWS = 30
+#: A clock that starts later than this [s] is counted from its first row: seconds since 1970 would lose digits.
+LATEST_START = 1e5
 
 
 @dataclass(frozen=True)
@@ -85,6 +91,45 @@ def mean_rows(values: np.ndarray, first: np.ndarray) -> tuple[np.ndarray, np.nda
     number = np.add.reduceat(known.astype(int), first)
     total = np.add.reduceat(np.where(known, values, 0.0), first)
     return np.where(number > 0, total / np.maximum(number, 1), np.nan), number
+
+
+class Clock(NamedTuple):
+    """Times of a motion.
+
+    Attributes:
+        times: (k,) [s].
+        period: main period of the motion [s].
+        starts_at_first_row: whether the time of the first row was subtracted.
+        note: how the unit of time was found.
+    """
+
+    times: np.ndarray
+    period: float
+    starts_at_first_row: bool
+    note: str
+
+
+def read_clock(file: str, columns: Columns, rows: Rows, motion: LinkMotion, rate: float | None) -> Clock:
+    """The clock of a motion, in seconds.
+
+    Args:
+        rate: frames or rows per second, if the user gives them.
+
+    Raises:
+        SceneError: frames without a rate, times of no unit.
+    """
+    period = main_period(motion.t, motion.theta)
+    column = None
+    if columns.time is not None:
+        column = columns.time.name
+    unit = columns.time_unit
+    if rate and unit is None:
+        unit = "frames"
+    second, note = unit_of_time(file, motion.t, period, unit, rate or columns.rate, column)
+    start = second * rows.start
+    if abs(start) >= LATEST_START:
+        start = 0.0
+    return Clock(start + second * motion.t, second * period, bool(rows.start) and not start, note)
 
 
 def unit_of_time(

@@ -9,7 +9,6 @@ from typing import Any, ClassVar
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.cli.printing import table
 from dropper_jax.run.storage import extra
 from fitting.parameters.names import full_names
 from fitting.parameters.targets import Direction
@@ -98,28 +97,6 @@ def global_indices(
         indices = {"sigma_conf": np.full(len(names), np.nan), **analyser.analyze(problem, points, values, seed=seed)}
     columns = [np.asarray(indices[key], float) for key in METHODS[method]]
     return Global(method, list(names), list(box), *columns, len(values), float(values.mean()), float(values.std()))
-
-
-def global_text(found: Global, of: str) -> str:
-    """Indices as text, the largest first."""
-    sobol = found.method == "sobol"
-    heads = ("mean |effect|", "+-", "spread", "")
-    sizes = found.first
-    if sobol:
-        heads = ("first", "+-", "total", "+-")
-        sizes = found.total
-    rows = [["parameter", "from", "to", *heads]]
-    for i in np.argsort(-sizes):
-        row = [found.names[i], *(f"{x:.4g}" for x in found.ranges[i])]
-        for x in (found.first[i], found.first_error[i], found.total[i], found.total_error[i]):
-            cell = "" if np.isnan(x) else f"{x:.3g}"
-            row.append(cell)
-        rows.append(row)
-    text = f"{of}: {found.runs} runs, mean {found.mean:.5g}, standard deviation {found.std:.3g}\n\n{table(rows)}"
-    if sobol and np.max(found.total_error) > 0.2:  # of the variance: ranks are then chance
-        more = 4 * found.runs // (len(found.names) + 2)  # errors go with the root of the number of samples
-        text += f"\n\nintervals of +-{np.max(found.total_error):.2g} are wide; --samples {more} halves them"
-    return text
 
 
 def ranges(problem: Study, given: Mapping[str, tuple[float, float]] | None = None) -> list[tuple[float, float]]:

@@ -11,7 +11,8 @@ import numpy as np
 from dropper_jax import Scene
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import ScenePath
-from dropper_jax.load.paths import describe
+from dropper_jax.load.original_lines import locate_written
+from dropper_jax.load.paths import Steps, describe, locate
 from dropper_jax.model import Model
 from dropper_jax.run.arrays import bare_model
 from dropper_jax.run.build import build_model
@@ -63,10 +64,23 @@ def full_paths(scene: Scene, names: list[str]) -> list[str]:
         if name.count(".") < 2:
             (name,) = full_names(scene, [name], "vary")
         found.append(name)
-    for path in found:
-        if found.count(path) > 1:
-            raise SceneError(f"vary: {path!r} is given twice; allowed: every path once")
+    check_different(scene, found)
     return found
+
+
+def check_different(scene: Scene, paths: Sequence[str]) -> None:
+    """Reject a path that is given twice, and two paths of one value, such as a line's by its number and by its name."""
+    steps = locate(scene.to_dict(), paths) | locate_written(scene.as_written())
+    first: dict[Steps, str] = {}
+    for path in paths:
+        stem, entries = ScenePath(path).entry_of(steps) or (path, ())
+        value = (*steps.get(stem, (stem,)), *entries)
+        if value not in first:
+            first[value] = path
+        elif first[value] == path:
+            raise SceneError(f"vary: {path!r} is given twice; allowed: every path once")
+        else:
+            raise SceneError(f"vary: {first[value]!r} and {path!r} are the same number; allowed: every number once")
 
 
 def first_seed(scene: Scene) -> int:

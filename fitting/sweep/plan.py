@@ -262,43 +262,46 @@ def make_plan(
     if changed:
         scene = scene.with_values(changed)
     lists = {path: read_values(path, values) for path, values in vary.items()}
-    counts = {path: values.size for path, values in lists.items()}
     if listed:
-        _check_listed(counts, seeds)
+        _check_listed(lists, seeds)
     if seeds:
         lists[SEED] = np.arange(seeds) + first_seed(scene)
-        counts[SEED] = seeds
     if not lists:
         raise SceneError("vary: nothing is varied; needed: --vary name=lo:hi:n or --seeds K")
     if chunk is not None and chunk < 1:
         raise SceneError(f"chunk: {chunk}; allowed: a whole number >= 1")
     if quantities is None:
         quantities = list(QUANTITIES)
-    names = tuple(quantities)
-    for name in names:
+    for name in quantities:
         if name not in QUANTITIES and "." not in name:
             known = f"{nearest(name, QUANTITIES)}; also SIGNAL.WHERE.STATISTIC, such as tension.chain.fairlead.max"
             raise SceneError(f"quantities: {name!r} is unknown; {known}")
-    cases = _count_cases(counts, len(names), listed)
+    cases = _count_cases([values.size for values in lists.values()], len(quantities), listed)
     full = dict(zip(full_paths(scene, list(lists)), lists.values(), strict=True))
     # the first value of every axis is in the base scene, so that an effect that the scene lacks exists
     base = scene.with_values({path: values[0].item() for path, values in full.items()})
     axes = tuple(make_axis(base, path, values) for path, values in full.items())
     if chunk is None:
         chunk = default_chunk(not build_model(base).geometry.is_path, cases)
-    plan = Plan(base, axes, names, traces, chunk, settings, listed)
+    plan = Plan(base, axes, tuple(quantities), traces, chunk, settings, listed)
+    _check_named_quantities(plan)
+    return plan
+
+
+def _check_named_quantities(plan: Plan) -> None:
+    """Reject natural periods, and quantities that a model of some size lacks."""
     for one in plan.named_quantities:
         if one.signal == PERIOD:
             raise SceneError(
                 "quantities: natural periods belong to a static pose. Use `dropper sensitivity --of period.1.start`"
             )
         for model in plan.models:
-            quantity(one.name, model, "quantities")  # a model of another size may lack it
-    return plan
+            quantity(one.name, model, "quantities")
 
 
-def _check_listed(counts: Mapping[str, int], seeds: int) -> None:
+def _check_listed(lists: Mapping[str, np.ndarray], seeds: int) -> None:
     """Reject a list of cases whose paths have different numbers of values, or with seeds."""
+    counts = {path: values.size for path, values in lists.items()}
     if seeds:
         what = "seeds, which rows cannot have separately"
     elif len(set(counts.values())) > 1:
@@ -308,9 +311,14 @@ def _check_listed(counts: Mapping[str, int], seeds: int) -> None:
     raise SceneError(f"listed: {what}. Use equally many values of every path, without seeds")
 
 
-#: On a GPU each operation costs the same for one case as for thousands. An H200 runs 131 072 lab droppers only 1.14
-#: times as fast per case.
-LARGEST_BATCH = 16384
+#: Cases of a device at a time, where the user gives none: those of 7 links then stay in the cache of a core. Cases of
+#: a system of lines run one after another, so that larger chunks gain nothing.
+CHUNK = 64
+SYSTEM_CHUNK = 1
+#: The same on a GPU, where each operation costs the same for one case as for thousands. An H200 runs 131 072 lab
+#: droppers only 1.14 times as fast per case.
+GPU_CHUNK = 16384
+GPU_SYSTEM_CHUNK = 256
 
 
 def default_chunk(system: bool, cases: int) -> int:
@@ -319,20 +327,21 @@ def default_chunk(system: bool, cases: int) -> int:
     Args:
         system: whether a case is a system of lines, not a single one.
     """
-    if jax.default_backend() == "cpu":
-        # cases of a system run one after another: larger chunks gain nothing
-        return 1 if system else 64
-    largest = 256 if system else LARGEST_BATCH
-    return min(cases, largest)
+    sizes = (CHUNK, SYSTEM_CHUNK)
+    if jax.default_backend() != "cpu":
+        sizes = (min(GPU_CHUNK, cases), min(GPU_SYSTEM_CHUNK, cases))
+    return sizes[system]
 
 
-def _count_cases(counts: Mapping[str, int], quantities: int, listed: bool) -> int:
-    """The number of cases of a grid or list, whose table must fit into memory."""
-    cases = max(counts.values()) if listed else math.prod(counts.values())
+def _count_cases(counts: Sequence[int], quantities: int, listed: bool) -> int:
+    """The number of cases of a grid or list with these numbers of values, whose table must fit into memory."""
+    cases = math.prod(counts)
+    if listed:
+        cases = counts[0]
     need = 8 * cases * (3 * len(counts) + quantities + 2)
     left = available_memory()
     if need > 0.5 * left:  # the table of all cases may use half of the free memory
-        what = f"{' x '.join(str(count) for count in counts.values())} values are {cases:.3g} cases"
+        what = f"{' x '.join(map(str, counts))} values are {cases:.3g} cases"
         raise SceneError(
             f"vary: {what}, whose table needs {in_words(need)} of memory; only {in_words(left)} are free. Use fewer"
         )

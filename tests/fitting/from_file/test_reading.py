@@ -10,7 +10,8 @@ from dropper_jax import SceneError
 from fitting.from_file.cells import read_cells
 from fitting.from_file.columns import find_columns
 from fitting.from_file.pendulum import main_period
-from fitting.from_file.points import error_of_pivot, find_chain, pivot_of
+from fitting.from_file.pivot import error_of_pivot, pivot_of
+from fitting.from_file.points import find_chain
 from fitting.from_file.read_file import FileOptions, read_measured
 from fitting.from_file.scene_of import propose_scene
 from fitting.from_file.values import per_mass

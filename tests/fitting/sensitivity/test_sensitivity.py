@@ -17,10 +17,9 @@ from fitting import sensitivity
 from fitting.parameters.parameter import with_parameter_values
 from fitting.sensitivity import global_indices, local, ranges, study, windows
 from fitting.sensitivity.differences import central_differences, difference_sizes, slopes_of_runs, statistic_notes
-from fitting.sensitivity.global_indices import global_text
-from fitting.sensitivity.result import local_text
 from fitting.sensitivity.study_runs import Run, StudyRuns
 from fitting.sensitivity.study_steps import saved_times
+from fitting.sensitivity.texts import global_text, local_text
 from fitting.sensitivity.tornado import path_label
 
 START = {"kind": "static", "release_nodes": [1], "release_force": [[3.0, 1.0, 4.0]]}

@@ -13,7 +13,7 @@ from matplotlib.colors import LogNorm
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from dropper_jax.plots import figures, scales, style, tension_colours
-from fitting.sweep.against_trace import TRACE_PARTS, FittedScore, TraceScores
+from fitting.sweep.scores import TRACE_PARTS, FittedScore, TraceScores
 
 #: Draws one panel: axes, scores, the fit, the part.
 DrawPanel = Callable[[Axes, TraceScores, FittedScore | None, int], None]

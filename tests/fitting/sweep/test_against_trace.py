@@ -11,7 +11,8 @@ import dropper_jax as dj
 from dropper_jax import SceneError, as_toml
 from fitting import Convention, Trace, write_trace
 from fitting.sweep import sweep_against_trace
-from fitting.sweep.against_trace import Against, FittedScore, part_ends
+from fitting.sweep.against_trace import part_ends
+from fitting.sweep.scores import Against, FittedScore
 
 pytest.importorskip("zarr")
 

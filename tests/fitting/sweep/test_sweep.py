@@ -20,7 +20,7 @@ zarr = pytest.importorskip("zarr")
 xarray = pytest.importorskip("xarray")
 
 from fitting.sweep import SweepStopped, open_sweep, sweep  # noqa: E402
-from fitting.sweep.plan import from_identity, make_plan  # noqa: E402
+from fitting.sweep.make_plan import from_identity, make_plan  # noqa: E402
 from fitting.sweep.store import SweepStore as Store  # noqa: E402
 
 SCENE = rods([1.0, 0.5], 0.5, 1.0, {"linear_damping": {"b_l": 0.1}})
@@ -284,10 +284,16 @@ def test_full_disk_is_reported_and_what_is_there_stays(whole, tmp_path, monkeypa
         ({"b_m": [1.0]}, {}, "vary: 'b_m' does not exist"),
         ({"effects.linear_damping.b_x": [1.0]}, {}, "effects.linear_damping.b_x: unknown path"),
         ({"b_l": [-1.0]}, {}, "b_l"),
+        *(({"b_l": x}, {}, "vary: b_l: no finite numbers") for x in ([], 0.3, [[0.1, 0.2]], [0.1, np.nan], [np.inf])),
+        (
+            {"line.0.mass": [1.0], "line.chain.mass": [2.0]},
+            {},
+            "'line.0.mass' and 'line.chain.mass' are the same number",
+        ),
+        ({"start.polar.0": [1.0], "start.polar.1": [2.0]}, {"seeds": 2}, "seeds: nothing in this scene is random"),
         ({"run.dt": [0.1]}, {}, "vary: 'run.dt' belongs to the compiled program"),
         ({"b_l": [0.1]}, {"quantities": ["tension_mx"]}, "quantities: 'tension_mx' is unknown; did you mean"),
         ({"b_l": [0.1]}, {"quantities": ["tension.m.max"]}, "'tension.m.max': 'm' is not a line; known: chain"),
-        ({"b_l": [0.1]}, {"seeds": 2}, "seeds: nothing in this scene is random"),
         ({"b_l": [0.1, 0.2], "start.polar.0": [1.0]}, {"listed": True}, "lists of different lengths (b_l 2, start"),
         ({"b_l": [0.1]}, {"duratoin": 0.2}, "duratoin: unknown setting; did you mean 'duration'?"),
         ({"b_l": [0.1]}, {"duration": -0.2}, "run.duration: -0.2"),
@@ -307,7 +313,6 @@ def test_settings_are_keys_of_run_or_of_the_stepper():
 
 
 def test_seeds_are_realisations_of_the_sea():
-
     waves = {"kind": "spectrum", "hs": 1.0, "tp": 6.0, "count": 8, "seed": 5}
     line = [{**SCENE["line"][0], "diameter": 0.05}]
     effects = {"weight": {}, "morison_drag": {"cdn": 1.0, "cdt": 0.0}}
@@ -369,12 +374,6 @@ def test_cluster_does_the_chunks_of_a_worker_that_died_elsewhere(whole, tmp_path
     one, other = raw(path), raw(whole)
     np.testing.assert_array_equal(one["status"], other["status"])
     np.testing.assert_allclose(one["tension_max"], other["tension_max"], rtol=1e-9)
-
-
-@pytest.mark.parametrize("values", [[], 0.3, [[0.1, 0.2]], [0.1, np.nan], [np.inf]])
-def test_a_path_without_a_list_of_finite_numbers_is_refused_in_one_line(values):
-    with pytest.raises(SceneError, match="vary: b_l: no finite numbers"):
-        make_plan(SCENE, {"b_l": values})
 
 
 def test_a_corner_of_the_grid_that_the_scene_rejects_is_no_extreme_case():

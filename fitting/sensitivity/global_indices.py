@@ -106,10 +106,11 @@ def ranges(problem: Study, given: Mapping[str, tuple[float, float]] | None = Non
         SceneError: an empty range, one of no parameter of the study, or a parameter that ranges cannot vary.
     """
     given = given or {}
-    full = dict(zip(full_names(problem.scene, list(given), "range"), given.values(), strict=True))
-    for name, (low, high) in full.items():
-        if name not in problem.names or not low < high:
-            raise SceneError(f"range: {name} = {low:g}:{high:g}; allowed: low < high of a parameter of --to")
+    full: dict[str, tuple[float, float]] = {}
+    for name, (low, high) in zip(full_names(problem.scene, list(given), "range"), given.values(), strict=True):
+        if name not in problem.names or name in full or not low < high:
+            raise SceneError(f"range: {name} = {low:g}:{high:g}; allowed: low < high, once for a parameter of --to")
+        full[name] = (low, high)
     found = []
     for p in problem.parameters:
         if isinstance(p.where, Direction) and not p.where.linear:

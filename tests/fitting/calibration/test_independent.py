@@ -20,7 +20,7 @@ from fitting.estimate.least_squares import descend, fit_windows, objective_at
 from fitting.estimate.normal_equations import drop_undefined
 from fitting.estimate.step_size import LARGEST_BIAS, step_bias
 from fitting.estimate.uncertainty import uncertainty
-from fitting.report.report import one_run_picture
+from fitting.report.pictures import one_run_picture
 
 
 @pytest.mark.check

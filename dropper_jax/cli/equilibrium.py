@@ -8,14 +8,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dropper_jax.base.errors import first_failure
 from dropper_jax.base.markdown import cells
 from dropper_jax.base.read import Table
-from dropper_jax.base.records import column
 from dropper_jax.cli.given import positive_integer
 from dropper_jax.cli.options import add_scene, read_scene
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, is_one_picture, picture, weights_table
 from dropper_jax.cli.printing import done_object, failure_of, print_warnings, table
+from dropper_jax.cli.tide import run_tide
 
 if TYPE_CHECKING:
     from dropper_jax.load.scene import Scene
@@ -38,7 +37,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 def run(args: Namespace) -> int:
     scene = read_scene(args, notes=args.tide)
     if args.tide:
-        return _tide(scene, args)
+        return run_tide(scene, args)
 
     from dropper_jax.analysis.angles import link_angles
     from dropper_jax.run.bends import crushed_links, curvature
@@ -72,42 +71,6 @@ def run(args: Namespace) -> int:
             parts.append(_loads(values["held_load_n"]))
         parts += [_end_forces(values), *weights_table(scene), f"ok: scaled residual {found.residual:.1e}"]
     return deliver(args, {**values, "warnings": remarks}, "\n".join(parts), failure_of(found))
-
-
-def _tide(scene: Scene, args: Namespace) -> int:
-    """The cycle as a table, or one object."""
-    from dropper_jax.study.tide import tidal_cycle
-
-    found = tidal_cycle(scene, args.times)
-    failed = first_failure([found["slack_status"], *column(found["rows"], "status")])
-    if args.plot and not failed:
-        from dropper_jax.study.pictures import tide
-
-        tide(scene.name, found["rows"], picture(args.plot, "tide"))
-    failure = (failed, f"{failed}: no equilibrium found for one instant of the cycle") if failed else None
-    return deliver(args, done_object(scene=scene.name, **found), _tide_text(found), failure)
-
-
-def _tide_text(found: Table) -> str:
-    rows = list(map(_tide_row, found["rows"]))
-    lines = [list(rows[0]), *(cells(row.values(), ".4g") for row in rows)]
-    note = "moved: maximum horizontal displacement of a node from the equilibrium without current at the mean level"
-    return f"{table(lines)}\n{note}"
-
-
-def _tide_row(row: Table) -> dict[str, float]:
-    """Numbers of an instant by their headings."""
-    numbers = {
-        "time [h]": row["t_s"] / 3600.0,
-        "level [m]": row["level_m"],
-        "current [m/s]": row["speed_m_per_s"],
-        "moved [m]": row["displacement_m"],
-    }
-    for name, load in row["held_load_n"].items():
-        numbers[f"{name} [N]"] = float(np.linalg.norm(load))
-    for name, share in row["anchor_utilisation"].items():
-        numbers[f"{name} used [%]"] = 100.0 * share
-    return numbers
 
 
 def _object(scene: Scene, found: Equilibrium, angles: np.ndarray, bent: np.ndarray) -> Table:

@@ -14,7 +14,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.markdown import cells
 from dropper_jax.base.read import Table
-from dropper_jax.cli.given import check_positive, number, positive_integer, read_numbers
+from dropper_jax.cli.given import number, positive, positive_integer, read_numbers
 from dropper_jax.cli.options import add_scene, read_scene
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, picture
 from dropper_jax.cli.printing import Failure, done_object, print_warnings, record_table, table
@@ -39,7 +39,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument("--direction", type=number, metavar="DEG", help="of these waves, from x towards y")
     parser.add_argument("--frequencies", type=positive_integer, default=40, help="frequencies of these states (40)")
     parser.add_argument(
-        "--duration", type=number, default=10800.0, metavar="S", help="of the most probable maximum [s] (10800)"
+        "--duration", type=positive("s"), default=10800.0, metavar="S", help="of the most probable maximum [s] (10800)"
     )
     parser.add_argument(
         "--runs",
@@ -53,7 +53,6 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def run(args: Namespace) -> int:
     states = _sea_states(args)
-    check_positive("--duration", args.duration, "above 0 s")
     if args.runs and states is None:
         raise SceneError("--runs: needs sea states. Use --sea-states or --table")
     scene = read_scene(args)

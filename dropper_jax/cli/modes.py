@@ -11,7 +11,7 @@ from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.markdown import cells
 from dropper_jax.base.read import Table
 from dropper_jax.base.records import names_of
-from dropper_jax.cli.given import check_positive, number, positive_integer
+from dropper_jax.cli.given import positive, positive_integer
 from dropper_jax.cli.options import add_scene, read_scene
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, picture
 from dropper_jax.cli.printing import done_object, failure_of, print_result, table
@@ -31,7 +31,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument("--count", type=positive_integer, default=10, help="number of modes, the slowest first (10)")
     parser.add_argument(
         "--amplitude",
-        type=number,
+        type=positive("m"),
         metavar="A",
         help="also damping ratios at an amplitude of A metres, with quadratic drag",
     )
@@ -45,7 +45,6 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def run(args: Namespace) -> int:
-    check_positive("--amplitude", args.amplitude, "above 0 m")
     scene = read_scene(args)
     body = None if args.of is None else _number_of(args.of, scene)
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import argparse
 import re
+from argparse import ArgumentParser, Namespace
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,7 +12,8 @@ import numpy as np
 
 from dropper_jax.base.errors import Progress, SceneError
 from dropper_jax.base.read import Table
-from dropper_jax.cli.given import by_name, check_positive, number, read_numbers
+from dropper_jax.base.records import without_keys
+from dropper_jax.cli.given import positive, read_numbers, values_by_name
 from dropper_jax.cli.printing import table
 
 if TYPE_CHECKING:
@@ -23,39 +24,40 @@ if TYPE_CHECKING:
 
 #: Model error that a fit to a file may assume, as a fraction of the motion.
 LARGEST_MODEL_ERROR = 0.003
+NOT_LENGTHS = "is not a list of lengths; allowed: numbers > 0 m, such as 0.2,0.15"
 
 
-def add_file_options(parser: argparse.ArgumentParser) -> None:
+def add_file_options(parser: ArgumentParser) -> None:
     """--rate, --counts, --same-motion, --lengths, --mass."""
-    parser.add_argument("--rate", type=number, metavar="FPS", help="rows per second of a file that counts frames")
     parser.add_argument(
-        "--counts", type=number, metavar="N", help="counts per turn of an encoder whose angle is in counts"
+        "--rate", type=positive("1/s"), metavar="FPS", help="rows per second of a file that counts frames"
+    )
+    parser.add_argument(
+        "--counts", type=positive("counts"), metavar="N", help="counts per turn of an encoder whose angle is in counts"
     )
     parser.add_argument(
         "--same-motion", action="store_true", help="the files are recordings of one motion (default: one run each)"
     )
     parser.add_argument("--lengths", metavar="L1,L2,...", help="lengths [m] of links whose angles alone are measured")
     parser.add_argument(
-        "--mass", type=number, metavar="KG", help="mass of each link, for damping in kg/s without a scene"
+        "--mass", type=positive("kg"), metavar="KG", help="mass of each link, for damping in kg/s without a scene"
     )
 
 
-def given_of(args: argparse.Namespace) -> FileOptions:
+def given_of(args: Namespace) -> FileOptions:
     """What the options state about the files.
 
     Raises:
-        SceneError: a number that is not positive, an unknown unit.
+        SceneError: a length that is not positive, an unknown unit.
     """
     from fitting.from_file.read_file import FileOptions
     from fitting.traces.trace import RADIANS
 
     lengths = None
     if args.lengths is not None:
-        lengths = tuple(read_numbers(args.lengths, "--lengths", "is not a list of numbers [m]"))
-        for length in lengths:
-            check_positive("--lengths", length, "> 0 m")
-    for key, unit in {"rate": "1/s", "counts": "-", "mass": "kg"}.items():
-        check_positive(f"--{key}", getattr(args, key), f"> 0 [{unit}]")
+        lengths = tuple(read_numbers(args.lengths, "--lengths", NOT_LENGTHS))
+        if min(lengths) <= 0.0:
+            raise SceneError(f"--lengths: {args.lengths!r} {NOT_LENGTHS}")
     units = [*RADIANS, "counts"]
     if args.unit is not None and args.unit not in units:
         raise SceneError(f"--unit: {args.unit!r} is unknown; allowed: {', '.join(units)}")
@@ -82,7 +84,7 @@ def is_trace_file(file: str, partial: bool) -> bool:
     return "t" in names and any(re.fullmatch(pattern, name) for name in names)
 
 
-def traces_for(args: argparse.Namespace, scene: Scene) -> tuple[list[str | Trace], list[str]]:
+def traces_for(args: Namespace, scene: Scene) -> tuple[list[str | Trace], list[str]]:
     """The files for a scene: those of other programs as traces, and how they were read.
 
     Raises:
@@ -113,7 +115,7 @@ def column_names(text: str | None) -> dict[str, str] | None:
     """Columns of a file by name, of `time=timestamp,theta_1=angle`."""
     if text is None:
         return None
-    return by_name(map(_column_name, text.split(",")), "--columns")
+    return values_by_name(map(_column_name, text.split(",")), "--columns")
 
 
 def _column_name(text: str) -> tuple[str, str]:
@@ -124,7 +126,7 @@ def _column_name(text: str) -> tuple[str, str]:
     return name, column
 
 
-def fit_files(args: argparse.Namespace, shared: Table, say: Progress) -> tuple[FitResult, Table, str]:
+def fit_files(args: Namespace, shared: Table, say: Progress) -> tuple[FitResult, Table, str]:
     """Fit files without a scene: the result, and what was assumed and found as plain values and as text."""
     from dropper_jax.load.scene import Scene
     from fitting.calibration.fit import fit, free_laws
@@ -157,21 +159,13 @@ def fit_files(args: argparse.Namespace, shared: Table, say: Progress) -> tuple[F
             f"the residuals exceed the noise: the rig departs by {error:g} rad from this model, and has dry friction"
         )
         result = fit_plain()
-    if args.report is None:
-        folder = unused(Path(), f"{measured[0].trace.name}-fit")
-    else:
-        folder = Path(args.report)
-    options = ()
-    if args.same_motion:
-        options = ("--same-motion",)
-    command = write_case(folder, measured, plain, options)
+    folder = args.report or unused(Path(), f"{measured[0].trace.name}-fit")
+    options = ["--same-motion"] if args.same_motion else []
+    command = write_case(Path(folder), measured, plain, options)
     values = found_values(result, measured[0], args.mass)
     assumed.append(model_note(measured[0].trace.links, args.mass))
     text = "\n\n".join([assumed_text(assumed), table(value_rows(values)), f"repeat with: {command}"])
-    found = {}
-    for one in values:
-        row = asdict(one)
-        found[row.pop("name")] = row
+    found = {one.name: without_keys(asdict(one), ["name"]) for one in values}
     return result, {"assumed": assumed, "found": found, "repeat": command}, text
 
 

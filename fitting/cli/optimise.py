@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import argparse
 import math
+from argparse import ArgumentParser, Namespace
 from typing import TYPE_CHECKING
 
 from dropper_jax.base.markdown import Rows, text_row
-from dropper_jax.cli.given import output_file
 from dropper_jax.cli.options import add_effects, add_examples, add_json, add_quiet, register_effects
-from dropper_jax.cli.outputs import add_out, add_plot, deliver, picture
+from dropper_jax.cli.outputs import add_file, add_out, add_plot, deliver, picture
 from dropper_jax.cli.printing import Failure, done_object, print_result, print_warnings, progress, table
 
 if TYPE_CHECKING:
@@ -18,14 +17,14 @@ if TYPE_CHECKING:
 help = "design a farm: minimum material, load or motion within a site's limits"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: ArgumentParser) -> None:
     add_examples(
         parser,
         "optimise small-longline --check",
         "optimise site.toml --state search.json --plot design",
     )
     parser.add_argument("site", metavar="SITE.toml", help="the site, with [[variable]] and [objective]")
-    parser.add_argument("--state", metavar="FILE.json", help="save the search here; resumes an existing one")
+    add_file(parser, "--state", (".json",), "save the search here; resumes an existing one", "FILE.json")
     add_plot(parser, "layout and utilisation, before and after,")
     add_out(parser)
     parser.add_argument("--check", action="store_true", help="only check the site and the derivatives")
@@ -34,9 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_quiet(parser)
 
 
-def run(args: argparse.Namespace) -> int:
-    state = output_file(args.state, "--state", (".json",))
-
+def run(args: Namespace) -> int:
     from fitting.farm.optimise.run import along_error, along_text, check_along, optimise, read_problem
     from fitting.farm.site import read_site
 
@@ -49,7 +46,7 @@ def run(args: argparse.Namespace) -> int:
         say(1.0, "ok")
         result = done_object(check=along_error(along), along=along._asdict())
         return print_result(args, result, f"{along_text(along)}: {along.status}")
-    found = optimise(site, state, say)
+    found = optimise(site, args.state, say)
     failure: Failure | None = None
     if not found.feasible:
         failure = ("not_converged", "none of the designs found meets all constraints on whole runs")
@@ -117,8 +114,8 @@ def _remarks(found: Optimum) -> str:
     apart = "windows and whole runs were not compared, because the start is the best design"
     if not math.isnan(found.residual):
         apart = f"windows and whole runs differed by up to {found.residual:.1%} of a limit before the last update"
-    return (
-        f"constraints of whole runs, {found.characteristic}; {along_text(found.along)}; {apart}; "
-        f"constraints and bounds balance {max(found.held, 0.0):.0%} of the objective's slope; {found.rounds} rounds, "
-        f"{found.runs} evaluations"
+    text = (
+        "constraints of whole runs, {0.characteristic}; {1}; {2}; constraints and bounds balance {3:.0%} of the "
+        "objective's slope; {0.rounds} rounds, {0.runs} evaluations"
     )
+    return text.format(found, along_text(found.along), apart, max(found.held, 0.0))

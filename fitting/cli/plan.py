@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import argparse
+from argparse import ArgumentParser, Namespace
 
 from dropper_jax.cli.given import number, read_numbers, split_names
 from dropper_jax.cli.options import add_effects, add_examples, add_json, add_quiet, register_effects
@@ -14,7 +14,7 @@ help = "plan an experiment: which release, duration and camera determine the par
 NOT_NUMBERS = "is not a list of numbers; allowed: such as 8,16,48"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: ArgumentParser) -> None:
     add_examples(
         parser,
         "plan dropper-release-a --free b_l,b_q",
@@ -42,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_json(parser)
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: Namespace) -> int:
     from fitting.calibration.measurement_plan import plan, rows
 
     register_effects(args)

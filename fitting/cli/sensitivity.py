@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import argparse
+from argparse import ArgumentParser, Namespace
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.cli.given import by_name, read_named_range, split_names
+from dropper_jax.cli.given import read_named_range, split_names, values_by_name
 from dropper_jax.cli.options import QUANTITY_HELP, add_examples, add_quiet, add_run_values, add_scene, read_scene
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, picture
 from dropper_jax.cli.printing import done_object, print_warnings, progress
@@ -18,7 +18,7 @@ DEFAULT_SAMPLES = 64
 OVERRIDES = ("integrator", "dt", "duration")
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: ArgumentParser) -> None:
     add_examples(
         parser,
         "sensitivity dropper-release-a --duration 1 --of tension.max --to b_l,b_q",
@@ -48,7 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_quiet(parser)
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: Namespace) -> int:
     scene = read_scene(args, OVERRIDES)
     check_method(args)
 
@@ -59,7 +59,7 @@ def run(args: argparse.Namespace) -> int:
     say = progress(args.quiet)
     ranges = None
     if args.method:
-        ranges = sensitivity.ranges(problem, by_name(map(_range, args.range), "--range"))
+        ranges = sensitivity.ranges(problem, values_by_name(map(_range, args.range), "--range"))
         samples = DEFAULT_SAMPLES if args.samples is None else args.samples
         found = sensitivity.global_indices(problem.batch, problem.names, ranges, args.method, samples, args.seed or 0)
         text = global_text(found, args.of)
@@ -83,7 +83,7 @@ def run(args: argparse.Namespace) -> int:
     return deliver(args, whole, text, failure)
 
 
-def check_method(args: argparse.Namespace) -> None:
+def check_method(args: Namespace) -> None:
     """Reject options that the method does not use, and samples that are too few."""
     if args.method is None:
         for option, value in (("--range", args.range or None), ("--samples", args.samples), ("--seed", args.seed)):

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-import argparse
 import io
+from argparse import ArgumentParser, Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.markdown import cells
-from dropper_jax.cli.given import check_positive, number, output_file, read_numbers
+from dropper_jax.cli.given import number, output_file, positive, read_numbers
 from dropper_jax.cli.options import add_examples, add_json, add_quiet
+from dropper_jax.cli.outputs import add_file
 from dropper_jax.cli.printing import listing, print_result, print_warnings, progress
 
 if TYPE_CHECKING:
@@ -23,7 +24,7 @@ BRIGHT = {"bright": True, "dark": False}
 help = "angle traces from a video of a chain with a circle on every node"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: ArgumentParser) -> None:
     add_examples(
         parser,
         "track my-video.mp4 --nodes 8 --overlay check.png --out traces.csv",
@@ -33,21 +34,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--nodes", type=int, required=True, metavar="N", help="markers, both ends included: 8 for a chain of 7 links"
     )
-    parser.add_argument("--out", metavar="FILE.csv", help="angles for `dropper fit` (default: VIDEO's name)")
-    parser.add_argument(
-        "--positions", metavar="FILE.csv", help="also write the nodes' positions and whether they were detected"
-    )
-    parser.add_argument("--overlay", metavar="FILE", help="contact sheet (.png) or video (.mp4, .avi) to check by eye")
+    add_file(parser, "--out", (".csv",), "angles for `dropper fit` (default: VIDEO's name)", "FILE.csv")
+    about = "also write the nodes' positions and whether they were detected"
+    add_file(parser, "--positions", (".csv",), about, "FILE.csv")
+    about = "contact sheet (.png) or video (.mp4, .avi) to check by eye"
+    add_file(parser, "--overlay", (".png", ".avi", ".mp4"), about)
     lens = parser.add_argument_group("lens and scale")
     lens.add_argument("--calibration", nargs="+", default=[], metavar="IMAGE", help="pictures of a chessboard")
     lens.add_argument("--board", default="9x6", metavar="CxR", help="its inner corners (default: 9x6)")
     lens.add_argument("--plane", metavar="IMAGE", help="picture of the board in the plane of motion, with --square")
-    lens.add_argument("--square", type=number, metavar="M", help="side of the board's squares [m]")
-    lens.add_argument("--scale", type=number, metavar="M", help="metres per pixel")
-    lens.add_argument("--distance", type=number, metavar="M", help="distance of the first and last marker [m]")
+    lens.add_argument("--square", type=positive("m"), metavar="M", help="side of the board's squares [m]")
+    lens.add_argument("--scale", type=positive("m"), metavar="M", help="metres per pixel")
+    lens.add_argument("--distance", type=positive("m"), metavar="M", help="distance of the first and last marker [m]")
     lens.add_argument("--level", action="store_true", help="first and last marker are at the same height")
     look = parser.add_argument_group("markers")
-    look.add_argument("--radius", type=number, metavar="PX", help="of the circles [pixel] (default: found)")
+    look.add_argument("--radius", type=positive("px"), metavar="PX", help="of the circles [pixel] (default: found)")
     look.add_argument("--marker", choices=("bright", "dark"), help="circles relative to their rim (default: found)")
     look.add_argument("--first", choices=("auto", "left", "right", "top"), default="auto", help="which end is node 0")
     look.add_argument(
@@ -56,7 +57,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="X,Y",
         help="positions of all nodes in the first frame [pixel], in order",
     )
-    parser.add_argument("--fps", type=number, help="frames per second, if those of the file are wrong")
+    parser.add_argument("--fps", type=positive("Hz"), help="frames per second, if those of the file are wrong")
     parser.add_argument(
         "--from", dest="begin", type=number, default=0.0, metavar="T", help="use the video from here [s]"
     )
@@ -65,13 +66,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_json(parser)
 
 
-def run(args: argparse.Namespace) -> int:
-    for key, unit in {"square": "m", "scale": "m", "distance": "m", "radius": "px", "fps": "Hz"}.items():
-        check_positive(f"--{key}", getattr(args, key), f"> 0 {unit}")
-    out = Path(args.out or f"{Path(args.video).stem}.csv")
-    output_file(out, "--out", (".csv",))
-    positions = output_file(args.positions, "--positions", (".csv",))
-    overlay = output_file(args.overlay, "--overlay", (".png", ".avi", ".mp4"))
+def run(args: Namespace) -> int:
+    out = args.out or output_file(f"{Path(args.video).stem}.csv", "--out", (".csv",))
 
     from fitting.films.ordering import AmbiguousOrderError
     from fitting.films.overlay import write_overlay
@@ -105,12 +101,12 @@ def run(args: argparse.Namespace) -> int:
     if tracked.status != "lost":
         print_warnings(tracked.warnings)
         write_trace(out, tracked.trace, notes(tracked))
-        if positions:
-            write_positions(tracked, positions)
+        if args.positions:
+            write_positions(tracked, args.positions)
         found["out"] = str(out)
         message += f"; the earlier part is in {out}"
-    if overlay:
-        write_overlay(tracked, args.video, overlay)
+    if args.overlay:
+        write_overlay(tracked, args.video, args.overlay)
     failure = None if tracked.status == "ok" else (tracked.status, message)
     return print_result(args, found, text(tracked, out), failure)
 
@@ -126,7 +122,7 @@ def start_positions(nodes: list[str] | None) -> list[tuple[float, float]] | None
     return found
 
 
-def report_ambiguous(error: AmbiguousOrderError, args: argparse.Namespace, picture: Path) -> int:
+def report_ambiguous(error: AmbiguousOrderError, args: Namespace, picture: Path) -> int:
     """Draw the orders that are compatible with the film; no trace is written."""
     from fitting.films.alternatives import MAX_SHOWN, write_alternatives
 
@@ -144,10 +140,8 @@ def notes(tracked: Tracked) -> list[str]:
     """Marked frames, as comments of the trace."""
     found = []
     for span in tracked.marks.spans(tracked.trace.t):
-        found.append(
-            f"marked {span['from_s']:.9g} to {span['to_s']:.9g} s: nodes {' '.join(map(str, span['nodes']))} "
-            f"({' '.join(span['why'])})"
-        )
+        nodes = " ".join(map(str, span["nodes"]))
+        found.append(f"marked {span['from_s']:.9g} to {span['to_s']:.9g} s: nodes {nodes} ({' '.join(span['why'])})")
     return found
 
 

@@ -52,17 +52,11 @@ def ordered_rows(file: str, t: np.ndarray, values: np.ndarray) -> Rows:
     known = np.isfinite(t) & np.isfinite(values).any(axis=1)
     t = t[known]
     values = values[known]
-    # restarts: the time jumps back by more than half of what has passed since the last restart
-    starts = [0]
-    for i in np.flatnonzero(np.diff(t) < 0) + 1:
-        back = t[i - 1] - t[i]
-        if back > 0.5 * (t[i - 1] - t[starts[-1]]) and i - starts[-1] > SECOND_RUN_ROWS:
-            starts.append(int(i))
-    if len(starts) > 1:
-        edges = [*starts, len(t)]
+    edges = _starts_of_runs(t)
+    if len(edges) > 2:
         longest = int(np.argmax(np.diff(edges)))
         first, end = edges[longest : longest + 2]
-        notes.append(f"times start again {len(starts) - 1} times: the longest run is used, rows {first + 1} to {end}")
+        notes.append(f"times start again {len(edges) - 2} times: the longest run is used, rows {first + 1} to {end}")
         t = t[first:end]
         values = values[first:end]
     backwards = int(np.sum(np.diff(t) < 0))
@@ -79,6 +73,19 @@ def ordered_rows(file: str, t: np.ndarray, values: np.ndarray) -> Rows:
     if len(t) < FEWEST_ROWS:
         raise SceneError(f"{file}: has {len(t)} rows with different times; allowed: at least {FEWEST_ROWS}")
     return Rows(t - t[0], values, float(t[0]), tuple(notes))
+
+
+def _starts_of_runs(t: np.ndarray) -> list[int]:
+    """First row of each run in a file, and the number of all rows.
+
+    Another run starts where the time jumps back by more than half of what has passed since the last start.
+    """
+    starts = [0]
+    for i in np.flatnonzero(np.diff(t) < 0) + 1:
+        back = t[i - 1] - t[i]
+        if back > 0.5 * (t[i - 1] - t[starts[-1]]) and i - starts[-1] > SECOND_RUN_ROWS:
+            starts.append(int(i))
+    return [*starts, len(t)]
 
 
 def mean_rows(values: np.ndarray, first: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -105,9 +105,8 @@ def gravity_of_last_link(
         phi: (k,) angle from straight down.
     """
     known = np.isfinite(joint) & np.isfinite(phi)
-    _, x, _ = derivatives(t[known], joint.real[known], period)
-    _, y, _ = derivatives(t[known], joint.imag[known], period)
-    _, angle, _ = derivatives(t[known], phi[known], period)
+    parts = (joint.real, joint.imag, phi)
+    x, y, angle = (derivatives(t[known], part[known], period)[1] for part in parts)
     if len(angle) < GRID_PER_PERIOD:
         return None
     phi, w, a = angle.T

@@ -15,8 +15,9 @@ from fitting.from_file.clock import Rows, ordered_rows, read_clock
 from fitting.from_file.columns import Columns, find_columns
 from fitting.from_file.lengths import read_lengths
 from fitting.from_file.motion import LinkMotion
+from fitting.from_file.pendulum import main_period
 from fitting.from_file.points import read_points
-from fitting.from_file.swing import Swing, find_swing
+from fitting.from_file.swing import FEWEST_PERIODS, Swing, find_swing
 from fitting.from_file.thinning import thin
 from fitting.traces.noise import noise, without_spikes
 from fitting.traces.planar import pendulum_period
@@ -110,7 +111,10 @@ def read_measured(path: str | Path, given: FileOptions = NO_OPTIONS, links: int 
     if count == 1 or columns.points or links is None:
         convention = Convention("down", 1, "rad")
     trace = Trace(path.stem, clock.times, motion.theta, convention=convention)
-    trace = _cut_span(trace, given.begin, given.end)
+    if (given.begin, given.end) != (None, None):
+        trace = _cut_span(trace, given)
+        if np.ptp(trace.t) > FEWEST_PERIODS * clock.period:  # a shorter span does not show its period
+            clock = clock._replace(period=main_period(trace.t, trace.theta))
     swing = None
     zero = 0.0
     if count == 1:
@@ -170,25 +174,26 @@ def _thin_trace(trace: Trace, fastest: float) -> tuple[Trace, list[str]]:
     return replace(trace, t=t, theta=theta), [f"{len(trace.t)} rows thinned to {len(t)}, {what}"]
 
 
-def _cut_span(trace: Trace, begin: float | None, end: float | None) -> Trace:
-    """The trace in the span that the user gives [s]; None: from its start, to its end.
+def _cut_span(trace: Trace, given: FileOptions) -> Trace:
+    """The trace in the span that the user gives.
 
     Raises:
         SceneError: fewer than `FEWEST_ROWS_IN_SPAN` rows are left.
     """
-    options = ""
-    if begin is None:
-        begin = -np.inf
-    else:
-        options += f" after --from {begin:g} s"
-    if end is None:
-        end = np.inf
-    else:
-        options += f" before --until {end:g} s"
+    begin = -np.inf
+    end = np.inf
+    options = []
+    if given.begin is not None:
+        begin = given.begin
+        options.append(f"after --from {begin:g} s")
+    if given.end is not None:
+        end = given.end
+        options.append(f"before --until {end:g} s")
     found = trace.between(begin, end)
-    if options and len(found.t) < FEWEST_ROWS_IN_SPAN:
+    if len(found.t) < FEWEST_ROWS_IN_SPAN:
         raise SceneError(
-            f"{trace.name}: {len(found.t)} rows{options}; the file has {trace.t[0]:g} to {trace.t[-1]:g} s"
+            f"{trace.name}: {len(found.t)} rows {' and '.join(options)}; the file has {trace.t[0]:g} to "
+            f"{trace.t[-1]:g} s"
         )
     return found
 

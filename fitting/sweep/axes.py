@@ -42,6 +42,10 @@ class Axis:
             return self.parameters[0].unit
         return describe(self.path).get("unit", "")
 
+    def plain(self, value: float) -> float:
+        """A value as the scene takes it: counts stay whole."""
+        return self.values.dtype.type(value).item()
+
 
 def read_values(path: str, values: Sequence[float]) -> np.ndarray:
     """The values of a varied path (k,).
@@ -94,7 +98,8 @@ def first_seed(scene: Scene) -> int:
 def make_axis(scene: Scene, path: str, values: np.ndarray) -> Axis:
     """How a path's values enter the model.
 
-    They replace numbers of the model if the last value, set there, gives the model of the scene with that value.
+    They replace numbers of the model if a value other than the first one, set there, gives the model of the scene with
+    that value.
     """
     if changes_size(scene, path, values):
         return Axis(path, values, resizes=True)
@@ -103,18 +108,27 @@ def make_axis(scene: Scene, path: str, values: np.ndarray) -> Axis:
         parameters = resolve(model, [path], option="vary")
     except SceneError:
         return Axis(path, values)
-    inside = with_parameter_values(model, parameters, np.full(len(parameters), float(values[-1])))
-    if same_numbers(inside, build_model(scene.with_values({path: values[-1].item()}))):
+    other = other_value(values)
+    inside = with_parameter_values(model, parameters, np.full(len(parameters), float(other)))
+    if same_numbers(inside, build_model(scene.with_values({path: other}))):
         moves_start = ScenePath(path).stem not in DAMPING_PATHS
         return Axis(path, values, parameters, moves_start)
     return Axis(path, values)
 
 
 def changes_size(scene: Scene, path: str, values: np.ndarray) -> bool:
-    """Whether the first and the last of these values give different numbers of links or nodes."""
+    """Whether the first and another one of these values give different numbers of links or nodes."""
     first = bare_model(scene.with_values({path: values[0].item()}))
-    last = bare_model(scene.with_values({path: values[-1].item()}))
-    return first.line.links != last.line.links or first.free_nodes != last.free_nodes
+    other = bare_model(scene.with_values({path: other_value(values)}))
+    return first.line.links != other.line.links or first.free_nodes != other.free_nodes
+
+
+def other_value(values: np.ndarray) -> float:
+    """The last value that is not the first one; the first one if all are equal."""
+    different = values[values != values[0]]
+    if not different.size:
+        return values[0].item()
+    return different[-1].item()
 
 
 def same_numbers(one: Model, other: Model) -> bool:

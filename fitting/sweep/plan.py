@@ -188,9 +188,7 @@ class Plan:
             corners += [int(np.argmin(along)), int(np.argmax(along))]
         found = {}
         for case in dict.fromkeys(corners):
-            changed = {}
-            for axis, x in zip(self.axes, values[case], strict=True):
-                changed[axis.path] = axis.values.dtype.type(x).item()
+            changed = {axis.path: axis.plain(x) for axis, x in zip(self.axes, values[case], strict=True)}
             name = ", ".join(f"{path} = {value:g}" for path, value in changed.items())
             with suppress(SceneError):  # such a case has the status invalid_input
                 found[name] = self.scene.with_values(changed)

@@ -198,7 +198,7 @@ class Program:
         """Model and start of a case, and their shape, for which there then is a plan."""
         plan = self.plan
         axes = [plan.axes[i] for i in self.by_start]
-        values = {axis.path: axis.values.dtype.type(x).item() for axis, x in zip(axes, key, strict=True)}
+        values = {axis.path: axis.plain(x) for axis, x in zip(axes, key, strict=True)}
         try:
             base = build(plan.scene.with_values(values))
         except SceneError:

@@ -19,6 +19,7 @@ from dropper_jax.cli import main
 zarr = pytest.importorskip("zarr")
 xarray = pytest.importorskip("xarray")
 
+from fitting.cli.sweep import _values  # noqa: E402
 from fitting.sweep import SweepStopped, open_sweep, sweep  # noqa: E402
 from fitting.sweep.make_plan import from_identity, make_plan  # noqa: E402
 from fitting.sweep.store import SweepStore as Store  # noqa: E402
@@ -196,8 +197,6 @@ def test_parameters_of_a_template_survive_the_identity_of_a_sweep(tmp_path, scen
 
 def test_evenly_spaced_values_of_a_parameter_are_whole_where_they_can_be():
     """A count takes whole numbers only."""
-    from fitting.cli.sweep import _values
-
     assert [type(x) for x in _values("parameters.droppers=2:8:4")[1].tolist()] == [int] * 4
     assert _values("parameters.leg=38:40:5")[1].tolist() == [38.0, 38.5, 39.0, 39.5, 40.0]
     assert _values("b_l=0:1:2")[1].dtype == float
@@ -382,3 +381,10 @@ def test_a_corner_of_the_grid_that_the_scene_rejects_is_no_extreme_case():
     names = [name.split(", ") for name in plan.extreme_cases()]
     assert ["point.right.position.0 = 0.66", "line.0.length.0 = 0.02"] not in names
     assert len(names) == 3
+
+
+def test_a_list_that_ends_with_its_first_value_is_set_where_others_are():
+    """A mass is in the pose at the start too: it goes through the scene."""
+    lists = ([0.033, 0.04], [0.033, 0.04, 0.033])
+    plans = [make_plan("dropper-release-a", {"line.0.mass": values}) for values in lists]
+    assert [plan.axes[0].parameters for plan in plans] == [(), ()]

@@ -10,7 +10,7 @@ from dropper_jax.base.read import Table
 from dropper_jax.base.records import column
 from dropper_jax.base.table_cells import record_cells
 from dropper_jax.cli.given import positive
-from dropper_jax.cli.options import add_quiet, add_scene, read_scene
+from dropper_jax.cli.options import add_flag, add_quiet, add_scene, read_scene
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, picture
 from dropper_jax.cli.printing import STOPPED, done_object, print_line, progress, record_table, row_printer
 
@@ -63,9 +63,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         type=positive("s"),
         help="duration of the comparison [s] (default: until a perturbation has grown 100 times, at most 20 s)",
     )
-    parser.add_argument(
-        "--quick", action="store_true", help="each scheme once, without retries: errors, times, orders and advice"
-    )
+    add_flag(parser, "--quick", "each scheme once, without retries: errors, times, orders and advice")
     add_plot(parser, "the pictures of errors against time, of orders and of damping")
     add_out(parser)
     add_quiet(parser)

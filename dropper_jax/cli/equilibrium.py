@@ -11,7 +11,7 @@ import numpy as np
 from dropper_jax.base.markdown import cells
 from dropper_jax.base.read import Table
 from dropper_jax.cli.given import positive_integer
-from dropper_jax.cli.options import add_scene, read_scene
+from dropper_jax.cli.options import add_flag, add_scene, read_scene
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, is_one_picture, picture, weights_table
 from dropper_jax.cli.printing import done_object, failure_of, print_warnings, table
 from dropper_jax.cli.tide import run_tide
@@ -26,7 +26,7 @@ help = "find the static equilibrium of a scene, under its release force if it ha
 
 def add_arguments(parser: ArgumentParser) -> None:
     add_scene(parser, "equilibrium dropper-release-a", "equilibrium edulis-tide --tide --times 7 --plot tide")
-    parser.add_argument("--tide", action="store_true", help="equilibria through a cycle of current and level")
+    add_flag(parser, "--tide", "equilibria through a cycle of current and level")
     parser.add_argument(
         "--times", type=positive_integer, default=13, help="number of equilibria in the cycle, both ends included (13)"
     )

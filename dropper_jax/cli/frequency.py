@@ -59,9 +59,7 @@ def run(args: Namespace) -> int:
 
     from dropper_jax.frequency.response import frequency_response, run_in_time
 
-    direction = None
-    if args.direction is not None:
-        direction = np.radians(args.direction)
+    direction = None if args.direction is None else np.radians(args.direction)
     found = frequency_response(scene, states, direction=direction, frequencies=args.frequencies, duration=args.duration)
     if args.plot:
         _draw(scene.name, found, picture(args.plot, "frequency"))

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 help = "natural periods, damping ratios and modes about the static equilibrium"
 
 #: Digits of a damping ratio: those beyond are rounding of the mode shapes.
-RATIO_DIGITS = 9
+RATIO_DIGITS = 6
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -111,5 +111,5 @@ def _bodies(scene: Scene, modes: Modes, numbers: np.ndarray) -> str:
     rows: list[tuple[str, ...]] = [heads]
     for i, mode, shares in zip(numbers, modes.bodies, modes.body_share, strict=True):
         for body, own, share in zip(scene.bodies, mode, shares, strict=True):
-            rows.append((str(i), body.name, f"{share:.2f}", *cells(own, ".3f")))
+            rows.append((str(i), body.name, f"{share:.2f}", *cells(np.round(own, 3) + 0.0, ".3f")))
     return table(rows)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import atomic_write
-from dropper_jax.cli.options import add_examples, add_json
+from dropper_jax.cli.options import add_examples, add_flag, add_json
 from dropper_jax.cli.outputs import add_file
 from dropper_jax.cli.printing import done_object, print_result
 
@@ -22,7 +22,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     add_examples(parser, "new lab my-dropper.toml", "new longline my-longline.toml")
     parser.add_argument("kind", choices=KINDS, metavar="KIND", help=f"what the scene describes: {', '.join(KINDS)}")
     add_file(parser, "file", (".toml",), "the new file, .toml")
-    parser.add_argument("--force", action="store_true", help="replace an existing file")
+    add_flag(parser, "--force", "replace an existing file")
     add_json(parser)
 
 

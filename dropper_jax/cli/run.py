@@ -13,6 +13,7 @@ from dropper_jax.base.read import Table, Values
 from dropper_jax.cli.given import AUTO, number, output_file
 from dropper_jax.cli.options import (
     RUN_VALUES,
+    add_flag,
     add_quiet,
     add_run_values,
     add_scene,
@@ -74,10 +75,10 @@ def _add_outputs(parser: ArgumentParser) -> None:
 
 def _add_errors(parser: ArgumentParser) -> None:
     """Runs that state the errors of the run."""
-    parser.add_argument(
+    add_flag(
+        parser,
         "--errors",
-        action="store_true",
-        help="loads with their errors: repeats the run finer and with more links, about 6 times the run time",
+        "loads with their errors: repeats the run finer and with more links, about 6 times the run time",
     )
     companion = parser.add_mutually_exclusive_group()
     companion.add_argument(

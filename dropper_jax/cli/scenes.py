@@ -16,6 +16,7 @@ from dropper_jax.cli.options import (
     add_allow_outside,
     add_effects,
     add_examples,
+    add_flag,
     add_json,
     add_set,
     assignments,
@@ -51,13 +52,9 @@ def add_arguments(parser: ArgumentParser) -> None:
     add_set(parser)
     add_allow_outside(parser)
     add_effects(parser)
-    parser.add_argument(
-        "--expanded", action="store_true", help="print it as a plain scene, without parameters, repetitions and arrays"
-    )
+    add_flag(parser, "--expanded", "print it as a plain scene, without parameters, repetitions and arrays")
     add_file(parser, "--moordyn", (".txt", ".dat"), "write the scene as a MoorDyn v2 input instead")
-    parser.add_argument(
-        "--force", action="store_true", help="allow --moordyn to replace files of waves and current that differ"
-    )
+    add_flag(parser, "--force", "allow --moordyn to replace files of waves and current that differ")
     parser.add_argument(
         "--dt",
         type=positive("s"),
@@ -70,7 +67,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         metavar="KEY",
         help="print the keys of scenes: all, or this key or section",
     )
-    parser.add_argument("--schema", action="store_true", help="print the JSON Schema of scenes, for editors")
+    add_flag(parser, "--schema", "print the JSON Schema of scenes, for editors")
     add_json(parser)
 
 

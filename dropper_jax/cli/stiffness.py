@@ -15,7 +15,7 @@ from dropper_jax.base.files import atomic_write
 from dropper_jax.base.markdown import cells
 from dropper_jax.base.records import names_of
 from dropper_jax.cli.given import read_numbers, split_names
-from dropper_jax.cli.options import add_scene, read_scene
+from dropper_jax.cli.options import add_flag, add_scene, read_scene
 from dropper_jax.cli.outputs import add_file, deliver
 from dropper_jax.cli.printing import done_object, failure_of, print_result, print_warnings, table
 
@@ -45,9 +45,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         metavar="X,Y,Z",
         help="reference point of that matrix [m] (default: the reference of the body; 0,0,0 for points)",
     )
-    parser.add_argument(
-        "--lines-only", action="store_true", help="of a body without its weight, buoyancy and waterline: its mooring"
-    )
+    add_flag(parser, "--lines-only", "of a body without its weight, buoyancy and waterline: its mooring")
     add_file(parser, "--out", (".csv", ".json"), "write the matrix (.csv) or the output of --json (.json)")
 
 

@@ -11,7 +11,7 @@ from dropper_jax.base.markdown import bullets
 from dropper_jax.base.memory import available_cores
 from dropper_jax.base.read import Table
 from dropper_jax.cli.given import positive_integer
-from dropper_jax.cli.options import add_effects, add_examples, add_json, add_quiet, register_effects
+from dropper_jax.cli.options import add_effects, add_examples, add_flag, add_json, add_quiet, register_effects
 from dropper_jax.cli.outputs import add_folder
 from dropper_jax.cli.printing import Failure, done_object, listing, print_result, progress
 
@@ -29,9 +29,9 @@ def add_arguments(parser: ArgumentParser) -> None:
     )
     parser.add_argument("site", metavar="SITE.toml", help="the site: scene, sea states, parts; or a packaged one")
     add_folder(parser, "--out", "runs, and cases.md, cases.csv, cases.json")
-    parser.add_argument("--resume", action="store_true", help="resume the runs in the folder")
-    parser.add_argument("--list", action="store_true", help="only list the cases")
-    parser.add_argument("--print", action="store_true", help="only print the site's file, to save and edit")
+    add_flag(parser, "--resume", "resume the runs in the folder")
+    add_flag(parser, "--list", "only list the cases")
+    add_flag(parser, "--print", "only print the site's file, to save and edit")
     parser.add_argument("--workers", type=positive_integer, metavar="N", help="processes (default: one per core)")
     parser.add_argument("--scheduler", metavar="ADDRESS", help="Dask scheduler whose workers run the cases")
     add_effects(parser)
@@ -106,7 +106,5 @@ def text(found: Table, files: dict[str, Path]) -> str:
             worst = f"utilisation {row['utilisation']:.2f} in {storms[row['case']]}"
         pairs.append((part["part"], worst))
     flags = bullets(found["flags"])
-    verdict = "not all limits hold"
-    if found["passes"]:
-        verdict = "all limits hold"
+    verdict = "all limits hold" if found["passes"] else "not all limits hold"
     return "\n\n".join(filter(None, (listing(pairs), flags, f"{verdict}: {files['page']}")))

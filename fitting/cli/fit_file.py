@@ -14,6 +14,7 @@ from dropper_jax.base.errors import Progress, SceneError
 from dropper_jax.base.read import Table
 from dropper_jax.base.records import without_keys
 from dropper_jax.cli.given import positive, read_numbers, values_by_name
+from dropper_jax.cli.options import add_flag
 from dropper_jax.cli.printing import table
 
 if TYPE_CHECKING:
@@ -35,9 +36,7 @@ def add_file_options(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--counts", type=positive("counts"), metavar="N", help="counts per turn of an encoder whose angle is in counts"
     )
-    parser.add_argument(
-        "--same-motion", action="store_true", help="the files are recordings of one motion (default: one run each)"
-    )
+    add_flag(parser, "--same-motion", "the files are recordings of one motion (default: one run each)")
     parser.add_argument("--lengths", metavar="L1,L2,...", help="lengths [m] of links whose angles alone are measured")
     parser.add_argument(
         "--mass", type=positive("kg"), metavar="KG", help="mass of each link, for damping in kg/s without a scene"
@@ -56,7 +55,7 @@ def given_of(args: Namespace) -> FileOptions:
     lengths = None
     if args.lengths is not None:
         lengths = tuple(read_numbers(args.lengths, "--lengths", NOT_LENGTHS))
-        if min(lengths) <= 0.0:
+        if not all(0.0 < length < np.inf for length in lengths):
             raise SceneError(f"--lengths: {args.lengths!r} {NOT_LENGTHS}")
     units = [*RADIANS, "counts"]
     if args.unit is not None and args.unit not in units:
@@ -77,9 +76,7 @@ def is_trace_file(file: str, partial: bool) -> bool:
     from fitting.traces.text_lines import read_lines
 
     heads = [line for line in read_lines(Path(file))[:100] if not line.lstrip().startswith("#")]
-    names = []
-    if heads:
-        names = re.split(r"[,;\s]+", heads[0].strip())
+    names = re.split(r"[,;\s]+", heads[0].strip()) if heads else []
     pattern = r"theta_\d+" if partial else "theta_1"
     return "t" in names and any(re.fullmatch(pattern, name) for name in names)
 
@@ -188,7 +185,5 @@ def model_note(links: int, mass: float | None) -> str:
     what = "one pendulum of an effective length"
     if links > 1:
         what = f"{links} massless links with masses at their ends"
-    scale = "a mass of 1 kg: damping is per mass"
-    if mass is not None:
-        scale = f"masses of {mass:g} kg"
+    scale = "a mass of 1 kg: damping is per mass" if mass is None else f"masses of {mass:g} kg"
     return f"model: {what}, in air, linear and quadratic drag, gravity 9.81 m/s^2; {scale}"

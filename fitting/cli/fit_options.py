@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.given import number, positive, positive_integer, read_numbers, split_names
-from dropper_jax.cli.options import add_json, add_quiet
+from dropper_jax.cli.options import add_flag, add_json, add_quiet
 from dropper_jax.cli.outputs import add_folder, add_out
 from fitting.cli.fit_file import add_file_options
 
@@ -29,9 +29,7 @@ def add_parameters(parser: ArgumentParser) -> None:
         metavar="NAMES",
         help="parameters, such as b_l,line.0.inertia,release.time (default: those listed in [fit], else damping)",
     )
-    parser.add_argument(
-        "--fixed", action="store_true", help="without --free and [fit]: keep the lengths and the zero of the angles"
-    )
+    add_flag(parser, "--fixed", "without --free and [fit]: keep the lengths and the zero of the angles")
     parser.add_argument(
         "--start", action="append", default=[], metavar="NAME=VALUE", help="start value of a free parameter"
     )
@@ -97,15 +95,15 @@ def add_method(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--iterations", type=positive_integer, default=40, help="maximum iterations over separate windows (default: 40)"
     )
-    parser.add_argument("--static-start", action="store_true", help="release every run at t = 0 as defined in [start]")
+    add_flag(parser, "--static-start", "release every run at t = 0 as defined in [start]")
     add_judging(parser)
 
 
 def add_judging(parser: ArgumentParser) -> None:
     """What judges the result, and where it is written."""
-    parser.add_argument("--advice", action="store_true", help="test what else may be wrong: lengths, roll, clock")
-    parser.add_argument("--auto-free", action="store_true", help="add free parameters while the fit improves")
-    parser.add_argument("--compare-models", action="store_true", help="also fit a ladder of damping laws")
+    add_flag(parser, "--advice", "test what else may be wrong: lengths, roll, clock")
+    add_flag(parser, "--auto-free", "add free parameters while the fit improves")
+    add_flag(parser, "--compare-models", "also fit a ladder of damping laws")
     parser.add_argument(
         "--profile",
         type=split_names,
@@ -122,11 +120,7 @@ def add_judging(parser: ArgumentParser) -> None:
         metavar="DRAWS",
         help="resample blocks of time (default: 400)",
     )
-    parser.add_argument(
-        "--accept-misfit",
-        action="store_true",
-        help="exit code 0 even if the model misses the trace or its law is wrong",
-    )
+    add_flag(parser, "--accept-misfit", "exit code 0 even if the model misses the trace or its law is wrong")
     add_folder(parser, "--plot", "write only the pictures of the fit")
     add_out(parser)
     add_folder(parser, "--report", "write a report with pictures")

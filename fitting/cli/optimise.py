@@ -7,7 +7,7 @@ from argparse import ArgumentParser, Namespace
 from typing import TYPE_CHECKING
 
 from dropper_jax.base.markdown import Rows, text_row
-from dropper_jax.cli.options import add_effects, add_examples, add_json, add_quiet, register_effects
+from dropper_jax.cli.options import add_effects, add_examples, add_flag, add_json, add_quiet, register_effects
 from dropper_jax.cli.outputs import add_file, add_out, add_plot, deliver, picture
 from dropper_jax.cli.printing import Failure, done_object, print_result, print_warnings, progress, table
 
@@ -27,7 +27,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     add_file(parser, "--state", (".json",), "save the search here; resumes an existing one", "FILE.json")
     add_plot(parser, "layout and utilisation, before and after,")
     add_out(parser)
-    parser.add_argument("--check", action="store_true", help="only check the site and the derivatives")
+    add_flag(parser, "--check", "only check the site and the derivatives")
     add_effects(parser)
     add_json(parser)
     add_quiet(parser)

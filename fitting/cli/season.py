@@ -50,8 +50,6 @@ def text(found: Table) -> str:
     )
     pairs = [(row["month"], about.format_map(row)) for row in found["months"]]
     flags = bullets(found["flags"])
-    verdict = "the schedule does not hold"
-    if found["holds"]:
-        verdict = "the schedule holds"
+    verdict = "the schedule holds" if found["holds"] else "the schedule does not hold"
     last = f"{verdict}; visits: {found['visits']}, floats moved: {found['handled']}"
     return "\n\n".join(filter(None, (listing(pairs), flags, last)))

@@ -6,7 +6,14 @@ from argparse import ArgumentParser, Namespace
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.given import read_named_range, split_names, values_by_name
-from dropper_jax.cli.options import QUANTITY_HELP, add_examples, add_quiet, add_run_values, add_scene, read_scene
+from dropper_jax.cli.options import (
+    QUANTITY_HELP,
+    add_flag,
+    add_quiet,
+    add_run_values,
+    add_scene,
+    read_scene,
+)
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, picture
 from dropper_jax.cli.printing import done_object, print_warnings, progress
 
@@ -19,12 +26,11 @@ OVERRIDES = ("integrator", "dt", "duration")
 
 
 def add_arguments(parser: ArgumentParser) -> None:
-    add_examples(
+    add_scene(
         parser,
         "sensitivity dropper-release-a --duration 1 --of tension.max --to b_l,b_q",
         "sensitivity paper-case-4 --of anchor.anchor.horizontal.start --to line.chain.length,sea.current.speed",
     )
-    add_scene(parser)
     parser.add_argument("--of", required=True, metavar="QUANTITY", help=QUANTITY_HELP)
     parser.add_argument(
         "--to", type=split_names, required=True, metavar="NAMES", help="parameters, such as b_l,b_q,line.0.mass"
@@ -39,9 +45,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     )
     parser.add_argument("--samples", type=int, help=f"size of a global study (default: {DEFAULT_SAMPLES})")
     parser.add_argument("--seed", type=int, help="of a global study (default: 0)")
-    parser.add_argument(
-        "--check", action="store_true", help="also compute derivatives by reverse mode, and the growth of errors"
-    )
+    add_flag(parser, "--check", "also compute derivatives by reverse mode, and the growth of errors")
     add_plot(parser, "a tornado picture")
     add_out(parser)
     add_run_values(parser, OVERRIDES)

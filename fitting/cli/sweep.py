@@ -14,7 +14,7 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.memory import available_cores
 from dropper_jax.base.read import ScenePath, Table
 from dropper_jax.cli.given import read_numbers, read_spaced, split_names, values_by_name
-from dropper_jax.cli.options import add_examples, add_quiet, add_run_values, add_scene, read_scene
+from dropper_jax.cli.options import add_flag, add_quiet, add_run_values, add_scene, read_scene
 from dropper_jax.cli.outputs import add_folder
 from dropper_jax.cli.printing import print_line, print_result, print_warnings, progress
 from fitting.cli.fit_file import column_names
@@ -46,18 +46,15 @@ NOT_VALUES = "is not NAME=LO:HI:N; allowed: N >= 1; also NAME=LO:HI:N:log with L
 
 
 def add_arguments(parser: ArgumentParser) -> None:
-    add_examples(
+    add_scene(
         parser,
         "sweep dropper-release-a --vary b_l=0.001:0.01:8 --duration 5 --out sweep.zarr",
         "sweep my-longline.toml --vary sea.current.speed=0:1:5 --vary sea.waves.hs=1,2,3 "
         "--duration 60 --quantities tension.west-leg.fairlead.max --out sea.zarr",
     )
-    add_scene(parser)
     vary = "values of a path, lo:hi:n, lo:hi:n:log or a,b,c (may be given several times)"
     parser.add_argument("--vary", action="append", default=[], metavar="NAME=LO:HI:N", help=vary)
-    parser.add_argument(
-        "--paired", action="store_true", help="pair values row by row instead of combining them in a grid"
-    )
+    add_flag(parser, "--paired", "pair values row by row instead of combining them in a grid")
     parser.add_argument("--seeds", type=int, default=0, metavar="K", help="K realisations of a random sea")
     parser.add_argument("--out", required=True, metavar="FOLDER.zarr", help="results; an existing part is resumed")
     add_folder(parser, "--plot", "write a picture of every quantity over the varied inputs")
@@ -68,16 +65,14 @@ def add_arguments(parser: ArgumentParser) -> None:
         help=f"quantities to save: {', '.join(DEFAULT_QUANTITIES)} (default: all; with --trace none), or by "
         "name as for `dropper sensitivity --of`, such as tension.west-leg.fairlead.max",
     )
-    parser.add_argument("--traces", action="store_true", help="also save positions and tensions at every saved time")
+    add_flag(parser, "--traces", "also save positions and tensions at every saved time")
     parser.add_argument(
         "--trace", metavar="FILE.csv", help="measured angles: every case runs over their span and gets a score"
     )
     parser.add_argument(
         "--parts", metavar="T1,T2", help="with --trace: end times of head and middle [s] (default: 24 %% and 50 %%)"
     )
-    parser.add_argument(
-        "--fit", action="store_true", help="with --trace: also fit the varied inputs to it, like `dropper fit`"
-    )
+    add_flag(parser, "--fit", "with --trace: also fit the varied inputs to it, like `dropper fit`")
     add_convention(parser)
     parser.add_argument(
         "--chunk",
@@ -86,9 +81,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     )
     parser.add_argument("--devices", type=int, help="devices of this machine (default: one per core)")
     parser.add_argument("--scheduler", metavar="ADDRESS", help="Dask scheduler whose workers run the chunks")
-    parser.add_argument(
-        "--mix-versions", action="store_true", help="resume a part made with other versions of JAX or dropper-jax"
-    )
+    add_flag(parser, "--mix-versions", "resume a part made with other versions of JAX or dropper-jax")
     add_run_values(parser, OVERRIDES)
     add_quiet(parser)
 

@@ -24,9 +24,7 @@ def text(found: Table, results: str = "") -> str:
         "speed": "{steps_per_s:.0f} steps per second",
     }
     pairs = [(name, words.format_map(found)) for name, words in about.items()]
-    scores = ""
-    if "trace" in found:
-        scores = _score_table(found["trace"])
+    scores = _score_table(found["trace"]) if "trace" in found else ""
     return "\n\n".join(filter(None, (listing(pairs), results, scores, f"{found['status']}: {found['out']}")))
 
 

@@ -127,9 +127,7 @@ def report_ambiguous(error: AmbiguousOrderError, args: Namespace, picture: Path)
     from fitting.films.alternatives import MAX_SHOWN, write_alternatives
 
     write_alternatives(error, args.video, picture)
-    shown = "they"
-    if len(error.orders) > MAX_SHOWN:
-        shown = f"the first {MAX_SHOWN}"
+    shown = f"the first {MAX_SHOWN}" if len(error.orders) > MAX_SHOWN else "they"
     failure = ("ambiguous_order", f"{error}; {shown} are drawn in {picture}")
     orders = [positions.round(1) for positions in error.orders]
     found = {"frame": error.frame, "orders": orders, "picture": str(picture)}
@@ -182,9 +180,7 @@ def text(tracked: Tracked, out: Path) -> str:
     not_detected = "none"
     if bridged:
         not_detected = f"{bridged} samples, longest gap {found['longest_gap_s']:.2g} s"
-    marked = "none"
-    if found["marked_frames"]:
-        marked = f"{found['marked_frames']}, left empty"
+    marked = f"{found['marked_frames']}, left empty" if found["marked_frames"] else "none"
     seconds = tracked.trace.t[-1] - tracked.trace.t[0]
     pairs = [
         ("frames", f"{found['frames']} at {found['fps']:g} Hz, {seconds:.3g} s"),
@@ -198,7 +194,5 @@ def text(tracked: Tracked, out: Path) -> str:
         pairs.insert(0, ("lens", f"{tracked.lens.pictures} pictures, error {tracked.lens.error:.2g} pixel"))
     if tracked.scaled:
         pairs.append(("links", ", ".join(cells(found["link_length_m"], ".4f")) + " m"))
-    outcome = f"angles in {out}"
-    if tracked.status == "lost":
-        outcome = "no angles are written"
+    outcome = "no angles are written" if tracked.status == "lost" else f"angles in {out}"
     return "\n".join([listing(pairs), "", f"{found['status']}: {outcome}"])

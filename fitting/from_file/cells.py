@@ -193,9 +193,7 @@ def names_of(before: Sequence[Sequence[str]], width: int) -> tuple[str, ...]:
         for i, unit in enumerate(heads.pop()):
             if unit:
                 heads[-1][i] += f" [{unit.strip('[]()')}]"
-    groups = [""] * width
-    if len(heads) > 1:
-        groups = heads[-2]
+    groups = heads[-2] if len(heads) > 1 else [""] * width
     group = ""
     found = []
     for i, (above, name) in enumerate(zip(groups, heads[-1], strict=True)):

@@ -126,9 +126,7 @@ def read_clock(file: str, columns: Columns, rows: Rows, motion: LinkMotion, rate
         SceneError: frames without a rate, times of no unit.
     """
     period = main_period(motion.t, motion.theta)
-    column = None
-    if columns.time is not None:
-        column = columns.time.name
+    column = None if columns.time is None else columns.time.name
     unit = columns.time_unit
     if rate and unit is None:
         unit = "frames"
@@ -158,9 +156,7 @@ def unit_of_time(
         return SECONDS[named], f"times in {named}"
     counted = column is None or named == "frames" or (named is None and np.all(np.diff(t) == 1.0))
     if rate is None and counted:
-        what = f"counts frames ({column!r})"
-        if column is None:
-            what = "has no column of times"
+        what = "has no column of times" if column is None else f"counts frames ({column!r})"
         raise SceneError(f"{file}: {what}. Give the frames per second: --rate 60")
     if not counted:
         for unit, size in SECONDS.items():

@@ -81,9 +81,9 @@ def error_of_pivot(points: np.ndarray, down: float) -> np.ndarray:
     sigma = float(np.median([noise_of(point) for point in points]))
     rows = np.arange(points.shape[1])
     part = rows * JACKKNIFE_PARTS * PART_REPEATS // len(rows) % JACKKNIFE_PARTS
-    found = []
+    found = np.zeros(JACKKNIFE_PARTS, complex)
     for i in range(JACKKNIFE_PARTS):
         first, *others = np.where(part == i, np.nan, points)
-        found.append(pivot_of(first, others, sigma))
-    apart = (found - np.mean(found)) * np.exp(-1j * down)
+        found[i] = pivot_of(first, others, sigma)
+    apart = (found - found.mean()) * np.exp(-1j * down)
     return np.sqrt((JACKKNIFE_PARTS - 1) * np.mean([apart.imag**2, apart.real**2], axis=1))

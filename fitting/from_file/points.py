@@ -80,9 +80,7 @@ def find_chain(file: str, points: np.ndarray, pivot: complex | None) -> tuple[Ch
         SceneError: they fit none.
     """
     in_order = tuple(range(len(points)))
-    orders = [in_order]
-    if len(points) <= MOST_POINTS:
-        orders = permutations(in_order)
+    orders = permutations(in_order) if len(points) <= MOST_POINTS else [in_order]
     sigma = float(np.median([noise_of(point) for point in points]))
     best = None
     best_order = in_order

@@ -168,9 +168,7 @@ def _thin_trace(trace: Trace, fastest: float) -> tuple[Trace, list[str]]:
     t, theta, many = thin(trace.t, trace.theta, fastest)
     if len(t) == len(trace.t):
         return trace, []
-    what = "one for each stretch of time"
-    if many > 1:
-        what = f"each the mean of about {many}"
+    what = f"each the mean of about {many}" if many > 1 else "one for each stretch of time"
     return replace(trace, t=t, theta=theta), [f"{len(trace.t)} rows thinned to {len(t)}, {what}"]
 
 

@@ -43,9 +43,7 @@ class Proposal(NamedTuple):
 
 def propose_scene(measured: MeasuredFile, given: FileOptions) -> Table:
     """Plain values of a scene with its `[fit]`."""
-    mass = 1.0
-    if given.mass is not None:
-        mass = given.mass
+    mass = 1.0 if given.mass is None else given.mass
     if measured.swing is not None:
         proposal = _propose_pendulum(measured.swing, mass)
     else:

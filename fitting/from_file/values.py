@@ -99,8 +99,6 @@ def value_rows(values: list[Value]) -> list[tuple[str, ...]]:
     rows = [("found", "value", "std error", "unit", "")]
     for one in values:
         digits = significant(one.value, one.std_error)
-        error = "-"
-        if np.isfinite(one.std_error):
-            error = f"{one.std_error:.2g}"
+        error = f"{one.std_error:.2g}" if np.isfinite(one.std_error) else "-"
         rows.append((one.name, f"{one.value:.{digits}g}", error, one.unit, one.remark))
     return rows

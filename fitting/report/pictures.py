@@ -59,9 +59,7 @@ def link_panels(links: int, title: str, height: float = 1.3, margin: float = 1.2
     drawn = min(links, MOST_LINKS_DRAWN)
     figure = figures.new_figure(9.0, margin + height * drawn)
     axes = figures.panels(figure, drawn, sharex=True)
-    more = ""
-    if links > drawn:
-        more = f" (links 1 to {drawn} of {links})"
+    more = f" (links 1 to {drawn} of {links})" if links > drawn else ""
     figures.title(figure, f"{title}{more}")
     for j, ax in enumerate(axes):
         ax.set_ylabel(f"link {j + 1}")

@@ -37,7 +37,7 @@ MODES = 6
 #: Amplitude of their larger swings, over the mean length of a link.
 LARGE_SWING = 0.1
 #: Digits of a damping ratio: those beyond are rounding of the mode shapes.
-RATIO_DIGITS = 9
+RATIO_DIGITS = 6
 
 
 def write_report(result: FitResult, folder: str | Path) -> list[Path]:
@@ -117,9 +117,7 @@ def report(result: FitResult, full_runs: Mapping[int, Prediction]) -> str:
 
 def first_parts(result: SceneFit, status: str) -> list[str]:
     """Title, status and parameters of any fit."""
-    message = ""
-    if result.message:
-        message = f": {result.message}"
+    message = f": {result.message}" if result.message else ""
     parts = [
         f"# Fit of {literal(result.scene.name)}",
         f"{status} **{result.status}**{message}.",

@@ -51,14 +51,10 @@ def with_linear_range(problem: Study, found: Local, evaluate: Callable[[np.ndarr
     if len(changes) > 1:
         real, predicted = changes[0]
         unit = problem.of.unit
-        effect = "has a failed step"
-        if np.isfinite(real):
-            effect = f"changes by {real:.3g} {unit}"
+        effect = f"changes by {real:.3g} {unit}" if np.isfinite(real) else "has a failed step"
         warnings.append(
             f"{problem.of.name}: {effect} if all parameters change by 1 %; the derivatives predict {predicted:.3g} "
             f"{unit}. They are valid for changes below {100 * size:.2g} % only. Use a sweep for larger ones"
         )
-    linear_range = 0.0
-    if holds:
-        linear_range = size
+    linear_range = size if holds else 0.0
     return replace(found, linear_range=linear_range, error=error, warnings=warnings, along=along)

@@ -41,9 +41,7 @@ def local_text(found: Local) -> str:
 
 def local_facts(found: Local) -> list[tuple[str, str]]:
     """Names and values of the lines above the table: the quantity, and how far its derivatives are valid."""
-    rate = ""
-    if found.exponent is not None:
-        rate = f" (growth rate {found.exponent:.2g} per s)"
+    rate = "" if found.exponent is None else f" (growth rate {found.exponent:.2g} per s)"
     error = f" +- {found.value_error:.2g}" if np.isfinite(found.value_error) else ""
     pairs = [
         ("quantity Q", f"{found.of} = {found.value:.6g}{error} {found.unit} over {found.duration:g} s"),

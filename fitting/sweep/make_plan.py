@@ -135,9 +135,7 @@ def default_chunk(system: bool, cases: int) -> int:
 
 def _count_cases(counts: Sequence[int], quantities: int, listed: bool) -> int:
     """The number of cases of a grid or list with these numbers of values, whose table must fit into memory."""
-    cases = math.prod(counts)
-    if listed:
-        cases = counts[0]
+    cases = counts[0] if listed else math.prod(counts)
     need = 8 * cases * (3 * len(counts) + quantities + 2)
     left = available_memory()
     if need > MOST_MEMORY * left:

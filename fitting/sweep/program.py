@@ -256,9 +256,7 @@ def run_case(plan: Plan, stepper: Stepper, model: Model, start: State, values: A
     watch = None
     if run.save_every > 1 or plan.is_adaptive:
         watch = quantity_signals(named, start.r)
-    accuracy = None
-    if plan.is_adaptive:
-        accuracy = jnp.asarray(run.accuracy, model.dtype)
+    accuracy = jnp.asarray(run.accuracy, model.dtype) if plan.is_adaptive else None
 
     def save(carry: Carry, _: None) -> tuple[Carry, dict[str, Array]]:
         progress, tally = carry

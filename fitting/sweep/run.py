@@ -137,11 +137,11 @@ def _fill(store: SweepStore, scheduler: Scheduler | None, say: Progress) -> Swee
 
         store.fill(results, resumed, plan.cases, say, rate_and_rest, lambda chunk: len(plan.cases_of(chunk)))
         run_s = time.perf_counter() - started - compile_s
-    steps_per_s = 0.0
-    if run_s > 0.0:
-        steps_per_s = missing * plan.scene.run.steps / run_s
-    if store.verdict is None:
-        store.verdict = check_steps(plan.extreme_cases(), say, **plan.settings)
+    steps_per_s = missing * plan.scene.run.steps / run_s if run_s > 0.0 else 0.0
+    verdict = store.verdict
+    if verdict is None:
+        verdict = check_steps(plan.extreme_cases(), say, **plan.settings)
+        store.verdict = verdict
     return SweepResult(
         path=store.path,
         cases=plan.cases,
@@ -152,7 +152,7 @@ def _fill(store: SweepStore, scheduler: Scheduler | None, say: Progress) -> Swee
         run_s=run_s,
         steps_per_s=steps_per_s,
         plan=plan,
-        verdict=store.verdict,
+        verdict=verdict,
     )
 
 

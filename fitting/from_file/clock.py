@@ -126,42 +126,38 @@ def read_clock(file: str, columns: Columns, rows: Rows, motion: LinkMotion, rate
         SceneError: frames without a rate, times of no unit.
     """
     period = main_period(motion.t, motion.theta)
-    column = None if columns.time is None else columns.time.name
-    unit = columns.time_unit
-    if rate and unit is None:
-        unit = "frames"
-    second, note = unit_of_time(file, motion.t, period, unit, rate or columns.rate, column)
+    second, note = unit_of_time(file, columns, motion.t, period, rate)
     start = second * rows.start
     if abs(start) >= LATEST_START:
         start = 0.0
     return Clock(start + second * motion.t, second * period, bool(rows.start) and not start, note)
 
 
-def unit_of_time(
-    file: str, t: np.ndarray, period: float, named: str | None, rate: float | None, column: str | None
-) -> tuple[float, str]:
+def unit_of_time(file: str, columns: Columns, t: np.ndarray, period: float, rate: float | None) -> tuple[float, str]:
     """Seconds per unit of the file's times, and how it was found.
 
     Args:
         t: times (k,) in the file's unit.
         period: of the motion, in the file's unit.
-        named: unit by the column's name; `frames` counts frames; None: unknown.
-        rate: frames or rows per second, if known.
-        column: name of the column; None: rows are counted.
+        rate: frames or rows per second, if the user gives them: times without a unit then count frames.
 
     Raises:
         SceneError: frames without a rate, times of no unit.
     """
+    named = columns.time_unit
     if named in SECONDS:
         return SECONDS[named], f"times in {named}"
-    counted = column is None or named == "frames" or (named is None and np.all(np.diff(t) == 1.0))
-    if rate is None and counted:
+    column = None if columns.time is None else columns.time.name
+    counts = named == "frames" or (named is None and (rate is not None or bool(np.all(np.diff(t) == 1.0))))
+    rate = rate or columns.rate
+    if column is None or counts:
+        if rate is not None:
+            return 1.0 / rate, f"{rate:g} frames per second"
         what = "has no column of times" if column is None else f"counts frames ({column!r})"
         raise SceneError(f"{file}: {what}. Give the frames per second: --rate 60")
-    if not counted:
-        for unit, size in SECONDS.items():
-            if SHORTEST_PERIOD < size * period < LONGEST_PERIOD:
-                return size, f"times in {unit}, as a period of {size * period:.3g} s shows"
+    for unit, size in SECONDS.items():
+        if SHORTEST_PERIOD < size * period < LONGEST_PERIOD:
+            return size, f"times in {unit}, as a period of {size * period:.3g} s shows"
     if rate is not None:
         return 1.0 / rate, f"{rate:g} frames per second"
     raise SceneError(

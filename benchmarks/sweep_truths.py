@@ -17,7 +17,8 @@ from study import RESULTS, Found, collect, command, describe, timed
 import dropper_jax as dj
 from fitting import Convention, Trace, fit
 from fitting.cli.sweep import use_cores
-from fitting.sweep.against_trace import TRACE_PARTS, sweep_against_trace
+from fitting.sweep import sweep_against_trace
+from fitting.sweep.scores import TRACE_PARTS
 
 #: Thesis Table E.1: b_l [kg/s] and b_q [kg/m].
 PAIRS = {

@@ -9,14 +9,12 @@ from pathlib import Path
 from dropper_jax.base.read import Table
 from dropper_jax.base.records import column
 from dropper_jax.base.table_cells import record_cells
-from dropper_jax.cli.given import check_positive, number
-from dropper_jax.cli.options import add_quiet, add_scene, read_scene
+from dropper_jax.cli.given import positive
+from dropper_jax.cli.options import add_flag, add_quiet, add_scene, read_scene
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, picture
 from dropper_jax.cli.printing import STOPPED, done_object, print_line, progress, record_table, row_printer
 
 help = "measure errors and times of all integrators over a range of steps, row by row, and advise"
-#: Allowed steps and durations.
-POSITIVE = "a number > 0 s"
 #: Columns of the errors of loads: formats of the values by heading.
 LOADS = {
     "accuracy": "{accuracy:.2g}",
@@ -56,27 +54,22 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--dts",
         nargs="+",
-        type=number,
+        type=positive("s"),
         metavar="S",
         help="equal steps [s] (default: 1/32 to 1/2048; loads by accuracy)",
     )
     parser.add_argument(
         "--span",
-        type=number,
+        type=positive("s"),
         help="duration of the comparison [s] (default: until a perturbation has grown 100 times, at most 20 s)",
     )
-    parser.add_argument(
-        "--quick", action="store_true", help="each scheme once, without retries: errors, times, orders and advice"
-    )
+    add_flag(parser, "--quick", "each scheme once, without retries: errors, times, orders and advice")
     add_plot(parser, "the pictures of errors against time, of orders and of damping")
     add_out(parser)
     add_quiet(parser)
 
 
 def run(args: Namespace) -> int:
-    for dt in args.dts or ():
-        check_positive("--dts", dt, POSITIVE)
-    check_positive("--span", args.span, POSITIVE)
     scene = read_scene(args)
 
     from dropper_jax.study.accuracy import accuracy

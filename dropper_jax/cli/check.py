@@ -89,9 +89,7 @@ def _compiled(scene: Scene, model: Model) -> Table:
     """What a run compiles: scheme, solver and sizes; None for the number of steps that follow an accuracy."""
     from dropper_jax.run.build import stepper_of
 
-    steps = None
-    if scene.run.accuracy is None:
-        steps = scene.run.steps
+    steps = scene.run.steps if scene.run.accuracy is None else None
     return {
         "integrator": scene.run.integrator,
         "solver": stepper_of(model, scene.run).solver_name,
@@ -106,9 +104,7 @@ def _compiled(scene: Scene, model: Model) -> Table:
 
 def text(scene: Scene, source: str, found: Table) -> str:
     """The facts as text; `source` is the scene as the user named it."""
-    weight = "weight in water [N]"
-    if scene.sea is None:
-        weight = "weight [N]"
+    weight = "weight [N]" if scene.sea is None else "weight in water [N]"
     columns = {
         "line": "{line}",
         "links": "{links}",

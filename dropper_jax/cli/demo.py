@@ -15,9 +15,8 @@ from typing import TYPE_CHECKING
 from dropper_jax.base.files import atomic_write
 from dropper_jax.base.markdown import literal
 from dropper_jax.base.read import Table
-from dropper_jax.cli.given import output_folder
 from dropper_jax.cli.options import add_examples, add_json
-from dropper_jax.cli.outputs import PICTURES, Output, draw
+from dropper_jax.cli.outputs import PICTURES, add_folder, draw
 from dropper_jax.cli.printing import FAILED, OK, print_line, progress
 from dropper_jax.cli.run import report
 from dropper_jax.cli.run_text import text
@@ -48,9 +47,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         "demo",
         "demo --out my-demo --json",
     )
-    about = "folder for the results (default: demo)"
-    default = Path("demo")
-    parser.add_argument("--out", action=Output, const=output_folder, default=default, metavar="DIR", help=about)
+    add_folder(parser, "--out", "folder for the results (default: demo)", Path("demo"))
     add_json(parser)
 
 

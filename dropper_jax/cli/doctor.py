@@ -47,9 +47,7 @@ def text(found: Installation) -> str:
     pairs = []
     for extra, packages in found.versions.items():
         named = ", ".join(f"{name} {version or 'is not installed'}" for name, version in packages.items())
-        label = f"extra {extra}"
-        if extra == "needed":
-            label = "versions"
+        label = "versions" if extra == "needed" else f"extra {extra}"
         pairs.append((label, named))
     system = found.system
     pairs.append(("system", f"{system.platform}, {system.cores} cores, free memory {in_words(system.memory_bytes)}"))

@@ -8,14 +8,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dropper_jax.base.errors import first_failure
 from dropper_jax.base.markdown import cells
 from dropper_jax.base.read import Table
-from dropper_jax.base.records import column
 from dropper_jax.cli.given import positive_integer
-from dropper_jax.cli.options import add_scene, read_scene
+from dropper_jax.cli.options import add_flag, add_scene, read_scene
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, is_one_picture, picture, weights_table
 from dropper_jax.cli.printing import done_object, failure_of, print_warnings, table
+from dropper_jax.cli.tide import run_tide
 
 if TYPE_CHECKING:
     from dropper_jax.load.scene import Scene
@@ -27,7 +26,7 @@ help = "find the static equilibrium of a scene, under its release force if it ha
 
 def add_arguments(parser: ArgumentParser) -> None:
     add_scene(parser, "equilibrium dropper-release-a", "equilibrium edulis-tide --tide --times 7 --plot tide")
-    parser.add_argument("--tide", action="store_true", help="equilibria through a cycle of current and level")
+    add_flag(parser, "--tide", "equilibria through a cycle of current and level")
     parser.add_argument(
         "--times", type=positive_integer, default=13, help="number of equilibria in the cycle, both ends included (13)"
     )
@@ -38,7 +37,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 def run(args: Namespace) -> int:
     scene = read_scene(args, notes=args.tide)
     if args.tide:
-        return _tide(scene, args)
+        return run_tide(scene, args)
 
     from dropper_jax.analysis.angles import link_angles
     from dropper_jax.run.bending import crushed_links, curvature
@@ -66,50 +65,12 @@ def run(args: Namespace) -> int:
         if not is_one_picture(args.plot):
             along_lines(scene, found.positions, found.tension, picture(args.plot, "along"))
     values = _object(scene, found, angles, bent)
-    text = _text(lines, found, angles, bent)
+    parts = _line_tables(lines, found, angles, bent)
     if not failed:
-        parts = [text]
         if "held_load_n" in values:
             parts.append(_loads(values["held_load_n"]))
         parts += [_end_forces(values), *weights_table(scene), f"ok: scaled residual {found.residual:.1e}"]
-        text = "\n".join(parts)
-    return deliver(args, {**values, "warnings": remarks}, text, failure_of(found))
-
-
-def _tide(scene: Scene, args: Namespace) -> int:
-    """The cycle as a table, or one object."""
-    from dropper_jax.study.tide import tidal_cycle
-
-    found = tidal_cycle(scene, args.times)
-    failed = first_failure([found["slack_status"], *column(found["rows"], "status")])
-    if args.plot and not failed:
-        from dropper_jax.study.pictures import tide
-
-        tide(scene.name, found["rows"], picture(args.plot, "tide"))
-    failure = (failed, f"{failed}: no equilibrium found for one instant of the cycle") if failed else None
-    return deliver(args, done_object(scene=scene.name, **found), _tide_text(found), failure)
-
-
-def _tide_text(found: Table) -> str:
-    rows = list(map(_tide_row, found["rows"]))
-    lines = [list(rows[0]), *(cells(row.values(), ".4g") for row in rows)]
-    note = "moved: maximum horizontal displacement of a node from the equilibrium without current at the mean level"
-    return f"{table(lines)}\n{note}"
-
-
-def _tide_row(row: Table) -> dict[str, float]:
-    """Numbers of an instant by their headings."""
-    numbers = {
-        "time [h]": row["t_s"] / 3600.0,
-        "level [m]": row["level_m"],
-        "current [m/s]": row["speed_m_per_s"],
-        "moved [m]": row["displacement_m"],
-    }
-    for name, load in row["held_load_n"].items():
-        numbers[f"{name} [N]"] = float(np.linalg.norm(load))
-    for name, share in row["anchor_utilisation"].items():
-        numbers[f"{name} used [%]"] = 100.0 * share
-    return numbers
+    return deliver(args, {**values, "warnings": remarks}, "\n".join(parts), failure_of(found))
 
 
 def _object(scene: Scene, found: Equilibrium, angles: np.ndarray, bent: np.ndarray) -> Table:
@@ -146,16 +107,17 @@ def _by_end(values: dict[str, np.ndarray]) -> dict[str, dict[str, float]]:
     return found
 
 
-def _text(lines: Sequence[LineSlice], found: Equilibrium, angles: np.ndarray, bent: np.ndarray) -> str:
-    """A table of nodes and links for each line."""
+def _line_tables(lines: Sequence[LineSlice], found: Equilibrium, angles: np.ndarray, bent: np.ndarray) -> list[str]:
+    """A table of nodes and links for each line, below its name if there are several."""
     parts = []
+    nodes = np.column_stack([found.positions, bent])
+    links = np.column_stack([angles, found.tension])
     for line in lines:
         if len(lines) > 1:
             parts.append(f"line {line.name}")
-        nodes = found.positions[line.nodes], bent[line.nodes]
-        parts.append(_line_table(*nodes, found.tension[line.links], angles[line.links]))
+        parts.append(_line_table(nodes[line.nodes], links[line.links]))
     note = "angles and tension are those of the link that ends at the node; polar is 0 at the horizontal, down > 0"
-    return "\n".join([*parts, note])
+    return [*parts, note]
 
 
 def _end_forces(found: Table) -> str:
@@ -173,20 +135,19 @@ def _end_forces(found: Table) -> str:
 def _loads(found: dict[str, np.ndarray]) -> str:
     """Forces of the lines on the fixed points."""
     rows = [("fixed point", "horizontal [N]", "vertical, upwards [N]", "total [N]", "uplift angle [deg]")]
-    for name, load in found.items():
-        across = np.hypot(load[0], load[1])
-        size = float(np.linalg.norm(load))
+    for name, (x, y, up) in found.items():
+        across = np.hypot(x, y)
+        size = np.hypot(across, up)
         angle = "-"  # a zero load has no direction
         if size > 0.0:
-            angle = f"{np.degrees(np.arctan2(load[2], across)):.2f}"
-        rows.append((name, *cells((across, load[2], size), ".5g"), angle))
+            angle = f"{np.degrees(np.arctan2(up, across)):.2f}"
+        rows.append((name, *cells((across, up, size), ".5g"), angle))
     return table(rows)
 
 
-def _line_table(positions: np.ndarray, bent: np.ndarray, tension: np.ndarray, angles: np.ndarray) -> str:
+def _line_table(nodes: np.ndarray, links: np.ndarray) -> str:
+    """Positions and curvature of nodes (n + 1, 4), and angles and tension of the links (n, 3) that end at them."""
     heads = ("node", "x [m]", "y [m]", "z [m]", "curvature [1/m]", "polar [rad]", "azimuth [rad]", "tension [N]")
-    nodes = np.column_stack([positions, bent])
-    links = np.column_stack([angles, tension])
     of_links = [("", "", ""), *(cells(link, ".5f") for link in links)]
     rows: list[tuple[str, ...]] = [heads]
     for i, (node, link) in enumerate(zip(nodes, of_links, strict=True)):

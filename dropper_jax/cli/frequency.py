@@ -14,7 +14,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.markdown import cells
 from dropper_jax.base.read import Table
-from dropper_jax.cli.given import check_positive, number, positive_integer, read_numbers
+from dropper_jax.cli.given import number, positive, positive_integer, read_numbers
 from dropper_jax.cli.options import add_scene, read_scene
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, picture
 from dropper_jax.cli.printing import Failure, done_object, print_warnings, record_table, table
@@ -39,7 +39,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument("--direction", type=number, metavar="DEG", help="of these waves, from x towards y")
     parser.add_argument("--frequencies", type=positive_integer, default=40, help="frequencies of these states (40)")
     parser.add_argument(
-        "--duration", type=number, default=10800.0, metavar="S", help="of the most probable maximum [s] (10800)"
+        "--duration", type=positive("s"), default=10800.0, metavar="S", help="of the most probable maximum [s] (10800)"
     )
     parser.add_argument(
         "--runs",
@@ -53,16 +53,13 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def run(args: Namespace) -> int:
     states = _sea_states(args)
-    check_positive("--duration", args.duration, "above 0 s")
     if args.runs and states is None:
         raise SceneError("--runs: needs sea states. Use --sea-states or --table")
     scene = read_scene(args)
 
     from dropper_jax.frequency.response import frequency_response, run_in_time
 
-    direction = None
-    if args.direction is not None:
-        direction = np.radians(args.direction)
+    direction = None if args.direction is None else np.radians(args.direction)
     found = frequency_response(scene, states, direction=direction, frequencies=args.frequencies, duration=args.duration)
     if args.plot:
         _draw(scene.name, found, picture(args.plot, "frequency"))
@@ -143,6 +140,9 @@ def _runs(
     return rows
 
 
+#: Maximum number of ends whose spectra are drawn.
+MOST_SPECTRA = 6
+#: Columns of the runs in time: formats of the values by heading.
 RUNS = {
     "hs [m]": "{hs_m:g}",
     "tp [s]": "{tp_s:g}",
@@ -217,8 +217,7 @@ def _draw(name: str, found: FrequencyResponse, path: Path) -> None:
     with style.plot_style():
         figure = figures.new_figure(7.0, 4.4)
         axes = figure.subplots()
-        # the six ends with the largest deviations
-        ends = np.argsort(-found.tension_deviation[state])[:6]
+        ends = np.argsort(-found.tension_deviation[state])[:MOST_SPECTRA]
         curves = [Curve(" at ".join(found.ends[i]), omega, tension[:, i] / 1e6) for i in ends]
         draw_panel(axes, Panel("", curves))
         axes.set(xlabel="frequency [rad/s]", ylabel="spectrum of the tension [kN$^2$ s/rad]", ylim=(0.0, None))

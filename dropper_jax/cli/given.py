@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import os
 from argparse import ArgumentTypeError
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TypeVar
 
@@ -16,10 +17,8 @@ Value = TypeVar("Value")
 AUTO = "auto"
 
 
-def output_file(text: str | None, option: str, suffixes: tuple[str, ...], folders: tuple[str, ...] = ()) -> Path | None:
+def output_file(text: str, option: str, suffixes: tuple[str, ...], folders: tuple[str, ...] = ()) -> Path:
     """A file to write; a wrong suffix or folder is rejected early. `folders` are suffixes of folders."""
-    if text is None:
-        return None
     path = Path(text)
     if path.suffix.lower() not in suffixes:
         raise SceneError(f"{option}: {text!r} has no known suffix; allowed: {', '.join(suffixes)}")
@@ -30,10 +29,8 @@ def output_file(text: str | None, option: str, suffixes: tuple[str, ...], folder
     return path
 
 
-def output_folder(text: str | None, option: str) -> Path | None:
+def output_folder(text: str, option: str) -> Path:
     """A folder to write to, which need not exist; a file is rejected before the work starts."""
-    if text is None:
-        return None
     path = Path(text)
     if path.exists() and not path.is_dir():
         raise SceneError(f"{option}: {text!r} is a file; allowed: a folder")
@@ -51,10 +48,16 @@ def number(text: str) -> float:
         raise ArgumentTypeError(f"{text!r} is not a number") from None
 
 
-def check_positive(option: str, value: float | None, allowed: str) -> None:
-    """Reject a number that is not above 0 and finite; None is not given."""
-    if value is not None and not 0.0 < value < float("inf"):
-        raise SceneError(f"{option}: {value:g} is out of range; allowed: {allowed}")
+def positive(unit: str) -> Callable[[str], float]:
+    """The type of an option: a finite number above 0, in this unit."""
+
+    def read(text: str) -> float:
+        value = number(text)
+        if not 0.0 < value < math.inf:
+            raise ArgumentTypeError(f"{text} is out of range; allowed: > 0 {unit}".rstrip())
+        return value
+
+    return read
 
 
 def split_names(text: str) -> list[str]:
@@ -105,7 +108,7 @@ def read_named_range(text: str, option: str, reason: str) -> tuple[str, float, f
     return name.strip(), low, high
 
 
-def by_name(pairs: Iterable[tuple[str, Value]], option: str) -> dict[str, Value]:
+def values_by_name(pairs: Iterable[tuple[str, Value]], option: str) -> dict[str, Value]:
     """Values of an option by their names, each of which may be given once."""
     found: dict[str, Value] = {}
     for name, value in pairs:
@@ -113,6 +116,16 @@ def by_name(pairs: Iterable[tuple[str, Value]], option: str) -> dict[str, Value]
             raise SceneError(f"{option}: {name!r} is given twice; allowed: every name once")
         found[name] = value
     return found
+
+
+def check_once(files: Sequence[str], label: str) -> None:
+    """Reject a file that is given twice, also by another path: it would count as two measurements or runs."""
+    seen = set()
+    for file in files:
+        path = Path(file).resolve()
+        if path in seen:
+            raise SceneError(f"{label}: {file!r} is given twice; allowed: every file once")
+        seen.add(path)
 
 
 def positive_integer(text: str) -> int:

@@ -5,9 +5,10 @@ from __future__ import annotations
 from argparse import ArgumentParser, Namespace
 
 from dropper_jax.base.read import Table
+from dropper_jax.base.records import select_keys
 from dropper_jax.base.toml_text import as_toml
 from dropper_jax.cli.options import add_examples, add_json
-from dropper_jax.cli.printing import OK, done_object, listing, print_json, print_result, record_table
+from dropper_jax.cli.printing import done_object, listing, print_result, record_table
 
 help = "list ropes, chains, floats and crops, or print one as TOML to paste"
 
@@ -25,30 +26,34 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def run(args: Namespace) -> int:
-    from dropper_jax.load.library import FAMILIES, PREFIX, crop_values, part, published_crops
-
     if args.name is None:
-        rows = []
-        found = []
-        for name, f in FAMILIES.items():
-            rows.append((f"{name}-{f.example:g}", f"{f.size} {f.low:g} to {f.high:g} {f.unit}. {f.source}"))
-            own = {"size": f.size, "unit": f.unit, "low": f.low, "high": f.high, "source": f.source}
-            found.append({"family": name, **own})
-        crops = crop_values()
-        published = published_crops()
-        text = f"{listing(rows)}\n\n{record_table(crops, CROPS)}\n\n{_published_table(published)}"
-        return print_result(args, done_object(parts=found, crops=crops, published_crops=published), text)
+        return _list(args)
+
+    from dropper_jax.load.library import FAMILIES, PREFIX, part
+
     name = args.name.removeprefix(PREFIX)
     section, values = part(name)
     source = FAMILIES[name.rpartition("-")[0]].source
-    if args.json:
-        print_json(done_object(section=section, part=values, source=source))
-        return OK
     pasted = {**values, "name": name}
     if section == "point":
         pasted["position"] = [0.0, 0.0, -5.0]
-    print(f"# {source}\n{as_toml({section: [pasted]})}", end="")
-    return OK
+    found = done_object(section=section, part=values, source=source)
+    return print_result(args, found, f"# {source}\n{as_toml({section: [pasted]}).rstrip()}")
+
+
+def _list(args: Namespace) -> int:
+    """All families of parts, and the crops."""
+    from dropper_jax.load.library import FAMILIES, crop_values, published_crops
+
+    rows = []
+    found = []
+    for name, f in FAMILIES.items():
+        rows.append((f"{name}-{f.example:g}", f"{f.size} {f.low:g} to {f.high:g} {f.unit}. {f.source}"))
+        found.append({"family": name, **select_keys(vars(f), ("size", "unit", "low", "high", "source"))})
+    crops = crop_values()
+    published = published_crops()
+    text = f"{listing(rows)}\n\n{record_table(crops, CROPS)}\n\n{_published_table(published)}"
+    return print_result(args, done_object(parts=found, crops=crops, published_crops=published), text)
 
 
 #: The numbers of the crops; their sources are in the list above.

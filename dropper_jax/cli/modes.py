@@ -11,7 +11,7 @@ from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.markdown import cells
 from dropper_jax.base.read import Table
 from dropper_jax.base.records import names_of
-from dropper_jax.cli.given import check_positive, number, positive_integer
+from dropper_jax.cli.given import positive, positive_integer
 from dropper_jax.cli.options import add_scene, read_scene
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, picture
 from dropper_jax.cli.printing import done_object, failure_of, print_result, table
@@ -22,13 +22,16 @@ if TYPE_CHECKING:
 
 help = "natural periods, damping ratios and modes about the static equilibrium"
 
+#: Digits of a damping ratio: those beyond are rounding of the mode shapes.
+RATIO_DIGITS = 6
+
 
 def add_arguments(parser: ArgumentParser) -> None:
     add_scene(parser, "modes dropper-release-a --count 5", "modes paper-case-4 --amplitude 0.1 --plot modes.png")
     parser.add_argument("--count", type=positive_integer, default=10, help="number of modes, the slowest first (10)")
     parser.add_argument(
         "--amplitude",
-        type=number,
+        type=positive("m"),
         metavar="A",
         help="also damping ratios at an amplitude of A metres, with quadratic drag",
     )
@@ -42,7 +45,6 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def run(args: Namespace) -> int:
-    check_positive("--amplitude", args.amplitude, "above 0 m")
     scene = read_scene(args)
     body = None if args.of is None else _number_of(args.of, scene)
 
@@ -70,8 +72,9 @@ def run(args: Namespace) -> int:
         ratio = damping_at(model, pose.state, modes, args.amplitude)
         found |= {"amplitude_m": args.amplitude, "damping_ratio_at_amplitude": ratio}
     if scene.bodies:
-        found["bodies"] = {body.name: modes.bodies[:, i] for i, body in enumerate(scene.bodies)}
-        found["body_share"] = {body.name: modes.body_share[:, i] for i, body in enumerate(scene.bodies)}
+        names = names_of(scene.bodies)
+        found["bodies"] = dict(zip(names, np.moveaxis(modes.bodies, 1, 0), strict=True))
+        found["body_share"] = dict(zip(names, modes.body_share.T, strict=True))
     return deliver(args, done_object(scene=scene.name, **found), _text(scene, modes, found))
 
 
@@ -90,11 +93,12 @@ def _text(scene: Scene, modes: Modes, found: Table) -> str:
     if "amplitude_m" in found:
         ratios[f"at {found['amplitude_m']:g} m"] = found["damping_ratio_at_amplitude"]
     rows = [("mode", "period [s]", "frequency [Hz]", *ratios, "fraction of x, y, z in the motion")]
-    for i, (period, shape) in enumerate(zip(modes.period, modes.shape, strict=True)):
-        share = np.sum(shape**2, axis=0) / np.sum(shape**2)
-        damping = cells([ratio[i] for ratio in ratios.values()], ".3g")
-        shares = "  ".join(cells(share, ".2f"))
-        rows.append((str(found["number"][i]), *cells((period, 1 / period), ".5g"), *damping, shares))
+    damping = np.round(np.transpose(list(ratios.values())), RATIO_DIGITS) + 0.0  # -0 becomes 0
+    square = np.sum(modes.shape**2, axis=1)
+    share = square / np.sum(square, axis=1, keepdims=True)
+    for mode, period, own, part in zip(found["number"], modes.period, damping, share, strict=True):
+        numbers = [*cells((period, 1 / period), ".5g"), *cells(own, ".3g")]
+        rows.append((str(mode), *numbers, "  ".join(cells(part, ".2f"))))
     if scene.bodies:
         return f"{table(rows)}\n{_bodies(scene, modes, found['number'])}"
     return table(rows)
@@ -107,5 +111,5 @@ def _bodies(scene: Scene, modes: Modes, numbers: np.ndarray) -> str:
     rows: list[tuple[str, ...]] = [heads]
     for i, mode, shares in zip(numbers, modes.bodies, modes.body_share, strict=True):
         for body, own, share in zip(scene.bodies, mode, shares, strict=True):
-            rows.append((str(i), body.name, f"{share:.2f}", *cells(own, ".3f")))
+            rows.append((str(i), body.name, f"{share:.2f}", *cells(np.round(own, 3) + 0.0, ".3f")))
     return table(rows)

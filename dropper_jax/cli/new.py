@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
-from functools import partial
 from importlib import resources
 from pathlib import Path
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import atomic_write
-from dropper_jax.cli.given import output_file
-from dropper_jax.cli.options import add_examples, add_json
-from dropper_jax.cli.outputs import Output
+from dropper_jax.cli.options import add_examples, add_flag, add_json
+from dropper_jax.cli.outputs import add_file
 from dropper_jax.cli.printing import done_object, print_result
 
 help = "write a commented scene to edit: a lab dropper, a longline in a storm, a farm with parameters, growing mussels"
@@ -23,9 +21,8 @@ KINDS = {"lab": "", "longline": "--accuracy 0.01 ", "farm": "", "mussels": ""}
 def add_arguments(parser: ArgumentParser) -> None:
     add_examples(parser, "new lab my-dropper.toml", "new longline my-longline.toml")
     parser.add_argument("kind", choices=KINDS, metavar="KIND", help=f"what the scene describes: {', '.join(KINDS)}")
-    check = partial(output_file, suffixes=(".toml",))
-    parser.add_argument("file", action=Output, const=check, metavar="FILE", help="the new file, .toml")
-    parser.add_argument("--force", action="store_true", help="replace an existing file")
+    add_file(parser, "file", (".toml",), "the new file, .toml")
+    add_flag(parser, "--force", "replace an existing file")
     add_json(parser)
 
 

@@ -27,8 +27,7 @@ SET_HELP = "change a value of the scene, such as effects.linear_damping.b_l=0.01
 
 def add_scene(parser: ArgumentParser, *examples: str, optional: bool = False) -> None:
     """Examples at the end of the help, SCENE, --set and --json."""
-    if examples:
-        add_examples(parser, *examples)
+    add_examples(parser, *examples)
     what = "name of a packaged scene, a TOML file, a MoorDyn input, or a mooring of MoorPy or RAFT (.yaml)"
     nargs = "?" if optional else None
     parser.add_argument("scene", metavar="SCENE", help=what, nargs=nargs)
@@ -37,6 +36,11 @@ def add_scene(parser: ArgumentParser, *examples: str, optional: bool = False) ->
     add_effects(parser)
     add_set(parser)
     add_json(parser)
+
+
+def add_flag(parser: ArgumentParser, option: str, about: str) -> None:
+    """An option that is on or off."""
+    parser.add_argument(option, action="store_true", help=about)
 
 
 def add_effects(parser: ArgumentParser) -> None:
@@ -61,7 +65,7 @@ def add_examples(parser: ArgumentParser, *examples: str) -> None:
 
 def add_allow_outside(parser: ArgumentParser) -> None:
     """--allow-outside."""
-    parser.add_argument("--allow-outside", action="store_true", help="allow the scene to use files outside its folder")
+    add_flag(parser, "--allow-outside", "allow the scene to use files outside its folder")
 
 
 def add_set(parser: ArgumentParser) -> None:
@@ -77,12 +81,12 @@ def add_run_values(parser: ArgumentParser, keys: Iterable[str]) -> None:
 
 def add_json(parser: ArgumentParser) -> None:
     """--json."""
-    parser.add_argument("--json", action="store_true", help="print one JSON object on standard output, nothing else")
+    add_flag(parser, "--json", "print one JSON object on standard output, nothing else")
 
 
 def add_quiet(parser: ArgumentParser) -> None:
     """--quiet."""
-    parser.add_argument("--quiet", action="store_true", help="no progress")
+    add_flag(parser, "--quiet", "no progress")
 
 
 def read_scene(args: Namespace, run_values: Iterable[str] = (), notes: bool = True) -> Scene:

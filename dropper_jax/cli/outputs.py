@@ -84,6 +84,19 @@ class Output(Action):
         setattr(namespace, self.dest, self.const(values, label))
 
 
+def add_folder(parser: ArgumentParser, option: str, about: str, default: Path | None = None) -> None:
+    """An option that names a folder to write to."""
+    parser.add_argument(option, action=Output, const=output_folder, default=default, metavar="DIR", help=about)
+
+
+def add_file(
+    parser: ArgumentParser, option: str, suffixes: tuple[str, ...], about: str, what: str = "FILE", **more: Any
+) -> None:
+    """An option, or an argument, that names a file to write."""
+    check = partial(output_file, suffixes=suffixes)
+    parser.add_argument(option, action=Output, const=check, metavar=what, help=about, **more)
+
+
 def add_plot(parser: ArgumentParser, what: str) -> None:
     """--plot."""
     about = f"write {what} to a folder (or FILE.png)"
@@ -92,12 +105,10 @@ def add_plot(parser: ArgumentParser, what: str) -> None:
 
 def add_out(parser: ArgumentParser) -> None:
     """--out."""
-    about = "write the result, what --json prints"
-    check = partial(output_file, suffixes=(".json",))
-    parser.add_argument("--out", action=Output, const=check, metavar="FILE.json", help=about)
+    add_file(parser, "--out", (".json",), "write the result, what --json prints", "FILE.json")
 
 
-def plot_folder(text: str, option: str) -> Path | None:
+def plot_folder(text: str, option: str) -> Path:
     """Output of the pictures: a folder, or one file FILE.png; checked before the work starts."""
     if Path(text).suffix.lower() in (".png", ".pdf", ".svg"):
         return output_file(text, option, (".png",))

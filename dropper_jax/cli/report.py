@@ -8,9 +8,9 @@ from dataclasses import fields
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import Table
 from dropper_jax.base.records import without_none
-from dropper_jax.cli.given import number, output_folder
+from dropper_jax.cli.given import check_once, number
 from dropper_jax.cli.options import add_effects, add_examples, add_json, read_run
-from dropper_jax.cli.outputs import Output
+from dropper_jax.cli.outputs import add_folder
 from dropper_jax.cli.printing import FAILED, OK, print_line, print_result
 from dropper_jax.evaluation.settings import Settings, option_of
 
@@ -24,12 +24,8 @@ def add_arguments(parser: ArgumentParser) -> None:
         "report seed-1.npz seed-2.npz seed-3.npz --skip 60 --storm 10800",
     )
     parser.add_argument("runs", nargs="+", metavar="RUN", help="files written by `dropper run --out`, .npz or .nc")
-    folders = {
-        "--report": "write report.md, report.json and pictures",
-        "--vtk": "write the first run as a series of .vtp files for ParaView",
-    }
-    for option, about in folders.items():
-        parser.add_argument(option, action=Output, const=output_folder, metavar="DIR", help=about)
+    add_folder(parser, "--report", "write report.md, report.json and pictures")
+    add_folder(parser, "--vtk", "write the first run as a series of .vtp files for ParaView")
     parser.add_argument("--every", type=int, default=1, metavar="N", help="every Nth saved time for --vtk (default: 1)")
     for field in fields(Settings):
         about = "{meaning} [{unit}]".format(**field.metadata)
@@ -45,9 +41,7 @@ def run(args: Namespace) -> int:
     settings = Settings(**without_none(given))
     if args.every < 1:
         raise SceneError(f"--every: {args.every} is out of range; allowed: a whole number >= 1")
-    for i, file in enumerate(args.runs):
-        if file in args.runs[:i]:
-            raise SceneError(f"RUN: {file!r} is given twice; allowed: every run once")
+    check_once(args.runs, "RUN")
     solutions = {file: read_run(file, args) for file in args.runs}
 
     from dropper_jax.report.build import report_runs

@@ -10,7 +10,7 @@ from dropper_jax.base.errors import SceneError, first_failure
 from dropper_jax.base.read import Table
 from dropper_jax.base.records import column
 from dropper_jax.cli.given import read_spaced
-from dropper_jax.cli.options import add_quiet, add_scene, read_scene
+from dropper_jax.cli.options import add_flag, add_quiet, add_scene, read_scene
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, picture
 from dropper_jax.cli.printing import done_object, progress, record_table
 
@@ -24,11 +24,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         "response wet-pendulum-wave --periods 2:6:9 --plot response.png",
     )
     parser.add_argument("--periods", required=True, metavar="LO:HI:N", help="periods [s], N from LO to HI")
-    parser.add_argument(
-        "--no-higher-waves",
-        action="store_true",
-        help="leave out the runs with waves of 1.1 times the height",
-    )
+    add_flag(parser, "--no-higher-waves", "leave out the runs with waves of 1.1 times the height")
     add_plot(parser, "the curves over the period")
     add_out(parser)
     add_quiet(parser)

@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING
 
 from dropper_jax.base.files import RUN_SUFFIXES, unfinished_folder
 from dropper_jax.base.read import Table, Values
-from dropper_jax.cli.given import AUTO, number, output_file, output_folder
+from dropper_jax.cli.given import AUTO, number, output_file
 from dropper_jax.cli.options import (
     RUN_VALUES,
+    add_flag,
     add_quiet,
     add_run_values,
     add_scene,
@@ -22,7 +23,7 @@ from dropper_jax.cli.options import (
     recover_leftovers,
     with_step,
 )
-from dropper_jax.cli.outputs import Output, draw, plot_folder, save_or_report
+from dropper_jax.cli.outputs import Output, add_file, add_folder, draw, plot_folder, save_or_report
 from dropper_jax.cli.printing import FAILED, INTERRUPTED, OK, print_json, print_line, print_warnings, progress
 from dropper_jax.cli.run_text import text
 
@@ -58,29 +59,26 @@ def _add_outputs(parser: ArgumentParser) -> None:
         help="continue from the end of a saved run, for --duration more seconds (default: the remaining time of an "
         "interrupted run, else as long again); SCENE may be left out",
     )
+    about = "save the solution, as .npz, .nc (netCDF, extra io) or .zarr (extra sweep)"
     save_as = partial(output_file, suffixes=RUN_SUFFIXES, folders=(".zarr",))
-    film = partial(output_file, suffixes=FILMS)
-    outputs = {
-        "--out": (save_as, "FILE", "save the solution, as .npz, .nc (netCDF, extra io) or .zarr (extra sweep)"),
-        "--tables": (
-            output_folder,
-            "DIR",
-            "write angles.csv (what `dropper fit` reads) and tensions.csv, for systems of lines also moordyn.out",
-        ),
-        "--plot": (plot_folder, "DIR_OR_FILE", "write all pictures to a folder, or a snapshot to a file"),
-        "--report": (output_folder, "DIR", "write report.md, report.json and their pictures"),
-        "--animate": (film, "FILE", "write an animation, .gif or (with ffmpeg) .mp4"),
-    }
-    for option, (check, what, about) in outputs.items():
-        parser.add_argument(option, action=Output, const=check, metavar=what, help=about)
+    parser.add_argument("--out", action=Output, const=save_as, metavar="FILE", help=about)
+    add_folder(
+        parser,
+        "--tables",
+        "write angles.csv (what `dropper fit` reads) and tensions.csv, for systems of lines also moordyn.out",
+    )
+    about = "write all pictures to a folder, or a snapshot to a file"
+    parser.add_argument("--plot", action=Output, const=plot_folder, metavar="DIR_OR_FILE", help=about)
+    add_folder(parser, "--report", "write report.md, report.json and their pictures")
+    add_file(parser, "--animate", FILMS, "write an animation, .gif or (with ffmpeg) .mp4")
 
 
 def _add_errors(parser: ArgumentParser) -> None:
     """Runs that state the errors of the run."""
-    parser.add_argument(
+    add_flag(
+        parser,
         "--errors",
-        action="store_true",
-        help="loads with their errors: repeats the run finer and with more links, about 6 times the run time",
+        "loads with their errors: repeats the run finer and with more links, about 6 times the run time",
     )
     companion = parser.add_mutually_exclusive_group()
     companion.add_argument(

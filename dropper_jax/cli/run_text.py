@@ -196,9 +196,7 @@ def _gap(hidden: int, width: int) -> list[Row]:
     """A row of this number of cells with the number of lines left out, if there are any."""
     if hidden == 0:
         return []
-    lines = "lines"
-    if hidden == 1:
-        lines = "line"
+    lines = "line" if hidden == 1 else "lines"
     return [(f"({hidden} {lines} not shown)", *[""] * (width - 1))]
 
 

@@ -11,16 +11,18 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import Table
 from dropper_jax.base.references import references_of
 from dropper_jax.base.toml_text import as_toml
-from dropper_jax.cli.given import check_positive, number, output_file
+from dropper_jax.cli.given import positive
 from dropper_jax.cli.options import (
     add_allow_outside,
     add_effects,
     add_examples,
+    add_flag,
     add_json,
     add_set,
     assignments,
     register_effects,
 )
+from dropper_jax.cli.outputs import add_file
 from dropper_jax.cli.printing import OK, done_object, listing, print_json, print_result, print_warnings
 from dropper_jax.load.packaged import (
     find_scene,
@@ -50,15 +52,13 @@ def add_arguments(parser: ArgumentParser) -> None:
     add_set(parser)
     add_allow_outside(parser)
     add_effects(parser)
+    add_flag(parser, "--expanded", "print it as a plain scene, without parameters, repetitions and arrays")
+    add_file(parser, "--moordyn", (".txt", ".dat"), "write the scene as a MoorDyn v2 input instead")
+    add_flag(parser, "--force", "allow --moordyn to replace files of waves and current that differ")
     parser.add_argument(
-        "--expanded", action="store_true", help="print it as a plain scene, without parameters, repetitions and arrays"
-    )
-    parser.add_argument("--moordyn", metavar="FILE", help="write the scene as a MoorDyn v2 input instead")
-    parser.add_argument(
-        "--force", action="store_true", help="allow --moordyn to replace files of waves and current that differ"
-    )
-    parser.add_argument(
-        "--dt", type=number, help="time step of MoorDyn [s], whose schemes are explicit (default: that of the scene)"
+        "--dt",
+        type=positive("s"),
+        help="time step of MoorDyn [s], whose schemes are explicit (default: that of the scene)",
     )
     parser.add_argument(
         "--reference",
@@ -67,7 +67,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         metavar="KEY",
         help="print the keys of scenes: all, or this key or section",
     )
-    parser.add_argument("--schema", action="store_true", help="print the JSON Schema of scenes, for editors")
+    add_flag(parser, "--schema", "print the JSON Schema of scenes, for editors")
     add_json(parser)
 
 
@@ -115,13 +115,11 @@ def _reference(args: Namespace) -> int:
 
 def _one(args: Namespace) -> int:
     """The values of one scene, checked, as TOML or in a MoorDyn file."""
-    check_positive("--dt", args.dt, "> 0 s")
-    file = output_file(args.moordyn, "--moordyn", (".txt", ".dat"))
     changes = assignments(args.set)
     with references_of(folder_of(args.scene, args.allow_outside)):
         values, label = find_scene(args.scene)
         table = {"name": label, **values}
-        if is_packaged(args.scene) and not (changes or file or args.expanded):
+        if is_packaged(args.scene) and not (changes or args.moordyn or args.expanded):
             return _show(table, args.json)  # packaged scenes are valid: checking values would import JAX
 
         from dropper_jax.load.scene import Scene
@@ -132,8 +130,8 @@ def _one(args: Namespace) -> int:
         scene = scene.with_values(changes)
     if changes or args.expanded:
         table = scene.as_written()
-    if file:
-        return _moordyn(scene, file, args)
+    if args.moordyn:
+        return _moordyn(scene, args.moordyn, args)
     return _show(table, args.json)
 
 

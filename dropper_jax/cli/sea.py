@@ -3,32 +3,59 @@
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import Table
-from dropper_jax.cli.given import output_file
 from dropper_jax.cli.options import add_scene, read_scene
-from dropper_jax.cli.outputs import Output, add_out, add_plot, deliver, is_one_picture, picture
+from dropper_jax.cli.outputs import add_file, add_out, add_plot, deliver, is_one_picture, picture
 from dropper_jax.cli.printing import done_object, listing, print_warnings, table
 
 help = "waves and current of a scene: theory, length, breaking, regime"
+
+#: Height and period that are marked on the map, by the kind of waves.
+MARKED = {"regular": ("height_m", "period_s"), "irregular": ("significant_height_m", "peak_period_s")}
+#: Names in the text, with units.
+WORDS = {
+    "height_m": "height [m]",
+    "period_s": "period [s]",
+    "length_m": "length [m]",
+    "celerity_m_per_s": "celerity [m/s]",
+    "crest_m": "crest [m]",
+    "trough_m": "trough [m]",
+    "crest_speed_m_per_s": "speed of the water in the crest [m/s]",
+    "mean_eulerian_m_per_s": "mean Eulerian velocity [m/s]",
+    "mean_transport_m_per_s": "mean velocity of mass transport [m/s]",
+    "depth_over_length": "depth over length",
+    "steepness": "steepness",
+    "ursell": "Ursell number H L^2/d^3",
+    "second_harmonic": "second harmonic over the first",
+    "fitting_theory": "theory that `auto` selects",
+    "highest_m": "maximum wave height of this length [m]",
+    "share_of_highest": "share of it",
+    "harmonics": "harmonics",
+    "significant_height_m": "significant height Hs [m]",
+    "mean_period_s": "mean period Tz [s]",
+    "peak_period_s": "peak period [s]",
+    "hs_over_depth": "Hs over depth",
+    "breaking_hs_m": "Hs at which the sea breaks [m]",
+    "breaking_by": "which is a limit of",
+    "share_of_breaking": "share of it",
+}
+#: Momentum deficit behind all lines over their drag, up to which the water would flow around the farm.
+DENSE_FARM = 0.99
 
 
 def add_arguments(parser: ArgumentParser) -> None:
     add_scene(parser, "sea paper-case-1", "sea dropper-regular-wave --plot sea")
     add_plot(parser, "the map of wave theories and the map of the current behind lines")
     add_out(parser)
-    map_file = partial(output_file, suffixes=(".png", ".pdf", ".svg"))
-    maps = {
-        "--flow": "map of the current behind the lines, from above",
-        "--regimes": "map of wave theories by depth and height, with the wave of the scene",
-    }
-    for option, about in maps.items():
-        parser.add_argument(option, action=Output, const=map_file, metavar="FILE.png", help=about)
+    formats = (".png", ".pdf", ".svg")
+    add_file(parser, "--flow", formats, "map of the current behind the lines, from above", "FILE.png")
+    about = "map of wave theories by depth and height, with the wave of the scene"
+    add_file(parser, "--regimes", formats, about, "FILE.png")
 
 
 def run(args: Namespace) -> int:
@@ -67,19 +94,6 @@ def run(args: Namespace) -> int:
     return deliver(args, done_object(scene=scene.name, **found, warnings=warnings), _text(found))
 
 
-def _wake_lines(found: Table) -> list[str]:
-    """Fractions of the current, by line."""
-    if "wakes" not in found:
-        return []
-    rows = [("line", "share of the current")]
-    rows += [(row["line"], "{min:.3g} to {max:.3g}".format(**row["share"])) for row in found["wakes"]["lines"]]
-    balance = found["wakes"]["balance"]
-    note = f"momentum deficit behind all lines over their drag: {balance:.3f}"
-    if balance <= 0.99:
-        note += "; the farm is too dense for wakes alone: water would flow around it"
-    return ["", table(rows), note]
-
-
 def _draw(name: str, found: Table, gravity: float, picture: Path) -> None:
     """The map of wave theories with the waves of the scene."""
     from dropper_jax.plots.wave_theories import regimes
@@ -89,37 +103,6 @@ def _draw(name: str, found: Table, gravity: float, picture: Path) -> None:
         raise SceneError(f"--regimes: scene {name!r} has no waves. Use a scene with [sea.waves]")
     height, period = MARKED[waves["kind"]]
     regimes([(name, waves[height], waves[period], found["depth_m"])], gravity, picture)
-
-
-#: Height and period that are marked on the map, by the kind of waves.
-MARKED = {"regular": ("height_m", "period_s"), "irregular": ("significant_height_m", "peak_period_s")}
-#: Names in the text, with units.
-WORDS = {
-    "height_m": "height [m]",
-    "period_s": "period [s]",
-    "length_m": "length [m]",
-    "celerity_m_per_s": "celerity [m/s]",
-    "crest_m": "crest [m]",
-    "trough_m": "trough [m]",
-    "crest_speed_m_per_s": "speed of the water in the crest [m/s]",
-    "mean_eulerian_m_per_s": "mean Eulerian velocity [m/s]",
-    "mean_transport_m_per_s": "mean velocity of mass transport [m/s]",
-    "depth_over_length": "depth over length",
-    "steepness": "steepness",
-    "ursell": "Ursell number H L^2/d^3",
-    "second_harmonic": "second harmonic over the first",
-    "fitting_theory": "theory that `auto` selects",
-    "highest_m": "maximum wave height of this length [m]",
-    "share_of_highest": "share of it",
-    "harmonics": "harmonics",
-    "significant_height_m": "significant height Hs [m]",
-    "mean_period_s": "mean period Tz [s]",
-    "peak_period_s": "peak period [s]",
-    "hs_over_depth": "Hs over depth",
-    "breaking_hs_m": "Hs at which the sea breaks [m]",
-    "breaking_by": "which is a limit of",
-    "share_of_breaking": "share of it",
-}
 
 
 def _text(found: Table) -> str:
@@ -164,3 +147,16 @@ def _coefficients(found: Table) -> list[str]:
     if low:
         lines.append(note)
     return lines
+
+
+def _wake_lines(found: Table) -> list[str]:
+    """Fractions of the current, by line."""
+    if "wakes" not in found:
+        return []
+    rows = [("line", "share of the current")]
+    rows += [(row["line"], "{min:.3g} to {max:.3g}".format(**row["share"])) for row in found["wakes"]["lines"]]
+    balance = found["wakes"]["balance"]
+    note = f"momentum deficit behind all lines over their drag: {balance:.3f}"
+    if balance <= DENSE_FARM:
+        note += "; the farm is too dense for wakes alone: water would flow around it"
+    return ["", table(rows), note]

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.read import Table
 from dropper_jax.base.records import by_name
-from dropper_jax.cli.options import add_examples, add_json, add_quiet
+from dropper_jax.cli.options import add_examples, add_flag, add_json, add_quiet
 from dropper_jax.cli.outputs import add_out, deliver
 from dropper_jax.cli.printing import done_object, progress, record_table
 
@@ -28,7 +28,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     )
     add_json(parser)
     parser.add_argument("--cases", nargs="+", metavar="NAME", help="only these (default: all)")
-    parser.add_argument("--short", action="store_true", help="shortened runs, without the schemes to compare")
+    add_flag(parser, "--short", "shortened runs, without the schemes to compare")
     add_out(parser)
     add_quiet(parser)
 
@@ -81,9 +81,7 @@ def text(rows: Sequence[CaseResult]) -> str:
 def _short(found: Table) -> str:
     """A baseline in a cell: the time of its failure, or its energy error."""
     if found["status"] == "ok":
-        outcome = "ok"
-        if found["wrong_energy"]:
-            outcome = "WRONG"
+        outcome = "WRONG" if found["wrong_energy"] else "ok"
         return f"{outcome}, energy {found['energy_drift_share']:.0e}"
     if "failed_at_s" in found:
         return "{status} at {failed_at_s:.3g} s".format(**found)

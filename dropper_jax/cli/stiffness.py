@@ -6,7 +6,6 @@ import csv
 import io
 from argparse import ArgumentParser, Namespace
 from dataclasses import replace
-from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,9 +14,9 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import atomic_write
 from dropper_jax.base.markdown import cells
 from dropper_jax.base.records import names_of
-from dropper_jax.cli.given import output_file, read_numbers, split_names
-from dropper_jax.cli.options import add_scene, read_scene
-from dropper_jax.cli.outputs import Output, deliver
+from dropper_jax.cli.given import read_numbers, split_names
+from dropper_jax.cli.options import add_flag, add_scene, read_scene
+from dropper_jax.cli.outputs import add_file, deliver
 from dropper_jax.cli.printing import done_object, failure_of, print_result, print_warnings, table
 
 if TYPE_CHECKING:
@@ -34,8 +33,9 @@ def add_arguments(parser: ArgumentParser) -> None:
         "stiffness paper-case-4 --points buoy --out stiffness.csv",
         "stiffness ballasted-spar --of spar --lines-only --at 0,0,0",
     )
-    parser.add_argument("--points", metavar="A,B", help="points and bodies (default: all bodies, else all free points)")
-    parser.add_argument(
+    of = parser.add_mutually_exclusive_group()
+    of.add_argument("--points", metavar="A,B", help="points and bodies (default: all bodies, else all free points)")
+    of.add_argument(
         "--of",
         metavar="BODY",
         help="the 6x6 matrix of one body, or of fixed points A,B,C that move together as a rigid body",
@@ -45,16 +45,8 @@ def add_arguments(parser: ArgumentParser) -> None:
         metavar="X,Y,Z",
         help="reference point of that matrix [m] (default: the reference of the body; 0,0,0 for points)",
     )
-    parser.add_argument(
-        "--lines-only", action="store_true", help="of a body without its weight, buoyancy and waterline: its mooring"
-    )
-    parser.add_argument(
-        "--out",
-        action=Output,
-        const=partial(output_file, suffixes=(".csv", ".json")),
-        metavar="FILE",
-        help="write the matrix (.csv) or the output of --json (.json)",
-    )
+    add_flag(parser, "--lines-only", "of a body without its weight, buoyancy and waterline: its mooring")
+    add_file(parser, "--out", (".csv", ".json"), "write the matrix (.csv) or the output of --json (.json)")
 
 
 def run(args: Namespace) -> int:
@@ -88,8 +80,6 @@ def _requested_points(scene: Scene, args: Namespace) -> tuple[list[str], np.ndar
         if args.at is not None or args.lines_only:
             raise SceneError("--at, --lines-only: need --of BODY, the body or rigid group of the matrix")
         return _names(scene, args.points), None
-    if args.points is not None:
-        raise SceneError("--of: excludes --points; give one of the two")
     names = split_names(args.of)
     is_body = len(names) == 1 and names[0] in names_of(scene.bodies)
     if args.lines_only and not is_body:

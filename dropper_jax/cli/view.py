@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
-from functools import partial
 from pathlib import Path
 
-from dropper_jax.cli.given import output_file
 from dropper_jax.cli.options import add_effects, add_examples, add_json, read_run
-from dropper_jax.cli.outputs import Output
+from dropper_jax.cli.outputs import add_file
 from dropper_jax.cli.printing import done_object, print_result
 
 help = "make an interactive 3D page of a saved run"
@@ -22,9 +20,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     )
     parser.add_argument("run_file", metavar="RUN", help="file written by `dropper run --out`, .npz or .nc")
     parser.add_argument("other", metavar="RUN", nargs="?", help="a second run, shown side by side")
-    check = partial(output_file, suffixes=(".html", ".htm"))
-    about = "the page, which works offline"
-    parser.add_argument("--out", required=True, action=Output, const=check, metavar="FILE.html", help=about)
+    add_file(parser, "--out", (".html", ".htm"), "the page, which works offline", "FILE.html", required=True)
     add_effects(parser)
     add_json(parser)
 

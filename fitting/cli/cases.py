@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import argparse
+from argparse import ArgumentParser, Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,9 +10,10 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.machine import available_cores
 from dropper_jax.base.markdown import bullets
 from dropper_jax.base.read import Table
-from dropper_jax.cli.given import output_folder, positive_integer
-from dropper_jax.cli.options import add_effects, add_examples, add_json, add_quiet, register_effects
-from dropper_jax.cli.printing import FAILED, OK, done_object, listing, print_result, progress
+from dropper_jax.cli.given import positive_integer
+from dropper_jax.cli.options import add_effects, add_examples, add_flag, add_json, add_quiet, register_effects
+from dropper_jax.cli.outputs import add_folder
+from dropper_jax.cli.printing import Failure, done_object, listing, print_result, progress
 
 if TYPE_CHECKING:
     from fitting.farm.site import Site
@@ -20,17 +21,17 @@ if TYPE_CHECKING:
 help = "run the load cases of a site and report the utilisation of each part"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: ArgumentParser) -> None:
     add_examples(
         parser,
         "cases small-longline --list",
         "cases site.toml --out results --workers 2",
     )
     parser.add_argument("site", metavar="SITE.toml", help="the site: scene, sea states, parts; or a packaged one")
-    parser.add_argument("--out", metavar="FOLDER", help="runs, and cases.md, cases.csv, cases.json")
-    parser.add_argument("--resume", action="store_true", help="resume the runs in the folder")
-    parser.add_argument("--list", action="store_true", help="only list the cases")
-    parser.add_argument("--print", action="store_true", help="only print the site's file, to save and edit")
+    add_folder(parser, "--out", "runs, and cases.md, cases.csv, cases.json")
+    add_flag(parser, "--resume", "resume the runs in the folder")
+    add_flag(parser, "--list", "only list the cases")
+    add_flag(parser, "--print", "only print the site's file, to save and edit")
     parser.add_argument("--workers", type=positive_integer, metavar="N", help="processes (default: one per core)")
     parser.add_argument("--scheduler", metavar="ADDRESS", help="Dask scheduler whose workers run the cases")
     add_effects(parser)
@@ -38,53 +39,54 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_quiet(parser)
 
 
-def run(args: argparse.Namespace) -> int:
-    if args.print:
-        from fitting.farm.site import site_text
+def run(args: Namespace) -> int:
+    out: Path | None = args.out
+    if not (args.print or args.list):
+        if out is None:
+            raise SceneError("--out: missing; needed: a folder for the runs and the report, or --list")
+        if any(out.glob("runs/*.npz")) and not args.resume:
+            raise SceneError(f"--out: {str(out)!r} already contains runs. Use --resume, or another folder")
 
+    from fitting.farm.site import read_site, site_text
+
+    if args.print:
         toml = site_text(args.site).decode().rstrip()
         return print_result(args, done_object(toml=toml), toml)
-    out = output_folder(args.out, "--out")
-    if out is None and not args.list:
-        raise SceneError("--out: missing; needed: a folder for the runs and the report, or --list")
-    if out is not None and out.is_dir() and any(out.glob("runs/*.npz")) and not (args.resume or args.list):
-        raise SceneError(f"--out: {args.out!r} already contains runs. Use --resume, or another folder")
-
-    from fitting.farm.site import read_site
-
     register_effects(args)
     site = read_site(args.site)
-    if args.list:
+    if out is None or args.list:
         return _list(site, args)
+    return _assess(site, out, args)
 
+
+def _assess(site: Site, out: Path, args: Namespace) -> int:
+    """Run the cases of a site, and report the utilisation of its parts."""
     from fitting.farm.cases.assess import assess
     from fitting.farm.cases.case_store import CasesStopped
     from fitting.farm.cases.page import write_page
     from fitting.farm.cases.run import run_cases
     from fitting.farm.cases.step_errors import step_errors
 
-    folder = Path(args.out)
     how: Table = {
         "workers": args.workers or available_cores(),
         "scheduler": args.scheduler,
         "progress": progress(args.quiet),
     }
     try:
-        done = run_cases(site, folder, **how)
-        found = assess(site, folder)
-        steps = step_errors(site, folder, found, **how)
+        done = run_cases(site, out, **how)
+        steps = step_errors(site, out, assess(site, out), **how)
     except CasesStopped as error:
         return print_result(args, {}, failure=("interrupted", str(error)))
-    found = assess(site, folder, steps)
-    files = write_page(found, folder)
-    found |= {"out": str(folder), "runs": done.runs, "resumed": done.resumed, "run_s": done.run_s}
-    print_result(args, found, text(found, files))
+    found = assess(site, out, steps)
+    files = write_page(found, out)
+    found |= {"out": str(out), "runs": done.runs, "resumed": done.resumed, "run_s": done.run_s}
+    failure: Failure | None = None
     if found["failed"]:
-        return FAILED
-    return OK
+        failure = (found["status"], f"{len(found['failed'])} of {len(site.cases)} runs are missing or failed")
+    return print_result(args, found, text(found, files), failure)
 
 
-def _list(site: Site, args: argparse.Namespace) -> int:
+def _list(site: Site, args: Namespace) -> int:
     """Print the cases of a site."""
     names = [storm.name for storm in site.storms]
     found = done_object(site=site.name, cases=names, runs=len(site.cases))
@@ -104,7 +106,5 @@ def text(found: Table, files: dict[str, Path]) -> str:
             worst = f"utilisation {row['utilisation']:.2f} in {storms[row['case']]}"
         pairs.append((part["part"], worst))
     flags = bullets(found["flags"])
-    verdict = "not all limits hold"
-    if found["passes"]:
-        verdict = "all limits hold"
+    verdict = "all limits hold" if found["passes"] else "not all limits hold"
     return "\n\n".join(filter(None, (listing(pairs), flags, f"{verdict}: {files['page']}")))

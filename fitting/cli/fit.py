@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import argparse
 import time
-from collections.abc import Sequence
-from pathlib import Path
+from argparse import ArgumentParser, Namespace
 from typing import TYPE_CHECKING
 
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.read import Table
-from dropper_jax.cli.given import output_folder
+from dropper_jax.cli.given import check_once
 from dropper_jax.cli.options import add_allow_outside, add_effects, add_examples, add_set, read_scene
 from dropper_jax.cli.outputs import deliver
 from dropper_jax.cli.printing import OK, failure_of, listing, print_warnings, progress, table
@@ -19,7 +17,7 @@ from fitting.cli.fit_options import (
     OF_DATA,
     OF_TRACES,
     add_parameters,
-    check_numbers,
+    check_span,
     check_without_scene,
     chosen_loss,
     chosen_method,
@@ -37,7 +35,7 @@ if TYPE_CHECKING:
 help = "calibrate a scene to measured angle traces, or to any channels named in a TOML file"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: ArgumentParser) -> None:
     add_examples(
         parser,
         "fit encoder.csv",
@@ -58,14 +56,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_parameters(parser)
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: Namespace) -> int:
     spans = held_out_spans(args.held_out)
-    folder = output_folder(args.report, "--report")
-    plot = output_folder(args.plot, "--plot")
-    if folder:
-        folder.mkdir(parents=True, exist_ok=True)
-    check_numbers(args)
-    check_files(args.traces)
+    if args.report:
+        args.report.mkdir(parents=True, exist_ok=True)
+    check_span(args)
+    check_once(args.traces, "DATA")
     shared: Table = {
         "loss": chosen_loss(args),
         "start": named_values("start", args.start),
@@ -79,21 +75,21 @@ def run(args: argparse.Namespace) -> int:
         scene = read_scene(args)
     check_intervals(args, scene)
     if scene is not None and names_toml(args.traces):
-        if plot:
+        if args.plot:
             raise SceneError("--plot: only for traces of angles. Use --report for channels, which draws every run")
         return fit_to_channels(args, scene, shared)
     if args.own:
         raise SceneError("--own: only for channels named in a TOML file. Omit it for traces of angles")
     shared["held_out"] = spans
     result, found, about = fit_to_angles(args, scene, shared)
-    if folder:
+    if args.report:
         from fitting.report.report import write_report
 
-        write_report(result, folder)
-    if plot:
+        write_report(result, args.report)
+    if args.plot:
         from fitting.report.report import draw_fit
 
-        draw_fit(result, plot)
+        draw_fit(result, args.plot)
     print_warnings(result.warnings)
     words = "\n\n".join(filter(None, [about, text(result)]))
     code = deliver(args, result.to_json() | found, words, failure_of(result))
@@ -105,7 +101,7 @@ def run(args: argparse.Namespace) -> int:
     return code
 
 
-def fit_to_angles(args: argparse.Namespace, scene: Scene | None, shared: Table) -> tuple[FitResult, Table, str]:
+def fit_to_angles(args: Namespace, scene: Scene | None, shared: Table) -> tuple[FitResult, Table, str]:
     """The fit to angles with its judgements, and what was assumed about the files, as plain values and as text.
 
     Args:
@@ -152,17 +148,7 @@ def fit_to_angles(args: argparse.Namespace, scene: Scene | None, shared: Table) 
     return result, found, about
 
 
-def check_files(files: Sequence[str]) -> None:
-    """Reject a file that is given twice: its samples would count as two measurements."""
-    seen = set()
-    for file in files:
-        path = Path(file).resolve()
-        if path in seen:
-            raise SceneError(f"DATA: {file!r} is given twice; allowed: every file once")
-        seen.add(path)
-
-
-def check_intervals(args: argparse.Namespace, scene: Scene | None) -> None:
+def check_intervals(args: Namespace, scene: Scene | None) -> None:
     """Reject intervals of parameters that are not free, and a bootstrap of one draw, before anything is fitted.
 
     Args:
@@ -202,7 +188,7 @@ def _full_path(scene: Scene, name: str, option: str) -> str:
     return full_names(scene, [name], option)[0]
 
 
-def add_intervals(result: SceneFit, args: argparse.Namespace, say: Progress) -> None:
+def add_intervals(result: SceneFit, args: Namespace, say: Progress) -> None:
     """Intervals by --profile and --bootstrap."""
     from fitting.estimate.bootstrap import bootstrap
     from fitting.estimate.profiles import profiles
@@ -216,7 +202,7 @@ def add_intervals(result: SceneFit, args: argparse.Namespace, say: Progress) -> 
             result.warnings.append(drawn.warning)
 
 
-def add_judgements(result: FitResult, args: argparse.Namespace, say: Progress) -> None:
+def add_judgements(result: FitResult, args: Namespace, say: Progress) -> None:
     """What else may be wrong, intervals, and the comparison of laws, as requested."""
     from fitting.calibration.advice import advise
     from fitting.calibration.comparison import compare
@@ -231,7 +217,7 @@ def add_judgements(result: FitResult, args: argparse.Namespace, say: Progress) -
     say(1.0, result.status)
 
 
-def fit_to_channels(args: argparse.Namespace, scene: Scene, shared: Table) -> int:
+def fit_to_channels(args: Namespace, scene: Scene, shared: Table) -> int:
     """Fit to the channels that a TOML file names."""
     for key, default in OF_TRACES.items():
         if getattr(args, key) != default:
@@ -260,7 +246,7 @@ def fit_to_channels(args: argparse.Namespace, scene: Scene, shared: Table) -> in
     add_intervals(result, args, say)
     say(1.0, result.status)
     if args.report:
-        from fitting.report.report import write_channel_report
+        from fitting.report.channel_report import write_channel_report
 
         write_channel_report(result, args.report)
     print_warnings(result.warnings)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import argparse
 import re
-from dataclasses import asdict
+from argparse import ArgumentParser, Namespace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,7 +12,9 @@ import numpy as np
 
 from dropper_jax.base.errors import Progress, SceneError
 from dropper_jax.base.read import Table
-from dropper_jax.cli.given import number
+from dropper_jax.base.records import without_keys
+from dropper_jax.cli.given import positive, read_numbers, values_by_name
+from dropper_jax.cli.options import add_flag
 from dropper_jax.cli.printing import table
 
 if TYPE_CHECKING:
@@ -23,38 +25,38 @@ if TYPE_CHECKING:
 
 #: Model error that a fit to a file may assume, as a fraction of the motion.
 LARGEST_MODEL_ERROR = 0.003
+NOT_LENGTHS = "is not a list of lengths; allowed: numbers > 0 m, such as 0.2,0.15"
 
 
-def add_file_options(parser: argparse.ArgumentParser) -> None:
+def add_file_options(parser: ArgumentParser) -> None:
     """--rate, --counts, --same-motion, --lengths, --mass."""
-    parser.add_argument("--rate", type=number, metavar="FPS", help="rows per second of a file that counts frames")
     parser.add_argument(
-        "--counts", type=number, metavar="N", help="counts per turn of an encoder whose angle is in counts"
+        "--rate", type=positive("1/s"), metavar="FPS", help="rows per second of a file that counts frames"
     )
     parser.add_argument(
-        "--same-motion", action="store_true", help="the files are recordings of one motion (default: one run each)"
+        "--counts", type=positive("counts"), metavar="N", help="counts per turn of an encoder whose angle is in counts"
     )
+    add_flag(parser, "--same-motion", "the files are recordings of one motion (default: one run each)")
     parser.add_argument("--lengths", metavar="L1,L2,...", help="lengths [m] of links whose angles alone are measured")
     parser.add_argument(
-        "--mass", type=number, metavar="KG", help="mass of each link, for damping in kg/s without a scene"
+        "--mass", type=positive("kg"), metavar="KG", help="mass of each link, for damping in kg/s without a scene"
     )
 
 
-def given_of(args: argparse.Namespace) -> FileOptions:
+def given_of(args: Namespace) -> FileOptions:
     """What the options state about the files.
 
     Raises:
-        SceneError: a number that is not positive, an unknown unit.
+        SceneError: a length that is not positive, an unknown unit.
     """
     from fitting.from_file.read_file import FileOptions
     from fitting.traces.trace import RADIANS
 
     lengths = None
     if args.lengths is not None:
-        lengths = tuple(positive(part, "--lengths", "m") for part in args.lengths.split(","))
-    for key, unit in {"rate": "1/s", "counts": "-", "mass": "kg"}.items():
-        if getattr(args, key) is not None:
-            positive(getattr(args, key), f"--{key}", unit)
+        lengths = tuple(read_numbers(args.lengths, "--lengths", NOT_LENGTHS))
+        if not all(0.0 < length < np.inf for length in lengths):
+            raise SceneError(f"--lengths: {args.lengths!r} {NOT_LENGTHS}")
     units = [*RADIANS, "counts"]
     if args.unit is not None and args.unit not in units:
         raise SceneError(f"--unit: {args.unit!r} is unknown; allowed: {', '.join(units)}")
@@ -74,14 +76,12 @@ def is_trace_file(file: str, partial: bool) -> bool:
     from fitting.traces.text_lines import read_lines
 
     heads = [line for line in read_lines(Path(file))[:100] if not line.lstrip().startswith("#")]
-    names = []
-    if heads:
-        names = re.split(r"[,;\s]+", heads[0].strip())
+    names = re.split(r"[,;\s]+", heads[0].strip()) if heads else []
     pattern = r"theta_\d+" if partial else "theta_1"
     return "t" in names and any(re.fullmatch(pattern, name) for name in names)
 
 
-def traces_for(args: argparse.Namespace, scene: Scene) -> tuple[list[str | Trace], list[str]]:
+def traces_for(args: Namespace, scene: Scene) -> tuple[list[str | Trace], list[str]]:
     """The files for a scene: those of other programs as traces, and how they were read.
 
     Raises:
@@ -108,31 +108,22 @@ def traces_for(args: argparse.Namespace, scene: Scene) -> tuple[list[str | Trace
     return found, notes
 
 
-def positive(text: str | float, option: str, unit: str) -> float:
-    """A positive number of an option."""
-    try:
-        value = float(text)
-    except ValueError:
-        raise SceneError(f"{option}: {text!r} is not a number [{unit}]") from None
-    if not 0 < value < float("inf"):
-        raise SceneError(f"{option}: {value:g} is not positive; allowed: > 0 [{unit}]")
-    return value
-
-
 def column_names(text: str | None) -> dict[str, str] | None:
     """Columns of a file by name, of `time=timestamp,theta_1=angle`."""
     if text is None:
         return None
-    columns = {}
-    for part in text.split(","):
-        name, _, column = (word.strip() for word in part.partition("="))
-        if not (name and column):
-            raise SceneError(f"--columns: {part!r} is not NAME=COLUMN; allowed: time=COLUMN,theta_1=COLUMN,...")
-        columns[name] = column
-    return columns
+    return values_by_name(map(_column_name, text.split(",")), "--columns")
 
 
-def fit_files(args: argparse.Namespace, shared: Table, say: Progress) -> tuple[FitResult, Table, str]:
+def _column_name(text: str) -> tuple[str, str]:
+    """Name and column of `theta_1=angle`."""
+    name, _, column = (word.strip() for word in text.partition("="))
+    if not (name and column):
+        raise SceneError(f"--columns: {text!r} is not NAME=COLUMN; allowed: time=COLUMN,theta_1=COLUMN,...")
+    return name, column
+
+
+def fit_files(args: Namespace, shared: Table, say: Progress) -> tuple[FitResult, Table, str]:
     """Fit files without a scene: the result, and what was assumed and found as plain values and as text."""
     from dropper_jax.load.scene import Scene
     from fitting.calibration.fit import fit, free_laws
@@ -142,6 +133,8 @@ def fit_files(args: argparse.Namespace, shared: Table, say: Progress) -> tuple[F
     from fitting.from_file.values import found_values, value_rows
 
     given = given_of(args)
+    if args.held_out is None:  # a stretch that is held out may lie after --until
+        given = replace(given, end=args.until)
     measured = [read_measured(file, given) for file in args.traces]
     if len({one.trace.links for one in measured}) > 1:
         counts = ", ".join(f"{one.trace.name} {one.trace.links}" for one in measured)
@@ -163,21 +156,13 @@ def fit_files(args: argparse.Namespace, shared: Table, say: Progress) -> tuple[F
             f"the residuals exceed the noise: the rig departs by {error:g} rad from this model, and has dry friction"
         )
         result = fit_plain()
-    if args.report is None:
-        folder = unused(Path(), f"{measured[0].trace.name}-fit")
-    else:
-        folder = Path(args.report)
-    options = ()
-    if args.same_motion:
-        options = ("--same-motion",)
-    command = write_case(folder, measured, plain, options)
+    folder = args.report or unused(Path(), f"{measured[0].trace.name}-fit")
+    options = ["--same-motion"] if args.same_motion else []
+    command = write_case(Path(folder), measured, plain, options)
     values = found_values(result, measured[0], args.mass)
     assumed.append(model_note(measured[0].trace.links, args.mass))
     text = "\n\n".join([assumed_text(assumed), table(value_rows(values)), f"repeat with: {command}"])
-    found = {}
-    for one in values:
-        row = asdict(one)
-        found[row.pop("name")] = row
+    found = {one.name: without_keys(asdict(one), ["name"]) for one in values}
     return result, {"assumed": assumed, "found": found, "repeat": command}, text
 
 
@@ -200,7 +185,5 @@ def model_note(links: int, mass: float | None) -> str:
     what = "one pendulum of an effective length"
     if links > 1:
         what = f"{links} massless links with masses at their ends"
-    scale = "a mass of 1 kg: damping is per mass"
-    if mass is not None:
-        scale = f"masses of {mass:g} kg"
+    scale = "a mass of 1 kg: damping is per mass" if mass is None else f"masses of {mass:g} kg"
     return f"model: {what}, in air, linear and quadratic drag, gravity 9.81 m/s^2; {scale}"

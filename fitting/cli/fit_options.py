@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import argparse
 import math
+from argparse import ArgumentParser, Namespace
 from typing import TYPE_CHECKING, Any
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.cli.given import number, read_numbers, split_names
-from dropper_jax.cli.options import add_json, add_quiet
-from dropper_jax.cli.outputs import add_out
+from dropper_jax.cli.given import number, positive, positive_integer, read_numbers, split_names
+from dropper_jax.cli.options import add_flag, add_json, add_quiet
+from dropper_jax.cli.outputs import add_folder, add_out
 from fitting.cli.fit_file import add_file_options
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 METHODS = ("windows", "shooting", "gradient")
 
 
-def add_parameters(parser: argparse.ArgumentParser) -> None:
+def add_parameters(parser: ArgumentParser) -> None:
     """What is fitted: parameters, their start values, bounds and priors, and the samples."""
     parser.add_argument(
         "--free",
@@ -29,9 +29,7 @@ def add_parameters(parser: argparse.ArgumentParser) -> None:
         metavar="NAMES",
         help="parameters, such as b_l,line.0.inertia,release.time (default: those listed in [fit], else damping)",
     )
-    parser.add_argument(
-        "--fixed", action="store_true", help="without --free and [fit]: keep the lengths and the zero of the angles"
-    )
+    add_flag(parser, "--fixed", "without --free and [fit]: keep the lengths and the zero of the angles")
     parser.add_argument(
         "--start", action="append", default=[], metavar="NAME=VALUE", help="start value of a free parameter"
     )
@@ -53,7 +51,7 @@ def add_parameters(parser: argparse.ArgumentParser) -> None:
         help="of channels: parameters fitted separately for each run; reports mean and spread",
     )
     parser.add_argument("--from", dest="since", type=number, metavar="T", help="fit only samples from this time on [s]")
-    parser.add_argument("--until", type=number, metavar="T", help="fit only samples before this time [s]")
+    parser.add_argument("--until", type=positive("s"), metavar="T", help="fit only samples before this time [s]")
     parser.add_argument("--held-out", metavar="LO:HI,...", help="score these stretches [s] without fitting them")
     parser.add_argument(
         "--rest", metavar="LO:HI,...", help="stretches [s] in which the line is at rest: their poses are fitted too"
@@ -61,7 +59,7 @@ def add_parameters(parser: argparse.ArgumentParser) -> None:
     add_method(parser)
 
 
-def add_method(parser: argparse.ArgumentParser) -> None:
+def add_method(parser: ArgumentParser) -> None:
     """How it is fitted: estimator, windows, files, loss."""
     parser.add_argument("--method", choices=METHODS, default="shooting", help="estimator (default: shooting)")
     parser.add_argument("--optimizer", metavar="NAME", help="of --method gradient: lbfgs (default), adam or sgd")
@@ -77,10 +75,12 @@ def add_method(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="of --method gradient: maximum steps over separate windows, and at each gap weight (default: 100)",
     )
-    parser.add_argument("--window", type=number, metavar="S", help="length of a window [s] (default: from the motion)")
+    parser.add_argument(
+        "--window", type=positive("s"), metavar="S", help="length of a window [s] (default: from the motion)"
+    )
     parser.add_argument(
         "--dt",
-        type=number,
+        type=positive("s"),
         help="time step [s], at most the samples' interval (default: 1/75 of the shortest link's period)",
     )
     parser.add_argument(
@@ -88,21 +88,22 @@ def add_method(parser: argparse.ArgumentParser) -> None:
     )
     add_convention(parser)
     add_file_options(parser)
-    parser.add_argument("--huber", type=number, metavar="K", help="robust loss beyond K standard deviations")
-    parser.add_argument("--robust", metavar="NAME", help="robust loss by name: huber or student")
-    parser.add_argument("--student", action="store_true", help="Student's t loss with 4 degrees, for outliers")
+    loss = parser.add_mutually_exclusive_group()
+    loss.add_argument("--huber", type=positive(""), metavar="K", help="robust loss beyond K standard deviations")
+    loss.add_argument("--robust", metavar="NAME", help="robust loss by name: huber or student")
+    loss.add_argument("--student", action="store_true", help="Student's t loss with 4 degrees, for outliers")
     parser.add_argument(
-        "--iterations", type=int, default=40, help="maximum iterations over separate windows (default: 40)"
+        "--iterations", type=positive_integer, default=40, help="maximum iterations over separate windows (default: 40)"
     )
-    parser.add_argument("--static-start", action="store_true", help="release every run at t = 0 as defined in [start]")
+    add_flag(parser, "--static-start", "release every run at t = 0 as defined in [start]")
     add_judging(parser)
 
 
-def add_judging(parser: argparse.ArgumentParser) -> None:
+def add_judging(parser: ArgumentParser) -> None:
     """What judges the result, and where it is written."""
-    parser.add_argument("--advice", action="store_true", help="test what else may be wrong: lengths, roll, clock")
-    parser.add_argument("--auto-free", action="store_true", help="add free parameters while the fit improves")
-    parser.add_argument("--compare-models", action="store_true", help="also fit a ladder of damping laws")
+    add_flag(parser, "--advice", "test what else may be wrong: lengths, roll, clock")
+    add_flag(parser, "--auto-free", "add free parameters while the fit improves")
+    add_flag(parser, "--compare-models", "also fit a ladder of damping laws")
     parser.add_argument(
         "--profile",
         type=split_names,
@@ -112,21 +113,22 @@ def add_judging(parser: argparse.ArgumentParser) -> None:
         help="intervals by profile likelihood too (default: of all)",
     )
     parser.add_argument(
-        "--bootstrap", nargs="?", const=400, type=int, metavar="DRAWS", help="resample blocks of time (default: 400)"
+        "--bootstrap",
+        nargs="?",
+        const=400,
+        type=positive_integer,
+        metavar="DRAWS",
+        help="resample blocks of time (default: 400)",
     )
-    parser.add_argument(
-        "--accept-misfit",
-        action="store_true",
-        help="exit code 0 even if the model misses the trace or its law is wrong",
-    )
-    parser.add_argument("--plot", metavar="DIR", help="write only the pictures of the fit")
+    add_flag(parser, "--accept-misfit", "exit code 0 even if the model misses the trace or its law is wrong")
+    add_folder(parser, "--plot", "write only the pictures of the fit")
     add_out(parser)
-    parser.add_argument("--report", metavar="DIR", help="write a report with pictures")
+    add_folder(parser, "--report", "write a report with pictures")
     add_quiet(parser)
     add_json(parser)
 
 
-def add_convention(parser: argparse.ArgumentParser) -> None:
+def add_convention(parser: ArgumentParser) -> None:
     """--zero, --sign, --unit, --columns."""
     parser.add_argument("--zero", help="zero direction of the traces' angles: horizontal or down")
     parser.add_argument("--sign", help="1 or -1")
@@ -138,7 +140,7 @@ def add_convention(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def check_without_scene(args: argparse.Namespace) -> None:
+def check_without_scene(args: Namespace) -> None:
     """Reject what only a scene can explain.
 
     Raises:
@@ -156,23 +158,19 @@ def names_toml(files: list[str]) -> bool:
     return any(file.lower().endswith(".toml") for file in files)
 
 
-def chosen_loss(args: argparse.Namespace) -> Loss:
+def chosen_loss(args: Namespace) -> Loss:
     """The loss of --huber, --student and --robust."""
     from fitting.estimate.loss import LEAST_SQUARES, Huber, as_loss
 
-    losses = {"--huber": args.huber is not None, "--student": args.student, "--robust": args.robust is not None}
-    given = [option for option, used in losses.items() if used]
-    if len(given) > 1:
-        raise SceneError(f"{', '.join(given)}: cannot be combined; allowed: one of them")
+    if args.huber is not None:
+        return Huber(args.huber)
     name = "student" if args.student else args.robust
-    if name is not None:
-        return as_loss(name, "robust")
-    if args.huber is None:
+    if name is None:
         return LEAST_SQUARES
-    return Huber(args.huber)
+    return as_loss(name, "robust")
 
 
-def chosen_method(args: argparse.Namespace) -> Method:
+def chosen_method(args: Namespace) -> Method:
     """The method with its settings.
 
     Raises:
@@ -197,8 +195,19 @@ OF_DATA = ("start.", "channel.", "camera.")
 OF_DESCENT = ("optimizer", "learning_rate", "steps")
 #: Options of traces that are None if not given.
 TRACE_VALUES = (
-    *("since", "until", "held_out", "window", "zero", "sign", "unit", "columns", "rest"),
-    *("rate", "counts", "lengths", "mass"),
+    "since",
+    "until",
+    "held_out",
+    "window",
+    "zero",
+    "sign",
+    "unit",
+    "columns",
+    "rest",
+    "rate",
+    "counts",
+    "lengths",
+    "mass",
 )
 #: Options of traces that are on or off.
 TRACE_SWITCHES = ("static_start", "fixed", "advice", "auto_free", "compare_models", "accept_misfit", "same_motion")
@@ -269,12 +278,7 @@ def _number(option: str, name: str, text: str) -> float:
     return value
 
 
-def check_numbers(args: argparse.Namespace) -> None:
-    """Reject options that are not positive."""
-    units = {"until": " s", "window": " s", "dt": " s", "huber": "", "iterations": "", "bootstrap": ""}
-    for key, unit in units.items():
-        value = getattr(args, key)
-        if value is not None and not value > 0:
-            raise SceneError(f"--{key}: {value:g} is not positive; allowed: > 0{unit}")
+def check_span(args: Namespace) -> None:
+    """Reject an end of the samples before their start."""
     if args.since is not None and args.until is not None and args.since >= args.until:
         raise SceneError(f"--until: {args.until:g} is not after --from {args.since:g}; allowed: > {args.since:g} s")

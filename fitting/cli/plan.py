@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import argparse
+from argparse import ArgumentParser, Namespace
 
 from dropper_jax.cli.given import number, read_numbers, split_names
 from dropper_jax.cli.options import add_effects, add_examples, add_json, add_quiet, register_effects
@@ -11,8 +11,10 @@ from dropper_jax.cli.printing import progress, table
 
 help = "plan an experiment: which release, duration and camera determine the parameters best"
 
+NOT_NUMBERS = "is not a list of numbers; allowed: such as 8,16,48"
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+
+def add_arguments(parser: ArgumentParser) -> None:
     add_examples(
         parser,
         "plan dropper-release-a --free b_l,b_q",
@@ -40,15 +42,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_json(parser)
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: Namespace) -> int:
     from fitting.calibration.measurement_plan import plan, rows
 
     register_effects(args)
     found = plan(
         args.scenes,
         args.free,
-        durations=_numbers("duration", args.duration),
-        noises=_numbers("noise", args.noise),
+        durations=read_numbers(args.duration, "--duration", NOT_NUMBERS),
+        noises=read_numbers(args.noise, "--noise", NOT_NUMBERS),
         requested=args.wanted,
         gap_weight=args.gap_weight,
         rate=args.rate,
@@ -60,8 +62,3 @@ def run(args: argparse.Namespace) -> int:
         f"{table(rows(found))}\n"
         "standard errors in the parameters' units; times the best: their geometric mean relative to the first row",
     )
-
-
-def _numbers(option: str, text: str) -> list[float]:
-    """The numbers of a list, separated by commas."""
-    return read_numbers(text, f"--{option}", "is not a list of numbers; allowed: such as 8,16,48")

@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
-import argparse
+from argparse import ArgumentParser, Namespace
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.cli.given import by_name, read_named_range, split_names
-from dropper_jax.cli.options import QUANTITY_HELP, add_examples, add_quiet, add_run_values, add_scene, read_scene
+from dropper_jax.cli.given import read_named_range, split_names, values_by_name
+from dropper_jax.cli.options import (
+    QUANTITY_HELP,
+    add_flag,
+    add_quiet,
+    add_run_values,
+    add_scene,
+    read_scene,
+)
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, picture
 from dropper_jax.cli.printing import done_object, print_warnings, progress
 
@@ -18,13 +25,12 @@ DEFAULT_SAMPLES = 64
 OVERRIDES = ("integrator", "dt", "duration")
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    add_examples(
+def add_arguments(parser: ArgumentParser) -> None:
+    add_scene(
         parser,
         "sensitivity dropper-release-a --duration 1 --of tension.max --to b_l,b_q",
         "sensitivity paper-case-4 --of anchor.anchor.horizontal.start --to line.chain.length,sea.current.speed",
     )
-    add_scene(parser)
     parser.add_argument("--of", required=True, metavar="QUANTITY", help=QUANTITY_HELP)
     parser.add_argument(
         "--to", type=split_names, required=True, metavar="NAMES", help="parameters, such as b_l,b_q,line.0.mass"
@@ -39,28 +45,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--samples", type=int, help=f"size of a global study (default: {DEFAULT_SAMPLES})")
     parser.add_argument("--seed", type=int, help="of a global study (default: 0)")
-    parser.add_argument(
-        "--check", action="store_true", help="also compute derivatives by reverse mode, and the growth of errors"
-    )
+    add_flag(parser, "--check", "also compute derivatives by reverse mode, and the growth of errors")
     add_plot(parser, "a tornado picture")
     add_out(parser)
     add_run_values(parser, OVERRIDES)
     add_quiet(parser)
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: Namespace) -> int:
     scene = read_scene(args, OVERRIDES)
     check_method(args)
 
     from fitting import sensitivity
-    from fitting.sensitivity.global_indices import global_text
-    from fitting.sensitivity.result import local_text
+    from fitting.sensitivity.texts import global_text, local_text
 
     problem = sensitivity.study(scene, args.of, args.to)
     say = progress(args.quiet)
     ranges = None
     if args.method:
-        ranges = sensitivity.ranges(problem, by_name(map(_range, args.range), "--range"))
+        ranges = sensitivity.ranges(problem, values_by_name(map(_range, args.range), "--range"))
         samples = DEFAULT_SAMPLES if args.samples is None else args.samples
         found = sensitivity.global_indices(problem.batch, problem.names, ranges, args.method, samples, args.seed or 0)
         text = global_text(found, args.of)
@@ -84,7 +87,7 @@ def run(args: argparse.Namespace) -> int:
     return deliver(args, whole, text, failure)
 
 
-def check_method(args: argparse.Namespace) -> None:
+def check_method(args: Namespace) -> None:
     """Reject options that the method does not use, and samples that are too few."""
     if args.method is None:
         for option, value in (("--range", args.range or None), ("--samples", args.samples), ("--seed", args.seed)):

@@ -5,28 +5,28 @@ With `--trace FILE.csv` every case has a score against measured angles.
 
 from __future__ import annotations
 
-import argparse
-import math
 import os
+from argparse import ArgumentParser, Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.machine import available_cores
-from dropper_jax.base.markdown import cells
 from dropper_jax.base.read import ScenePath, Table
-from dropper_jax.cli.given import by_name, output_folder, read_numbers, read_spaced
-from dropper_jax.cli.options import add_examples, add_quiet, add_run_values, add_scene, read_scene
-from dropper_jax.cli.printing import listing, print_line, print_result, print_warnings, progress, table
+from dropper_jax.cli.given import read_numbers, read_spaced, split_names, values_by_name
+from dropper_jax.cli.options import add_flag, add_quiet, add_run_values, add_scene, read_scene
+from dropper_jax.cli.outputs import add_folder
+from dropper_jax.cli.printing import print_line, print_result, print_warnings, progress
 from fitting.cli.fit_file import column_names
 from fitting.cli.fit_options import add_convention
+from fitting.cli.sweep_text import MOST_ROWS, result_table, text
 
 if TYPE_CHECKING:
     import numpy as np
 
     from dropper_jax.load.scene import Scene
-    from fitting.sweep.against_trace import FittedScore, TraceScores
     from fitting.sweep.run import SweepResult
+    from fitting.sweep.scores import FittedScore, TraceScores
 
 help = "run a grid of cases in batches and keep the results in a Zarr folder"
 
@@ -38,8 +38,6 @@ DEFAULT_QUANTITIES = ("tension_max", "tension_mean", "tension_min", "angle_max",
 NOT_FITTED = ("start", "point", "sea")
 #: Cases of a device at a time, with a trace.
 CHUNK_WITH_TRACE = 8
-#: Maximum number of cases in a printed table.
-MOST_ROWS = 15
 HOST_COUNT = "xla_force_host_platform_device_count"
 SPACINGS = {"linear": "linspace", "log": "geomspace"}
 #: Maximum number of values of one path.
@@ -47,38 +45,34 @@ MOST_VALUES = 10_000_000
 NOT_VALUES = "is not NAME=LO:HI:N; allowed: N >= 1; also NAME=LO:HI:N:log with LO > 0 and NAME=A,B,C"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    add_examples(
+def add_arguments(parser: ArgumentParser) -> None:
+    add_scene(
         parser,
         "sweep dropper-release-a --vary b_l=0.001:0.01:8 --duration 5 --out sweep.zarr",
         "sweep my-longline.toml --vary sea.current.speed=0:1:5 --vary sea.waves.hs=1,2,3 "
         "--duration 60 --quantities tension.west-leg.fairlead.max --out sea.zarr",
     )
-    add_scene(parser)
     vary = "values of a path, lo:hi:n, lo:hi:n:log or a,b,c (may be given several times)"
     parser.add_argument("--vary", action="append", default=[], metavar="NAME=LO:HI:N", help=vary)
-    parser.add_argument(
-        "--paired", action="store_true", help="pair values row by row instead of combining them in a grid"
-    )
+    add_flag(parser, "--paired", "pair values row by row instead of combining them in a grid")
     parser.add_argument("--seeds", type=int, default=0, metavar="K", help="K realisations of a random sea")
     parser.add_argument("--out", required=True, metavar="FOLDER.zarr", help="results; an existing part is resumed")
-    parser.add_argument("--plot", metavar="DIR", help="write a picture of every quantity over the varied inputs")
+    add_folder(parser, "--plot", "write a picture of every quantity over the varied inputs")
     parser.add_argument(
         "--quantities",
+        type=split_names,
         metavar="NAMES",
         help=f"quantities to save: {', '.join(DEFAULT_QUANTITIES)} (default: all; with --trace none), or by "
         "name as for `dropper sensitivity --of`, such as tension.west-leg.fairlead.max",
     )
-    parser.add_argument("--traces", action="store_true", help="also save positions and tensions at every saved time")
+    add_flag(parser, "--traces", "also save positions and tensions at every saved time")
     parser.add_argument(
         "--trace", metavar="FILE.csv", help="measured angles: every case runs over their span and gets a score"
     )
     parser.add_argument(
         "--parts", metavar="T1,T2", help="with --trace: end times of head and middle [s] (default: 24 %% and 50 %%)"
     )
-    parser.add_argument(
-        "--fit", action="store_true", help="with --trace: also fit the varied inputs to it, like `dropper fit`"
-    )
+    add_flag(parser, "--fit", "with --trace: also fit the varied inputs to it, like `dropper fit`")
     add_convention(parser)
     parser.add_argument(
         "--chunk",
@@ -87,20 +81,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--devices", type=int, help="devices of this machine (default: one per core)")
     parser.add_argument("--scheduler", metavar="ADDRESS", help="Dask scheduler whose workers run the chunks")
-    parser.add_argument(
-        "--mix-versions", action="store_true", help="resume a part made with other versions of JAX or dropper-jax"
-    )
+    add_flag(parser, "--mix-versions", "resume a part made with other versions of JAX or dropper-jax")
     add_run_values(parser, OVERRIDES)
     add_quiet(parser)
 
 
-def run(args: argparse.Namespace) -> int:
-    vary = by_name(map(_values, args.vary), "--vary")
+def run(args: Namespace) -> int:
+    vary = values_by_name(map(_values, args.vary), "--vary")
     if args.seeds < 0:
         raise SceneError(f"--seeds: {args.seeds}; allowed: a whole number >= 0")
     if not Path(args.out).parent.is_dir():
         raise SceneError(f"--out: the folder {str(Path(args.out).parent)!r} does not exist; allowed: an existing one")
-    plot = output_folder(args.plot, "--plot")
     parts = _parts(args)
     if args.fit and (outside := next((path for path in vary if ScenePath(path).section in NOT_FITTED), None)):
         raise SceneError(f"--fit: {outside!r} cannot be fitted; allowed: parameters of the line, such as b_l, b_q")
@@ -131,30 +122,27 @@ def run(args: argparse.Namespace) -> int:
         found["trace"] = scores.to_json()
     if fitted:
         found["trace"]["fit"] = fitted.to_json()
-    if plot:
+    if args.plot:
         from fitting.sweep.pictures import draw_sweep
         from fitting.sweep.trace_pictures import draw_against_trace
 
         if scores:
-            draw_against_trace(scores, plot, fitted)
+            draw_against_trace(scores, args.plot, fitted)
         if not scores or result.plan.quantities:
-            draw_sweep(result.path, plot)
+            draw_sweep(result.path, args.plot)
     results = ""
     if not args.json and not args.traces and result.cases <= MOST_ROWS and result.plan.quantities:
-        results = _result_table(result.path)
+        results = result_table(result.path)
     return print_result(args, found, text(found, results), result.verdict.failure)
 
 
-def _options(args: argparse.Namespace) -> Table:
+def _options(args: Namespace) -> Table:
     """Options of a sweep with and without a trace."""
-    quantities = None
+    quantities = args.quantities
     chunk = args.chunk
     if args.trace:
-        quantities = []
-        if chunk is None:
-            chunk = CHUNK_WITH_TRACE
-    if args.quantities:
-        quantities = args.quantities.split(",")
+        quantities = quantities or []
+        chunk = CHUNK_WITH_TRACE if chunk is None else chunk
     return {
         "seeds": args.seeds,
         "quantities": quantities,
@@ -167,7 +155,7 @@ def _options(args: argparse.Namespace) -> Table:
 
 
 def _sweep_against_trace(
-    args: argparse.Namespace, scene: Scene, vary: dict[str, np.ndarray], parts: list[float] | None, options: Table
+    args: Namespace, scene: Scene, vary: dict[str, np.ndarray], parts: list[float] | None, options: Table
 ) -> TraceScores:
     """The sweep with a score of every case against the trace."""
     from fitting.sweep import sweep_against_trace
@@ -207,7 +195,7 @@ def _result_object(scene: Scene, result: SweepResult, warnings: list[str]) -> Ta
     }
 
 
-def _parts(args: argparse.Namespace) -> list[float] | None:
+def _parts(args: Namespace) -> list[float] | None:
     """Times of `--parts`; options that need a trace are rejected without one."""
     for option in ("parts", "fit", "zero", "sign", "unit", "columns"):
         if getattr(args, option) and not args.trace:
@@ -217,11 +205,11 @@ def _parts(args: argparse.Namespace) -> list[float] | None:
     return read_numbers(args.parts, "--parts", "is not T1,T2; allowed: two times in s, such as 12,25")
 
 
-def _fit(args: argparse.Namespace, scene: Scene, scores: TraceScores) -> FittedScore:
+def _fit(args: Namespace, scene: Scene, scores: TraceScores) -> FittedScore:
     """The fit of the varied inputs to the same trace, and one run at its values."""
     from fitting.calibration.fit import fit
     from fitting.calibration.fit_settings import FitSettings
-    from fitting.sweep.against_trace import FittedScore
+    from fitting.sweep.scores import FittedScore
 
     settings = FitSettings(zero=args.zero, sign=args.sign, unit=args.unit, columns=column_names(args.columns))
     say = progress(args.quiet)
@@ -272,71 +260,3 @@ def _values(option: str) -> tuple[str, np.ndarray]:
     if ScenePath(path).section == "parameters" and np.array_equal(values, np.round(values)):
         values = values.astype(int)
     return path, values
-
-
-def _result_table(path: Path) -> str:
-    """Inputs and results of each case."""
-    from fitting.sweep import open_sweep
-
-    with open_sweep(path) as found:
-        # one number for each case: not angles of every link
-        names = [x for x, of in found.drop_vars(["status", "failed_at"]).items() if of.dims == found.status.dims]
-        frame = found[names].to_dataframe().reset_index()
-        columns = [str(name) for name in (*frame.columns.drop(names), *names)]
-        heads = []
-        for name in columns:
-            unit = found[name].attrs.get("units")
-            if unit:
-                name = f"{name} [{unit}]"
-            heads.append(name)
-    return table([heads, *(cells(row, ".4g") for row in frame[columns].to_numpy())])
-
-
-def text(found: Table, results: str = "") -> str:
-    """The result as text, with a table of inputs and results."""
-    counts = ", ".join(f"{count} {status}" for status, count in found["counts"].items() if count)
-    about = {
-        "scene": "{scene}",
-        "cases": "{cases} of {steps_per_case} steps, {resumed} of them resumed",
-        "ended": counts,
-        "wall time": "{compile_s:.2f} s compilation, {run_s:.2f} s run and saving",
-        "speed": "{steps_per_s:.0f} steps per second",
-    }
-    pairs = [(name, words.format_map(found)) for name, words in about.items()]
-    scores = ""
-    if "trace" in found:
-        scores = _score_table(found["trace"])
-    return "\n\n".join(filter(None, (listing(pairs), results, scores, f"{found['status']}: {found['out']}")))
-
-
-def _score_table(trace: Table) -> str:
-    """The cases with the best head, and the fit: RMS angle error and distance of spectra of each part.
-
-    Cases that failed have no score and are left out.
-    """
-    spans = trace["parts_s"]
-    cases = [case for case in trace["cases"] if case["head"]["angle_rms_rad"] is not None]
-    cases.sort(key=lambda case: case["head"]["angle_rms_rad"])
-    fit = trace.get("fit")
-    names = [path.rsplit(".", 1)[-1] for path in trace["cases"][0]["values"]]
-    for part in spans:
-        names += [part, f"{part} spectrum"]
-    rows = [names]
-    shown = cases[:MOST_ROWS]
-    if fit:
-        shown.append(fit)
-    for case in shown:
-        scores = []
-        for part in spans:
-            for score in case[part].values():
-                if score is None:
-                    score = math.nan
-                scores.append(1e3 * score)
-        rows.append((*cells(case["values"].values(), ".4g"), *cells(scores, ".3g")))
-    named = ", ".join(f"{part} {low:.4g} to {high:.4g} s" for part, (low, high) in spans.items())
-    notes = [f"RMS angle error and distance of amplitude spectra [mrad], {named}"]
-    if len(cases) > MOST_ROWS:
-        notes.append(f"{len(cases) - MOST_ROWS} more cases; use --json to see all")
-    if fit:
-        notes.append(f"last row: the fit ({fit['status']})")
-    return table(rows) + "\n\n" + "; ".join(notes)

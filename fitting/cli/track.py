@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import argparse
 import io
+from argparse import ArgumentParser, Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.markdown import cells
-from dropper_jax.cli.given import check_positive, number, output_file, read_numbers
+from dropper_jax.cli.given import number, output_file, positive, read_numbers
 from dropper_jax.cli.options import add_examples, add_json, add_quiet
-from dropper_jax.cli.printing import FAILED, OK, listing, print_line, print_result, print_warnings, progress
+from dropper_jax.cli.outputs import add_file
+from dropper_jax.cli.printing import listing, print_result, print_warnings, progress
 
 if TYPE_CHECKING:
     from fitting.films.ordering import AmbiguousOrderError
@@ -23,7 +24,7 @@ BRIGHT = {"bright": True, "dark": False}
 help = "angle traces from a video of a chain with a circle on every node"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: ArgumentParser) -> None:
     add_examples(
         parser,
         "track my-video.mp4 --nodes 8 --overlay check.png --out traces.csv",
@@ -33,21 +34,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--nodes", type=int, required=True, metavar="N", help="markers, both ends included: 8 for a chain of 7 links"
     )
-    parser.add_argument("--out", metavar="FILE.csv", help="angles for `dropper fit` (default: VIDEO's name)")
-    parser.add_argument(
-        "--positions", metavar="FILE.csv", help="also write the nodes' positions and whether they were detected"
-    )
-    parser.add_argument("--overlay", metavar="FILE", help="contact sheet (.png) or video (.mp4, .avi) to check by eye")
+    add_file(parser, "--out", (".csv",), "angles for `dropper fit` (default: VIDEO's name)", "FILE.csv")
+    about = "also write the nodes' positions and whether they were detected"
+    add_file(parser, "--positions", (".csv",), about, "FILE.csv")
+    about = "contact sheet (.png) or video (.mp4, .avi) to check by eye"
+    add_file(parser, "--overlay", (".png", ".avi", ".mp4"), about)
     lens = parser.add_argument_group("lens and scale")
     lens.add_argument("--calibration", nargs="+", default=[], metavar="IMAGE", help="pictures of a chessboard")
     lens.add_argument("--board", default="9x6", metavar="CxR", help="its inner corners (default: 9x6)")
     lens.add_argument("--plane", metavar="IMAGE", help="picture of the board in the plane of motion, with --square")
-    lens.add_argument("--square", type=number, metavar="M", help="side of the board's squares [m]")
-    lens.add_argument("--scale", type=number, metavar="M", help="metres per pixel")
-    lens.add_argument("--distance", type=number, metavar="M", help="distance of the first and last marker [m]")
+    lens.add_argument("--square", type=positive("m"), metavar="M", help="side of the board's squares [m]")
+    lens.add_argument("--scale", type=positive("m"), metavar="M", help="metres per pixel")
+    lens.add_argument("--distance", type=positive("m"), metavar="M", help="distance of the first and last marker [m]")
     lens.add_argument("--level", action="store_true", help="first and last marker are at the same height")
     look = parser.add_argument_group("markers")
-    look.add_argument("--radius", type=number, metavar="PX", help="of the circles [pixel] (default: found)")
+    look.add_argument("--radius", type=positive("px"), metavar="PX", help="of the circles [pixel] (default: found)")
     look.add_argument("--marker", choices=("bright", "dark"), help="circles relative to their rim (default: found)")
     look.add_argument("--first", choices=("auto", "left", "right", "top"), default="auto", help="which end is node 0")
     look.add_argument(
@@ -56,7 +57,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="X,Y",
         help="positions of all nodes in the first frame [pixel], in order",
     )
-    parser.add_argument("--fps", type=number, help="frames per second, if those of the file are wrong")
+    parser.add_argument("--fps", type=positive("Hz"), help="frames per second, if those of the file are wrong")
     parser.add_argument(
         "--from", dest="begin", type=number, default=0.0, metavar="T", help="use the video from here [s]"
     )
@@ -65,13 +66,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_json(parser)
 
 
-def run(args: argparse.Namespace) -> int:
-    for key, unit in {"square": "m", "scale": "m", "distance": "m", "radius": "px", "fps": "Hz"}.items():
-        check_positive(f"--{key}", getattr(args, key), f"> 0 {unit}")
-    out = Path(args.out or f"{Path(args.video).stem}.csv")
-    output_file(out, "--out", (".csv",))
-    positions = output_file(args.positions, "--positions", (".csv",))
-    overlay = output_file(args.overlay, "--overlay", (".png", ".avi", ".mp4"))
+def run(args: Namespace) -> int:
+    out = args.out or output_file(f"{Path(args.video).stem}.csv", "--out", (".csv",))
 
     from fitting.films.ordering import AmbiguousOrderError
     from fitting.films.overlay import write_overlay
@@ -101,21 +97,18 @@ def run(args: argparse.Namespace) -> int:
     except AmbiguousOrderError as error:
         return report_ambiguous(error, args, out.with_name(f"{out.stem}-orders.png"))
     found = {**tracked.to_json(), "out": None}
-    message = f"error: {tracked.message}"
+    message = tracked.message
     if tracked.status != "lost":
         print_warnings(tracked.warnings)
         write_trace(out, tracked.trace, notes(tracked))
-        if positions:
-            write_positions(tracked, positions)
+        if args.positions:
+            write_positions(tracked, args.positions)
         found["out"] = str(out)
         message += f"; the earlier part is in {out}"
-    if overlay:
-        write_overlay(tracked, args.video, overlay)
-    print_result(args, found, text(tracked, out))
-    if tracked.status == "ok":
-        return OK
-    print_line(message)
-    return FAILED
+    if args.overlay:
+        write_overlay(tracked, args.video, args.overlay)
+    failure = None if tracked.status == "ok" else (tracked.status, message)
+    return print_result(args, found, text(tracked, out), failure)
 
 
 def start_positions(nodes: list[str] | None) -> list[tuple[float, float]] | None:
@@ -129,14 +122,12 @@ def start_positions(nodes: list[str] | None) -> list[tuple[float, float]] | None
     return found
 
 
-def report_ambiguous(error: AmbiguousOrderError, args: argparse.Namespace, picture: Path) -> int:
+def report_ambiguous(error: AmbiguousOrderError, args: Namespace, picture: Path) -> int:
     """Draw the orders that are compatible with the film; no trace is written."""
     from fitting.films.alternatives import MAX_SHOWN, write_alternatives
 
     write_alternatives(error, args.video, picture)
-    shown = "they"
-    if len(error.orders) > MAX_SHOWN:
-        shown = f"the first {MAX_SHOWN}"
+    shown = f"the first {MAX_SHOWN}" if len(error.orders) > MAX_SHOWN else "they"
     failure = ("ambiguous_order", f"{error}; {shown} are drawn in {picture}")
     orders = [positions.round(1) for positions in error.orders]
     found = {"frame": error.frame, "orders": orders, "picture": str(picture)}
@@ -147,10 +138,8 @@ def notes(tracked: Tracked) -> list[str]:
     """Marked frames, as comments of the trace."""
     found = []
     for span in tracked.marks.spans(tracked.trace.t):
-        found.append(
-            f"marked {span['from_s']:.9g} to {span['to_s']:.9g} s: nodes {' '.join(map(str, span['nodes']))} "
-            f"({' '.join(span['why'])})"
-        )
+        nodes = " ".join(map(str, span["nodes"]))
+        found.append(f"marked {span['from_s']:.9g} to {span['to_s']:.9g} s: nodes {nodes} ({' '.join(span['why'])})")
     return found
 
 
@@ -191,9 +180,7 @@ def text(tracked: Tracked, out: Path) -> str:
     not_detected = "none"
     if bridged:
         not_detected = f"{bridged} samples, longest gap {found['longest_gap_s']:.2g} s"
-    marked = "none"
-    if found["marked_frames"]:
-        marked = f"{found['marked_frames']}, left empty"
+    marked = f"{found['marked_frames']}, left empty" if found["marked_frames"] else "none"
     seconds = tracked.trace.t[-1] - tracked.trace.t[0]
     pairs = [
         ("frames", f"{found['frames']} at {found['fps']:g} Hz, {seconds:.3g} s"),
@@ -207,7 +194,5 @@ def text(tracked: Tracked, out: Path) -> str:
         pairs.insert(0, ("lens", f"{tracked.lens.pictures} pictures, error {tracked.lens.error:.2g} pixel"))
     if tracked.scaled:
         pairs.append(("links", ", ".join(cells(found["link_length_m"], ".4f")) + " m"))
-    outcome = f"angles in {out}"
-    if tracked.status == "lost":
-        outcome = "no angles are written"
+    outcome = "no angles are written" if tracked.status == "lost" else f"angles in {out}"
     return "\n".join([listing(pairs), "", f"{found['status']}: {outcome}"])

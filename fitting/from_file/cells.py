@@ -25,6 +25,8 @@ ONE_COLUMN_WEIGHT = 0.5
 NO_ROWS = "has fewer than two rows of numbers. Give a text file with a row per sample: time and angle"
 #: Text of a missing sample.
 MISSING_TEXTS = ("", "nan", "na", "n/a", "null", "none", "-", "--", "inf", "-inf", "#n/a", "#nv")
+#: Units that may have a row of their own below the names.
+UNIT_WORD = re.compile("s|ms|us|ns|µs|sec|min|deg|°|rad|mrad|m|cm|mm|px|pixel|counts")
 #: Seconds of a day.
 SECONDS_PER_DAY = 86400.0
 #: Hours, minutes and seconds, after a date (in any order) or alone.
@@ -153,9 +155,8 @@ def split(line: str, separator: str | None) -> list[str]:
 
 def is_sample(row: Sequence[str], comma: bool) -> bool:
     """Whether a row has numbers, and otherwise only missing samples."""
-    known = [math.isfinite(number(cell, comma)) for cell in row]
-    missing = [cell.strip().lower() in MISSING_TEXTS for cell in row]
-    return any(known) and all(one or other for one, other in zip(known, missing, strict=True))
+    others = [cell for cell in row if not math.isfinite(number(cell, comma))]
+    return len(others) < len(row) and all(cell.strip().lower() in MISSING_TEXTS for cell in others)
 
 
 def number(cell: str, comma: bool) -> float:
@@ -192,9 +193,7 @@ def names_of(before: Sequence[Sequence[str]], width: int) -> tuple[str, ...]:
         for i, unit in enumerate(heads.pop()):
             if unit:
                 heads[-1][i] += f" [{unit.strip('[]()')}]"
-    groups = [""] * width
-    if len(heads) > 1:
-        groups = heads[-2]
+    groups = heads[-2] if len(heads) > 1 else [""] * width
     group = ""
     found = []
     for i, (above, name) in enumerate(zip(groups, heads[-1], strict=True)):
@@ -207,28 +206,6 @@ def names_of(before: Sequence[Sequence[str]], width: int) -> tuple[str, ...]:
 
 def are_units(row: Sequence[str]) -> bool:
     """Whether a row contains the units of the columns: nothing longer than a unit, and one that is known."""
-    if not any(cell.strip("[]()") in UNIT_ROW_WORDS for cell in row):
+    if not any(UNIT_WORD.fullmatch(cell.strip("[]()")) for cell in row):
         return False
     return all(re.fullmatch(r"[\[(]?[^\w]*[a-zA-Z°/µ²%]*[\])]?", cell) for cell in row)
-
-
-#: Units that may have a row of their own below the names.
-UNIT_ROW_WORDS = (
-    "s",
-    "ms",
-    "us",
-    "ns",
-    "µs",
-    "sec",
-    "min",
-    "deg",
-    "°",
-    "rad",
-    "mrad",
-    "m",
-    "cm",
-    "mm",
-    "px",
-    "pixel",
-    "counts",
-)

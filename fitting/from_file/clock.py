@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
+from fitting.from_file.columns import Columns
+from fitting.from_file.motion import LinkMotion
+from fitting.from_file.pendulum import main_period
 
 #: Seconds per unit of time.
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
@@ -17,6 +21,8 @@ LONGEST_PERIOD = 16.0
 FEWEST_ROWS = 10
 #: Rows of a part after a jump back, below which they are in disorder and not another run.
 SECOND_RUN_ROWS = 30
+#: A clock that starts later than this [s] is counted from its first row: seconds since 1970 would lose digits.
+LATEST_START = 1e5
 
 
 @dataclass(frozen=True)
@@ -46,17 +52,11 @@ def ordered_rows(file: str, t: np.ndarray, values: np.ndarray) -> Rows:
     known = np.isfinite(t) & np.isfinite(values).any(axis=1)
     t = t[known]
     values = values[known]
-    # restarts: the time jumps back by more than half of what has passed since the last restart
-    starts = [0]
-    for i in np.flatnonzero(np.diff(t) < 0) + 1:
-        back = t[i - 1] - t[i]
-        if back > 0.5 * (t[i - 1] - t[starts[-1]]) and i - starts[-1] > SECOND_RUN_ROWS:
-            starts.append(int(i))
-    if len(starts) > 1:
-        edges = [*starts, len(t)]
+    edges = _starts_of_runs(t)
+    if len(edges) > 2:
         longest = int(np.argmax(np.diff(edges)))
         first, end = edges[longest : longest + 2]
-        notes.append(f"times start again {len(starts) - 1} times: the longest run is used, rows {first + 1} to {end}")
+        notes.append(f"times start again {len(edges) - 2} times: the longest run is used, rows {first + 1} to {end}")
         t = t[first:end]
         values = values[first:end]
     backwards = int(np.sum(np.diff(t) < 0))
@@ -75,6 +75,19 @@ def ordered_rows(file: str, t: np.ndarray, values: np.ndarray) -> Rows:
     return Rows(t - t[0], values, float(t[0]), tuple(notes))
 
 
+def _starts_of_runs(t: np.ndarray) -> list[int]:
+    """First row of each run in a file, and the number of all rows.
+
+    Another run starts where the time jumps back by more than half of what has passed since the last start.
+    """
+    starts = [0]
+    for i in np.flatnonzero(np.diff(t) < 0) + 1:
+        back = t[i - 1] - t[i]
+        if back > 0.5 * (t[i - 1] - t[starts[-1]]) and i - starts[-1] > SECOND_RUN_ROWS:
+            starts.append(int(i))
+    return [*starts, len(t)]
+
+
 def mean_rows(values: np.ndarray, first: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Means of the known values of each row `first` (g,) and those up to the next, NaN without any; and their number.
 
@@ -87,33 +100,64 @@ def mean_rows(values: np.ndarray, first: np.ndarray) -> tuple[np.ndarray, np.nda
     return np.where(number > 0, total / np.maximum(number, 1), np.nan), number
 
 
-def unit_of_time(
-    file: str, t: np.ndarray, period: float, named: str | None, rate: float | None, column: str | None
-) -> tuple[float, str]:
+class Clock(NamedTuple):
+    """Times of a motion.
+
+    Attributes:
+        times: (k,) [s].
+        period: main period of the motion [s].
+        starts_at_first_row: whether the time of the first row was subtracted.
+        note: how the unit of time was found.
+    """
+
+    times: np.ndarray
+    period: float
+    starts_at_first_row: bool
+    note: str
+
+
+def read_clock(file: str, columns: Columns, rows: Rows, motion: LinkMotion, rate: float | None) -> Clock:
+    """The clock of a motion, in seconds.
+
+    Args:
+        rate: frames or rows per second, if the user gives them.
+
+    Raises:
+        SceneError: frames without a rate, times of no unit.
+    """
+    period = main_period(motion.t, motion.theta)
+    second, note = unit_of_time(file, columns, motion.t, period, rate)
+    start = second * rows.start
+    if abs(start) >= LATEST_START:
+        start = 0.0
+    return Clock(start + second * motion.t, second * period, bool(rows.start) and not start, note)
+
+
+def unit_of_time(file: str, columns: Columns, t: np.ndarray, period: float, rate: float | None) -> tuple[float, str]:
     """Seconds per unit of the file's times, and how it was found.
 
     Args:
         t: times (k,) in the file's unit.
         period: of the motion, in the file's unit.
-        named: unit by the column's name; `frames` counts frames; None: unknown.
-        rate: frames or rows per second, if known.
-        column: name of the column; None: rows are counted.
+        rate: frames or rows per second, if the user gives them: times without a unit then count frames.
 
     Raises:
         SceneError: frames without a rate, times of no unit.
     """
+    named = columns.time_unit
     if named in SECONDS:
         return SECONDS[named], f"times in {named}"
-    counted = column is None or named == "frames" or (named is None and np.all(np.diff(t) == 1.0))
-    if rate is None and counted:
-        what = f"counts frames ({column!r})"
-        if column is None:
-            what = "has no column of times"
+    column = None if columns.time is None else columns.time.name
+    counts = named == "frames" or (named is None and (rate is not None or bool(np.all(np.diff(t) == 1.0))))
+    rate = rate or columns.rate
+    if column is None or counts:
+        if rate is not None:
+            return 1.0 / rate, f"{rate:g} frames per second"
+        what = "has no column of times" if column is None else f"counts frames ({column!r})"
         raise SceneError(f"{file}: {what}. Give the frames per second: --rate 60")
-    if not counted:
-        for unit, size in SECONDS.items():
-            if SHORTEST_PERIOD < size * period < LONGEST_PERIOD:
-                return size, f"times in {unit}, as a period of {size * period:.3g} s shows"
+    for unit, size in SECONDS.items():
+        if SHORTEST_PERIOD < size * period < LONGEST_PERIOD:
+            return size, f"times in {unit}, as a period of {size * period:.3g} s shows"
     if rate is not None:
         return 1.0 / rate, f"{rate:g} frames per second"
     raise SceneError(

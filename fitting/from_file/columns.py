@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import unicodedata
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
@@ -13,53 +12,21 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.markdown import first_names
 from fitting.from_file.cells import Cells
+from fitting.from_file.names import (
+    ANGLE_UNITS,
+    ANGLE_WORDS,
+    AXIS_WORDS,
+    FRAME_WORDS,
+    LENGTH_UNITS,
+    PER_TIME,
+    RATE_WORDS,
+    TIME_UNITS,
+    TIME_WORDS,
+    Column,
+    parse_name,
+)
 from fitting.traces.csv_table import MOST_NAMES
 
-
-def word_set(text: str) -> frozenset[str]:
-    """The words of a text."""
-    return frozenset(text.split())
-
-
-#: Words of names, without accents: English, German, French, Spanish, Italian, Portuguese, Dutch, Nordic, Polish, Czech,
-#: Finnish, Chinese, Japanese.
-TIME_WORDS = word_set(
-    """
-    t time timestamp elapsed clock seconds millis zeit uhrzeit temps heure tiempo hora tempo tijd tid czas cas aika
-    sekunden sec msec 时间 時間 時刻
-    """
-)
-FRAME_WORDS = word_set("frame frames bild bildnummer image cuadro fotogramma quadro beeld klatka snimek index idx")
-ANGLE_WORDS = word_set(
-    """
-    theta angle angles winkel angulo angolo hoek vinkel kat uhel kulma phi alpha encoder counts count ticks
-    deflection auslenkung inclination θ φ α 角度 deg rad
-    """
-)
-RATE_WORDS = word_set(
-    """
-    omega velocity vel v vx vy speed rate acc acceleration a ax ay geschwindigkeit vitesse velocidad velocita w ω se
-    sigma error gyro gyroscope
-    """
-)
-#: A unit per time: `(rad/s)`, `[m s^-2]`.
-PER_TIME = re.compile(r"/\s*s(?:ec)?(?:\b|\d|²)|(?:rad|deg|°|m)[\s·*.]+s\s*\^?\s*[-−⁻]\s*[12¹²]")
-AXIS_WORDS = {"x": "x", "u": "x", "y": "y", "z": "y", "v": "y"}
-#: Units by their words: what is measured, and the unit.
-TIME_UNITS = {
-    **dict.fromkeys(word_set("s sec secs second seconds sekunden secondes segundos"), "s"),
-    **dict.fromkeys(word_set("ms msec millis milliseconds millisekunden"), "ms"),
-    **dict.fromkeys(word_set("us µs μs usec micros microseconds"), "us"),
-    **dict.fromkeys(word_set("ns nsec nanos nanoseconds"), "ns"),
-}
-ANGLE_UNITS = {
-    **dict.fromkeys(word_set("deg degs degree degrees grad ° º grados gradi degres"), "deg"),
-    **dict.fromkeys(word_set("rad rads radian radians radianti radianes"), "rad"),
-    "mrad": "mrad",
-    **dict.fromkeys(word_set("counts count ticks pulses steps inkremente"), "counts"),
-}
-LENGTH_UNITS = {"m": "m", "cm": "cm", "mm": "mm", **dict.fromkeys(word_set("px pixel pixels pix"), "px")}
-UNITS = {**TIME_UNITS, **ANGLE_UNITS, **LENGTH_UNITS}
 #: Frame rates in comments.
 FRAME_RATE = re.compile(
     r"(?:fps|frame ?rate|sample ?rate|bildrate|sampling)\s*[:=]?\s*(\d+(?:[.,]\d+)?)"
@@ -68,34 +35,6 @@ FRAME_RATE = re.compile(
 )
 #: Fraction of the rows in which a column of time increases.
 INCREASING_FRACTION = 0.95
-
-
-@dataclass(frozen=True, eq=False)
-class Column:
-    """A column of a file.
-
-    Attributes:
-        name: as written.
-        words: of the name, without accents and units.
-        unit: by the name, or None.
-        values: (k,).
-        is_clock: whether it contained times of day.
-    """
-
-    name: str
-    words: tuple[str, ...]
-    unit: str | None
-    values: np.ndarray
-    is_clock: bool
-
-    def has(self, words: frozenset[str]) -> bool:
-        """Whether one of these words is in the name."""
-        return not words.isdisjoint(self.words)
-
-    @property
-    def ordinal(self) -> int | None:
-        """The number in the name."""
-        return next((int(word) for word in self.words if word.isdecimal()), None)
 
 
 @dataclass(frozen=True)
@@ -123,27 +62,11 @@ class Columns:
     notes: tuple[str, ...]
 
 
-def parse_name(name: str) -> tuple[tuple[str, ...], str | None]:
-    """Words of a name without accents and units, and the unit: `Winkel 1 [°]` is ("winkel", "1") in degrees."""
-    text = "".join(c for c in unicodedata.normalize("NFKD", name.lower()) if not unicodedata.combining(c))
-    inside = re.findall(r"[\[(/]\s*([^\])]*?)\s*[\])]?\s*$", text)
-    unit = next((UNITS[part] for part in inside if part in UNITS), None)
-    if unit is not None:
-        text = re.sub(r"[\[(/][^\])]*[\])]?\s*$", "", text)
-    words = re.findall(r"[^\W\d_]+|\d+|°", text)
-    if unit is None and words and words[-1] in UNITS and not PER_TIME.search(text):
-        if len(words) > 1:
-            unit = UNITS[words.pop()]
-        elif words[0] not in ("m", "s"):
-            unit = UNITS[words[0]]
-    return tuple(words), unit
-
-
 def find_columns(cells: Cells, given: Mapping[str, str] | None = None, rate: float | None = None) -> Columns:
     """The columns of time and of angles or points.
 
     Args:
-        given: by `time`, `theta_1`, `x_1`, `y_1` ..., the names of columns.
+        given: by `time`, `theta_1`, `x_1`, `y_1` ..., the names of columns; others than these are found.
         rate: rows per second [1/s] as the user gives them; a file may then have no column of times.
 
     Raises:
@@ -155,27 +78,16 @@ def find_columns(cells: Cells, given: Mapping[str, str] | None = None, rate: flo
         columns.append(Column(name, *parse_name(name), values, is_clock))
     if len(columns) == 1 and rate is None and fps_of(cells) is None:
         raise SceneError(f"{file}: has one column. Give time and angle, or --rate with the rows per second of a film")
-    if given:
-        return given_columns(cells, columns, given)
-    time = time_column(file, columns)
-    free = [column for column in columns if column is not time and not column.has(FRAME_WORDS)]
-    points = [(x, y) for x, y in point_pairs(free) if np.isfinite([x.values, y.values]).mean() > 0.1]
-    angles = []
-    if not points:
-        angles = angle_columns(file, [column for column in free if moves(column.values)])
-    rates = [column.name for column in free if is_rate(column) and moves(column.values)]
-    if not points and not angles and rates:
-        names = first_names(rates, MOST_NAMES)
-        raise SceneError(f"{file}: shows rates alone: {names}. Give angles or points, or fit a gyro as a channel")
-    if not points and not angles:
-        still = first_names([column.name for column in free], MOST_NAMES) or "its columns"
-        raise SceneError(f"{file}: nothing moves in {still}. Give a file with motion")
-    return describe(cells, time, angles, points)
+    named = given_columns(cells, columns, given or {})
+    time = named.pop("time", None) or time_column(file, columns)
+    if named:
+        return describe(cells, time, *given_motion(named))
+    return describe(cells, time, *moving_columns(file, [column for column in columns if column is not time]))
 
 
-def given_columns(cells: Cells, columns: Sequence[Column], given: Mapping[str, str]) -> Columns:
-    """The columns that the user names."""
-    where: dict[str, Column] = {}
+def given_columns(cells: Cells, columns: Sequence[Column], given: Mapping[str, str]) -> dict[str, Column]:
+    """The columns that the user names, by `time`, `theta_1` ..."""
+    found: dict[str, Column] = {}
     for role, name in given.items():
         if not re.fullmatch(r"time|t|theta_\d+|[xy]_\d+", role):
             raise SceneError(f"columns: {role!r} is unknown; allowed: time, theta_1..n, x_1, y_1, x_2, ...")
@@ -183,22 +95,51 @@ def given_columns(cells: Cells, columns: Sequence[Column], given: Mapping[str, s
             raise SceneError(f"columns: {name!r} is not in {cells.file}; found: {first_names(cells.names, MOST_NAMES)}")
         if role == "t":
             role = "time"
-        where[role] = columns[cells.names.index(name)]
-    time = where.pop("time", None)
-    if time is None:
-        time = time_column(cells.file, columns)
-    angles = []
+        found[role] = columns[cells.names.index(name)]
+    return found
+
+
+def given_motion(named: Mapping[str, Column]) -> tuple[list[Column], list[tuple[Column, Column]]]:
+    """Angles, or x and y of points, of columns by `theta_1`, `x_1`, `y_1` ...
+
+    Raises:
+        SceneError: a number is missing, a point has one coordinate, or there are both angles and points.
+    """
+    numbers = sorted({int(role.split("_")[1]) for role in named})
+    angles = [named[f"theta_{i}"] for i in numbers if f"theta_{i}" in named]
     points = []
-    for number in sorted({int(role.split("_")[1]) for role in where}):
-        x = where.get(f"x_{number}")
-        y = where.get(f"y_{number}")
-        if f"theta_{number}" in where:
-            angles.append(where[f"theta_{number}"])
+    for i in numbers:
+        x = named.get(f"x_{i}")
+        y = named.get(f"y_{i}")
+        if (x is None) != (y is None):
+            raise SceneError(f"columns: point {i} needs both x_{i} and y_{i}")
         if x is not None and y is not None:
             points.append((x, y))
-        elif x is not None or y is not None:
-            raise SceneError(f"columns: point {number} needs both x_{number} and y_{number}")
-    return describe(cells, time, angles, points)
+    if numbers != list(range(1, len(numbers) + 1)) or (angles and points):
+        raise SceneError(f"columns: {', '.join(named)}; allowed: theta_1 to theta_n, or x_1, y_1 to x_n, y_n")
+    return angles, points
+
+
+def moving_columns(file: str, columns: Sequence[Column]) -> tuple[list[Column], list[tuple[Column, Column]]]:
+    """Angles, or x and y of points, among columns of which none is the time.
+
+    Raises:
+        SceneError: nothing moves but rates, or several columns that may be the angle.
+    """
+    free = [column for column in columns if not column.has(FRAME_WORDS)]
+    points = [(x, y) for x, y in point_pairs(free) if np.isfinite([x.values, y.values]).mean() > 0.1]
+    if points:
+        return [], points
+    moving = [column for column in free if column.moves]
+    angles = angle_columns(file, moving)
+    if angles:
+        return angles, []
+    rates = [column.name for column in moving if column.is_rate]
+    if rates:
+        names = first_names(rates, MOST_NAMES)
+        raise SceneError(f"{file}: shows rates alone: {names}. Give angles or points, or fit a gyro as a channel")
+    still = first_names([column.name for column in free], MOST_NAMES) or "its columns"
+    raise SceneError(f"{file}: nothing moves in {still}. Give a file with motion")
 
 
 def describe(
@@ -252,12 +193,6 @@ def increases(values: np.ndarray) -> bool:
     return len(step) > 5 and np.mean(step >= 0) > INCREASING_FRACTION and np.mean(step > 0) > 0.3
 
 
-def moves(values: np.ndarray) -> bool:
-    """Whether a column takes several values."""
-    known = values[np.isfinite(values)]
-    return len(known) > 5 and np.ptp(known) > 1e-9 * np.max(np.abs(known), initial=1.0)
-
-
 def time_column(file: str, columns: Sequence[Column]) -> Column | None:
     """The column of times: by name, by times of day, by a unit of time, by content; frames are the last choice.
 
@@ -275,7 +210,7 @@ def time_column(file: str, columns: Sequence[Column]) -> Column | None:
         if increases(-named[0].values):
             raise SceneError(f"{file}: {named[0].name} decreases from row to row. Reverse the rows")
         return named[0]
-    return next((column for column in columns if increases(column.values) and moves(column.values)), None)
+    return next((column for column in columns if increases(column.values) and column.moves), None)
 
 
 def point_pairs(columns: Sequence[Column]) -> list[tuple[Column, Column]]:
@@ -300,7 +235,7 @@ def angle_columns(file: str, moving: Sequence[Column]) -> list[Column]:
     Raises:
         SceneError: several columns may be the angle.
     """
-    usable = [column for column in moving if not is_rate(column)]
+    usable = [column for column in moving if not column.is_rate]
     named = [column for column in usable if column.has(ANGLE_WORDS) or column.unit in ANGLE_UNITS.values()]
     if named:
         return sorted(without_copies(named), key=lambda column: column.ordinal or 0)
@@ -313,13 +248,6 @@ def angle_columns(file: str, moving: Sequence[Column]) -> list[Column]:
             f"theta_1={names[0]}"
         )
     return swinging
-
-
-def is_rate(column: Column) -> bool:
-    """Whether a name or its unit is that of a rate, or a name that of an error; single letters count alone only."""
-    if PER_TIME.search(column.name):
-        return True
-    return any(len(word) > 1 or len(column.words) == 1 for word in RATE_WORDS.intersection(column.words))
 
 
 def without_copies(columns: Sequence[Column]) -> list[Column]:

@@ -12,7 +12,7 @@ from fitting.from_file.read_file import MeasuredFile
 from fitting.traces.trace_file import write_trace
 
 
-def write_case(folder: Path, measured: list[MeasuredFile], scene: Table, options: tuple[str, ...]) -> str:
+def write_case(folder: Path, measured: list[MeasuredFile], scene: Table, options: list[str]) -> str:
     """Write the traces and the scene; nothing is replaced.
 
     Returns:

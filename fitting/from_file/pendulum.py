@@ -1,4 +1,4 @@
-"""The equation of one link in a trace of its angle: period, derivatives, unit of the angle, gravity of a chain.
+"""The equation of one link in a trace of its angle: period, derivatives, gravity of a chain.
 
 In a free swing about the zero z, with k = g/L and any damping,
 
@@ -91,61 +91,6 @@ def regression(motion: np.ndarray, quadratic: bool = False) -> tuple[np.ndarray,
     return found, float(np.sum((basis @ found - a) ** 2))
 
 
-#: Difference of the log likelihoods of two units of the angle that decides between them.
-DECIDING_GAIN = 4.0
-#: Periods of the stretches that are compared, and their minimum amplitude as a fraction of the maximum.
-BLOCK_PERIODS = 3
-LEAST_AMPLITUDE = 0.05
-#: Sum of squares of a stretch, in the median one, above which it is not free.
-FREE_RATIO = 4.0
-
-
-def squares_by_unit(motion: np.ndarray) -> list[float]:
-    """Sums of squares of a motion (k, 3) read in radians and in degrees, in the unit of its angle."""
-    return [regression(motion * unit, True)[1] / unit**2 for unit in (1.0, np.pi / 180)]
-
-
-def half_range(values: np.ndarray) -> np.ndarray:
-    """Half the range (n,) of values (k, n) without 0.5 % of them at both ends."""
-    return 0.5 * np.subtract(*np.nanquantile(values, [0.995, 0.005], axis=0))
-
-
-def unit_of_angle(t: np.ndarray, raw: np.ndarray, period: float) -> tuple[str | None, float]:
-    """`rad` or `deg`, by the period's change with the amplitude, and the gain in log likelihood; None if undecided.
-
-    Args:
-        raw: (k,) in the unknown unit, without wraps.
-    """
-    reach = half_range(raw)
-    if reach < 0.3:
-        return "rad", np.inf  # as degrees it would hardly move
-    _, motion, _ = derivatives(t, raw, period)
-    length = min(BLOCK_PERIODS * GRID_PER_PERIOD, len(motion))
-    if not length:
-        return None, 0.0
-    blocks = motion[: len(motion) // length * length].reshape(-1, length, 3)
-    size = blocks[..., 0].std(axis=1)
-    loud = blocks[size > LEAST_AMPLITUDE * size.max()]
-    squares = np.array([squares_by_unit(block) for block in loud])
-    smaller = squares.min(axis=1)
-    calm = smaller < FREE_RATIO * np.median(smaller)  # without a hand that releases it
-    # one k for all amplitudes: in the wrong unit it changes with them
-    free = loud[calm].reshape(-1, 3)
-    in_radians, in_degrees = np.maximum(squares_by_unit(free), 1e-300)
-    # difference of the log likelihoods; accelerations a few samples apart are independent
-    gain = 0.5 * len(free) / HALF_WIDTH * float(np.log(in_degrees / in_radians))
-    if gain >= DECIDING_GAIN:
-        return "rad", gain
-    if gain <= -DECIDING_GAIN:
-        return "deg", -gain
-    # a swing of a few degrees is rarer than one of as many radians
-    if reach > 2 * np.pi:
-        return "deg", 0.0
-    if gain > -1.0:
-        return "rad", 0.0
-    return None, 0.0
-
-
 def gravity_of_last_link(
     t: np.ndarray, joint: np.ndarray, phi: np.ndarray, period: float
 ) -> tuple[float, float] | None:
@@ -160,9 +105,8 @@ def gravity_of_last_link(
         phi: (k,) angle from straight down.
     """
     known = np.isfinite(joint) & np.isfinite(phi)
-    _, x, _ = derivatives(t[known], joint.real[known], period)
-    _, y, _ = derivatives(t[known], joint.imag[known], period)
-    _, angle, _ = derivatives(t[known], phi[known], period)
+    parts = (joint.real, joint.imag, phi)
+    x, y, angle = (derivatives(t[known], part[known], period)[1] for part in parts)
     if len(angle) < GRID_PER_PERIOD:
         return None
     phi, w, a = angle.T

@@ -5,40 +5,28 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
-from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.errors import SceneError
-from dropper_jax.scene.fit import FIT_UNITS
 from fitting.from_file.angles import read_angles
 from fitting.from_file.cells import Cells, read_cells
-from fitting.from_file.clock import Rows, ordered_rows, unit_of_time
+from fitting.from_file.clock import Rows, ordered_rows, read_clock
 from fitting.from_file.columns import Columns, find_columns
+from fitting.from_file.lengths import read_lengths
 from fitting.from_file.motion import LinkMotion
-from fitting.from_file.pendulum import gravity_of_last_link, main_period
+from fitting.from_file.pendulum import main_period
 from fitting.from_file.points import read_points
-from fitting.from_file.swing import Swing, find_swing
+from fitting.from_file.swing import FEWEST_PERIODS, Swing, find_swing
 from fitting.from_file.thinning import thin
 from fitting.traces.noise import noise, without_spikes
 from fitting.traces.planar import pendulum_period
 from fitting.traces.trace import Convention, Trace
 
-#: Metres per unit of length.
-METRES = {name: size for name, (base, size) in FIT_UNITS.items() if base == "m"}
-#: Maximum ratio of a unit of length and the one that gravity shows, in either direction, for which the unit is taken.
-UNIT_RATIO = 1.3
-#: Smoothing period of a chain over its main period: below 1, because its links swing faster than its main motion.
-SMOOTHING_PERIODS = 0.6
 #: Number of rows from the middle of a file that show its noise, which takes longer than the fit if it uses all rows.
 NOISE_ROWS = 6000
-#: A clock that starts later than this [s] is counted from its first row: seconds since 1970 would lose digits.
-LATEST_START = 1e5
 #: Shortest period of a chain of unknown lengths, as a fraction of its main period.
 SHORTEST_PERIOD = 0.5
-#: Largest ratio of the period of a pendulum as long as all links to the main period: lengths in another unit exceed it.
-PERIOD_RATIO = 6.0
 #: Minimum number of rows of the span that the user gives.
 FEWEST_ROWS_IN_SPAN = 10
 
@@ -54,8 +42,8 @@ class FileOptions:
         counts: counts per turn of an encoder.
         lengths: of the links [m].
         mass: of each link's end [kg].
-        begin: start of the span that is used, on the trace's clock [s], which is the file's unless that starts late
-            (`LATEST_START`).
+        begin, end: span that is used, on the trace's clock [s], which is the file's unless that starts late
+            (`clock.LATEST_START`).
     """
 
     columns: Mapping[str, str] | None = None
@@ -65,6 +53,7 @@ class FileOptions:
     lengths: tuple[float, ...] | None = None
     mass: float | None = None
     begin: float | None = None
+    end: float | None = None
 
 
 #: Everything is found from the file.
@@ -111,7 +100,7 @@ def read_measured(path: str | Path, given: FileOptions = NO_OPTIONS, links: int 
     rows = _used_rows(cells, columns)
     motion = _read_motion(cells, columns, rows, given)
     count = motion.theta.shape[1]
-    clock = _read_clock(cells.file, columns, rows, motion, given)
+    clock = read_clock(cells.file, columns, rows, motion, given.rate)
     if links is not None and count != links:
         raise SceneError(f"{cells.file}: shows {count} links, but the scene has {links}. Use the scene of this file")
     notes = [*columns.notes, clock.note, *rows.notes, *motion.notes]
@@ -122,7 +111,10 @@ def read_measured(path: str | Path, given: FileOptions = NO_OPTIONS, links: int 
     if count == 1 or columns.points or links is None:
         convention = Convention("down", 1, "rad")
     trace = Trace(path.stem, clock.times, motion.theta, convention=convention)
-    trace = _cut_span(trace, given)
+    if (given.begin, given.end) != (None, None):
+        trace = _cut_span(trace, given)
+        if np.ptp(trace.t) > FEWEST_PERIODS * clock.period:  # a shorter span does not show its period
+            clock = clock._replace(period=main_period(trace.t, trace.theta))
     swing = None
     zero = 0.0
     if count == 1:
@@ -130,7 +122,7 @@ def read_measured(path: str | Path, given: FileOptions = NO_OPTIONS, links: int 
         notes += [*swing.notes, f"the reading at rest, {zero:.4g} rad, is subtracted"]
     lengths = None
     if links is None or given.lengths is not None:
-        lengths, length_notes = _read_lengths(cells.file, columns.length_unit, motion, clock, given)
+        lengths, length_notes = read_lengths(cells.file, columns.length_unit, motion, clock, given.lengths)
         notes += length_notes
     trace, thinning_notes = _thin_trace(trace, _shortest_period(count, lengths, clock.period))
     notes += thinning_notes
@@ -162,42 +154,6 @@ def _read_motion(cells: Cells, columns: Columns, rows: Rows, given: FileOptions)
     return read_angles(cells.file, rows.t, rows.values, given.unit or columns.angle_unit, given.counts)
 
 
-class _Clock(NamedTuple):
-    """Times of a motion.
-
-    Attributes:
-        times: (k,) [s].
-        period: main period of the motion [s].
-        starts_at_first_row: whether the time of the first row was subtracted.
-        note: how the unit of time was found.
-    """
-
-    times: np.ndarray
-    period: float
-    starts_at_first_row: bool
-    note: str
-
-
-def _read_clock(file: str, columns: Columns, rows: Rows, motion: LinkMotion, given: FileOptions) -> _Clock:
-    """The clock of a motion, in seconds.
-
-    Raises:
-        SceneError: frames without a rate, times of no unit.
-    """
-    period = main_period(motion.t, motion.theta)
-    column = None
-    if columns.time is not None:
-        column = columns.time.name
-    unit = columns.time_unit
-    if given.rate and unit is None:
-        unit = "frames"
-    second, note = unit_of_time(file, motion.t, period, unit, given.rate or columns.rate, column)
-    start = second * rows.start
-    if abs(start) >= LATEST_START:
-        start = 0.0
-    return _Clock(start + second * motion.t, second * period, bool(rows.start) and not start, note)
-
-
 def _shortest_period(count: int, lengths: np.ndarray | None, period: float) -> float:
     """Shortest period [s] of a motion of `count` links with this main period [s]; lengths (n,) [m], if known."""
     if count == 1:
@@ -212,24 +168,29 @@ def _thin_trace(trace: Trace, fastest: float) -> tuple[Trace, list[str]]:
     t, theta, many = thin(trace.t, trace.theta, fastest)
     if len(t) == len(trace.t):
         return trace, []
-    what = "one for each stretch of time"
-    if many > 1:
-        what = f"each the mean of about {many}"
+    what = f"each the mean of about {many}" if many > 1 else "one for each stretch of time"
     return replace(trace, t=t, theta=theta), [f"{len(trace.t)} rows thinned to {len(t)}, {what}"]
 
 
 def _cut_span(trace: Trace, given: FileOptions) -> Trace:
-    """The trace from the time on that the user gives.
+    """The trace in the span that the user gives.
 
     Raises:
         SceneError: fewer than `FEWEST_ROWS_IN_SPAN` rows are left.
     """
-    if given.begin is None:
-        return trace
-    found = trace.between(given.begin, np.inf)
+    begin = -np.inf
+    end = np.inf
+    options = []
+    if given.begin is not None:
+        begin = given.begin
+        options.append(f"after --from {begin:g} s")
+    if given.end is not None:
+        end = given.end
+        options.append(f"before --until {end:g} s")
+    found = trace.between(begin, end)
     if len(found.t) < FEWEST_ROWS_IN_SPAN:
         raise SceneError(
-            f"{trace.name}: {len(found.t)} rows after --from {given.begin:g} s; the file has {trace.t[0]:g} to "
+            f"{trace.name}: {len(found.t)} rows {' and '.join(options)}; the file has {trace.t[0]:g} to "
             f"{trace.t[-1]:g} s"
         )
     return found
@@ -250,86 +211,3 @@ def _free_swing(file: str, trace: Trace, period: float) -> tuple[Trace, Swing, f
     turns = np.round((np.median(part.theta) - swing.zero) / (2 * np.pi))
     zero = float(swing.zero + 2 * np.pi * turns)
     return replace(part, theta=part.theta - zero), swing, zero
-
-
-def _read_lengths(
-    file: str, unit: str | None, motion: LinkMotion, clock: _Clock, given: FileOptions
-) -> tuple[np.ndarray | None, list[str]]:
-    """Lengths of the links (n,) [m], and notes; None for one link, whose length follows from its swing.
-
-    Args:
-        unit: of the points, if their names give it.
-
-    Raises:
-        SceneError: several links without lengths.
-    """
-    count = motion.theta.shape[1]
-    missing = ",".join(f"L{j + 1}" for j in range(count))
-    if given.lengths is not None:
-        return _given_lengths(file, np.array(given.lengths), count, clock.period)
-    if count == 1:
-        return None, []
-    if motion.lengths is None or motion.joint is None:
-        raise SceneError(
-            f"{file}: the angles of {count} links do not show their lengths. Give them [m]: --lengths {missing}"
-        )
-    smoothing = SMOOTHING_PERIODS * clock.period
-    last_link = gravity_of_last_link(clock.times, motion.joint, motion.theta[:, -1], smoothing)
-    if last_link is None and unit not in METRES:
-        raise SceneError(f"{file}: the points show no scale. Give the lengths of the links [m]: --lengths {missing}")
-    return _scaled_lengths(motion.lengths, unit, last_link)
-
-
-def _given_lengths(file: str, lengths: np.ndarray, count: int, period: float) -> tuple[np.ndarray | None, list[str]]:
-    """Lengths [m] that the user gives for a motion of `count` links with this main period [s], and notes.
-
-    Raises:
-        SceneError: another number of links, lengths of another period.
-    """
-    if len(lengths) != count:
-        raise SceneError(f"--lengths: {len(lengths)} values; {file} shows {count} links")
-    expected = pendulum_period(np.sum(lengths))
-    if not 1 / PERIOD_RATIO < expected / period < PERIOD_RATIO:
-        given = ", ".join(f"{length:g}" for length in lengths)
-        raise SceneError(
-            f"--lengths: links of {given} m swing in about {expected:.2g} s, those of {file} in {period:.2g} s. Give "
-            "metres"
-        )
-    if count == 1:
-        return None, ["one link: its effective length follows from the swing, --lengths is not needed"]
-    return lengths, ["lengths as given"]
-
-
-def _scaled_lengths(
-    lengths: np.ndarray, unit: str | None, last_link: tuple[float, float] | None
-) -> tuple[np.ndarray, list[str]]:
-    """Lengths of the links (n,) [m] by the unit of their points, or by gravity, and how.
-
-    Args:
-        lengths: (n,) in the unit of the points; NaN for a last link of unknown length.
-        last_link: gravity and length of the last link in the unit of the points, if the motion shows them.
-    """
-    lengths = lengths.copy()
-    is_open = np.isnan(lengths[-1])
-    if is_open:
-        lengths[-1] = np.nanmean(lengths)
-    scale = 1.0
-    if last_link is not None:
-        gravity, last_length = last_link
-        scale = GRAVITY / gravity
-        if is_open:
-            lengths[-1] = last_length
-    if unit is None:
-        unit = _nearest_unit(scale)
-    text = ", ".join(f"{x / np.sum(lengths):.3g}" for x in lengths)
-    if unit in METRES:
-        return lengths * METRES[unit], [f"lengths from the points in {unit}, in parts of the whole: {text}"]
-    return lengths * scale, [f"lengths from the points, scaled by gravity, in parts of the whole: {text}"]
-
-
-def _nearest_unit(scale: float) -> str:
-    """The unit of length of this size [m], within `UNIT_RATIO`; otherwise pixels."""
-    for name, size in METRES.items():
-        if abs(np.log(scale / size)) < np.log(UNIT_RATIO):
-            return name
-    return "px"

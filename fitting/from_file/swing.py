@@ -138,12 +138,12 @@ def free_windows(
     size = windows.size
     smooth = windows.residual < np.maximum(RESIDUAL_TOLERANCE * size, NOISE_RATIO * noise)
     loud = smooth & (size > LOUD_RATIO * noise)
-    nothing = SceneError(
+    refusal = SceneError(
         f"{file}: no stretch swings freely: it is driven throughout, or its noise hides the swing. Give a file "
         "with a free swing"
     )
     if loud.sum() < 4:
-        raise nothing
+        raise refusal
     stiffness = np.median(windows.stiffness[loud])
     zero = float(np.angle(np.mean(np.exp(1j * windows.zero[loud]))))
     energy = 0.5 * motion[:, 1] ** 2 + stiffness * (1.0 - np.cos(motion[:, 0] - zero))
@@ -153,7 +153,7 @@ def free_windows(
     # the energy rises over a period, to the window before its end
     free[1 : len(level) - 3] &= level[4:] <= (1 + ENERGY_TOLERANCE) * level[:-4] + 2.0 * noise**2 / stiffness
     if not free.any():
-        raise nothing
+        raise refusal
     return free, level, zero
 
 

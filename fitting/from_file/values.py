@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dropper_jax.base.constants import GRAVITY
+from dropper_jax.base.read import Table
 from fitting.calibration.laws import DRAG_PATHS
 from fitting.calibration.result import FitResult
 from fitting.from_file.read_file import MeasuredFile
@@ -31,38 +32,38 @@ def found_values(result: FitResult, measured: MeasuredFile, mass: float | None) 
         mass: of every link's end [kg] if the user gives it; otherwise damping is per mass.
     """
     estimates = result.estimates()
-    one = measured.trace.links == 1
-    known = mass or 1.0
-    mass_in_words = " / m" if one else " / mass 1"
-    found = []
-
-    def add(path: str, name: str, unit: str, share: float = 1.0, remark: str = "") -> None:
-        row = estimates[path]
-        found.append(Value(name, share * row["value"], share * row["std_error"], unit, remark))
-
-    if one:
-        add("line.0.length.0", "effective length", "m")
+    known_mass = mass or 1.0
+    is_pendulum = measured.trace.links == 1
+    if is_pendulum:
+        found = [_scaled("effective length", estimates["line.0.length.0"], "m")]
     else:
-        found += scaled_lengths(result)
-    for path in estimates:
+        found = scaled_lengths(result)
+    for path, row in estimates.items():
         if path.startswith("line.0.mass."):
-            add(path, f"mass {int(path.rsplit('.', 1)[1]) + 1} over mass 1", "-", 1 / known)
+            number = int(path.rsplit(".", 1)[1]) + 1
+            found.append(_scaled(f"mass {number} over mass 1", row, "-", 1 / known_mass))
     if "camera.offset" in estimates:
         row = estimates["camera.offset"]
         # the offset is added to angles that grow against those of the file
         found.append(Value("angle at rest", measured.zero - row["value"], row["std_error"], "rad"))
-    if one and DRAG_PATHS[0] in estimates:
+    if is_pendulum and DRAG_PATHS[0] in estimates:
         rate = np.sqrt(GRAVITY / result["line.0.length.0"])
-        add(DRAG_PATHS[0], "damping ratio", "-", 0.5 / (rate * known), result.laws.remark(DRAG_PATHS[0]))
+        remark = result.laws.remark(DRAG_PATHS[0])
+        found.append(_scaled("damping ratio", estimates[DRAG_PATHS[0]], "-", 0.5 / (rate * known_mass), remark))
     for path, row in estimates.items():
         if path.startswith("effects."):
             name = path.split(".", 2)[2]
             unit = row["unit"]
             if mass is None:
                 unit = per_mass(unit)
-                name += mass_in_words
-            add(path, name, unit, remark=result.laws.remark(path))
+                name += " / m" if is_pendulum else " / mass 1"
+            found.append(_scaled(name, row, unit, remark=result.laws.remark(path)))
     return found
+
+
+def _scaled(name: str, row: Table, unit: str, share: float = 1.0, remark: str = "") -> Value:
+    """A part of an estimate, or all of it."""
+    return Value(name, share * row["value"], share * row["std_error"], unit, remark)
 
 
 def scaled_lengths(result: FitResult) -> list[Value]:
@@ -98,8 +99,6 @@ def value_rows(values: list[Value]) -> list[tuple[str, ...]]:
     rows = [("found", "value", "std error", "unit", "")]
     for one in values:
         digits = significant(one.value, one.std_error)
-        error = "-"
-        if np.isfinite(one.std_error):
-            error = f"{one.std_error:.2g}"
+        error = f"{one.std_error:.2g}" if np.isfinite(one.std_error) else "-"
         rows.append((one.name, f"{one.value:.{digits}g}", error, one.unit, one.remark))
     return rows

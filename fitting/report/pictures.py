@@ -12,12 +12,18 @@ from matplotlib.figure import Figure
 from dropper_jax.analysis.spectrum import amplitude_spectrum
 from dropper_jax.plots import figures, scales, style
 from fitting.calibration.held_out import HeldOut
+from fitting.calibration.prediction import Prediction
 from fitting.calibration.result import FitResult
-from fitting.channels.result import ChannelFit
+from fitting.traces.noise import column_medians
 from fitting.traces.planar import wrap
 
 #: Maximum number of links in one picture; the title reports how many are left out.
 MOST_LINKS_DRAWN = 9
+#: Maximum frequency of a spectrum [Hz], and its lowest amplitude [rad], so that the logarithm exists.
+MAX_FREQUENCY = 8.0
+LEAST_AMPLITUDE = 1e-7
+#: Missing samples that interrupt a line.
+GAP_SAMPLES = 5
 
 
 def fit_over_trace(result: FitResult | HeldOut, run: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -31,10 +37,6 @@ def fit_over_trace(result: FitResult | HeldOut, run: int) -> tuple[np.ndarray, n
     t = windows.times()[mine][used]
     order = np.argsort(t, kind="stable")  # recordings of one motion follow each other in a window
     return t[order], np.where(known[used], measured, np.nan)[order], simulated[order]
-
-
-#: Five missing samples interrupt a line.
-GAP_SAMPLES = 5
 
 
 def gaps(t: np.ndarray, interval: float) -> np.ndarray:
@@ -57,9 +59,7 @@ def link_panels(links: int, title: str, height: float = 1.3, margin: float = 1.2
     drawn = min(links, MOST_LINKS_DRAWN)
     figure = figures.new_figure(9.0, margin + height * drawn)
     axes = figures.panels(figure, drawn, sharex=True)
-    more = ""
-    if links > drawn:
-        more = f" (links 1 to {drawn} of {links})"
+    more = f" (links 1 to {drawn} of {links})" if links > drawn else ""
     figures.title(figure, f"{title}{more}")
     for j, ax in enumerate(axes):
         ax.set_ylabel(f"link {j + 1}")
@@ -120,14 +120,14 @@ def spectra(result: FitResult, run: int) -> Figure:
     measured = measured[longest]
     simulated = simulated[longest]
     grid = np.linspace(t[0], t[-1], len(t))
-    highest = 8.0  # [Hz]
+    highest = MAX_FREQUENCY
     for j, ax in enumerate(axes):
         known = np.isfinite(measured[:, j])
         if not known.any():  # a recording that shows nothing of this link
             continue
         for x, colour, label in ((measured[:, j], style.FAINT, "measured"), (simulated[:, j], style.FIRST, "fit")):
             frequency, amplitude = amplitude_spectrum(grid, np.interp(grid, t[known], x[known]))
-            ax.semilogy(frequency[1:], np.maximum(amplitude[1:], 1e-7), lw=0.9, color=colour, label=label)
+            ax.semilogy(frequency[1:], np.maximum(amplitude[1:], LEAST_AMPLITUDE), lw=0.9, color=colour, label=label)
             highest = min(highest, frequency[-1])
     figures.legend_above(first_drawn(axes), 2)
     axes[-1].set_xlabel("frequency [Hz]")
@@ -181,48 +181,26 @@ def descent(result: FitResult) -> Figure:
     return figure
 
 
-PICTURES = {"traces": traces, "residuals": residuals, "spectra": spectra, "phase_space": phase_space}
-
-
-#: Maximum number of columns of channels in one picture.
-MOST_COLUMNS = 6
-
-
 @style.plot_style()
-def channel_picture(result: ChannelFit, run: int, path: str | Path) -> Path:
-    """Measured samples, the fitted run, and residuals in units of the noise, of a run's first columns."""
-    problem = result.solution.problem
-    e = result.solution.evaluation
-    panels = []
-    deviations = problem.data.deviations(e.shown)[..., None] * problem.windows.weight
-    for block, (r, c, known, j) in enumerate(problem.data.columns()):
-        channel = problem.data.sensors[c].channel
-        t = problem.data.runs[r].t[c]
-        values = problem.data.runs[r].values[c]
-        if len(channel.columns) == 1:
-            label = channel.name
-        else:
-            label = f"{channel.name}: {channel.columns[j]}"
-        off = t[known], -deviations[block, : known.sum(), 0]
-        if r == run:
-            panels.append((f"{label} [{channel.measures}]", t, values[:, j], e.shown[r][c][:, j], off))
-    left_out = len(panels) - MOST_COLUMNS
-    panels = panels[:MOST_COLUMNS]
-    figure = figures.new_figure(9.0, 1.0 + 1.7 * len(panels))
-    axes = figure.subplots(len(panels), 2, sharex=True, width_ratios=(3, 1), squeeze=False)
-    for (label, t, measured, shown, off), (over, beside) in zip(panels, axes, strict=True):
-        over.plot(t, measured, ".", ms=2, color=style.SECOND, label="measured")
-        over.plot(t, shown, "-", lw=0.9, color=style.DARK, label="fitted")
-        over.set_ylabel(label)
-        beside.plot(*off, ".", ms=2, color=style.SECOND)
-        beside.locator_params(axis="x", nbins=3)
-        beside.axhline(0.0, color=style.DARK, lw=0.8)
-    figures.legend_above(axes[0, 0], 2)
-    more = ""
-    if left_out > 0:
-        more = f" ({left_out} further columns are not drawn)"
-    axes[0, 0].set_title(f"{problem.data.runs[run].name}{more}", loc="left")
-    axes[0, 1].set_title("residual / noise", loc="left")
-    for low in axes[-1]:
-        low.set_xlabel("t [s]")
+def one_run_picture(found: Prediction, name: str, path: Path) -> Path:
+    """Measured angles and the run, per link [rad from the horizontal]; faint beyond the prediction horizon."""
+    title = f"{name}: one run over the trace [rad from the horizontal]"
+    figure, axes = link_panels(found.measured.shape[1], title, margin=1.5)
+    good = found.t <= found.trusted
+    # whole turns are removed once, where the run is reliable
+    turns = np.nan_to_num(column_medians((found.measured - found.simulated)[good])) / (2 * np.pi)
+    simulated = found.simulated + 2 * np.pi * np.round(turns)
+    beyond = {"lw": 0.8, "color": style.FIRST, "alpha": 0.55, "label": "beyond the prediction horizon"}
+    for j, ax in enumerate(axes):
+        ax.plot(found.t, found.measured[:, j], ".", ms=1.2, color=style.DARK, label="measured")
+        ax.plot(found.t[good], simulated[good, j], lw=1.4, color=style.FIRST, label="one run")
+        if not good.all():
+            ax.plot(found.t[~good], simulated[~good, j], **beyond)
+            ax.axvline(found.trusted, color=style.SECOND, lw=1.0, ls="--")
+    figures.legend_above(axes[0], 3, markerscale=4)
+    scales.time_axis(axes[-1], found.t)
     return figures.save(figure, path)
+
+
+#: Pictures of a run of a fit, by the names of their files.
+PICTURES = {"traces": traces, "residuals": residuals, "spectra": spectra, "phase_space": phase_space}

@@ -89,27 +89,23 @@ def summary(result: FitResult) -> list[tuple[str, str]]:
     gap = result.solution.gap_weight
     shortest = result.windows.lengths.min()
     longest = result.windows.length
-    if longest < 1.01 * shortest:
-        lengths = f"{longest:.3g} s"
-    else:
-        lengths = f"{shortest:.3g} to {longest:.3g} s"
-    if gap is None:
-        joined = "separate"
-    else:
-        joined = f"joined, gap weight {gap:g}"
+    lengths = f"{longest:.3g} s"
+    if longest >= 1.01 * shortest:
+        lengths = f"{shortest:.3g} to {lengths}"
+    joined = "separate" if gap is None else f"joined, gap weight {gap:g}"
     pairs = [
         ("windows", f"{result.windows.count} of {lengths}, {joined}"),
         ("error", f"{result.rms:.3g} rad RMS, noise {result.noise:.3g} rad, chi2 per dof {result.chi2_per_dof:.3g}"),
         ("noise of the residuals", noise_text(result)),
     ]
     if result.has_errors and (best := result.best_combination) is not None:
-        value = f"{best.value:.5g} +- {best.std_error:.2g} {best.unit}"
-        pairs.append(("best determined", f"b_l + ({best.speed_m_per_s:.3g} m/s) b_q = {value}"))
+        text = "b_l + ({0.speed_m_per_s:.3g} m/s) b_q = {0.value:.5g} +- {0.std_error:.2g} {0.unit}"
+        pairs.append(("best determined", text.format(best)))
     pairs += [
         ("time step", step_text(result, result.windows.dt / result.windows.substeps)),
         ("chaos", f"small errors grow as exp({result.lyapunov:.2g} t)"),
         ("iterations", f"{result.iterations}"),
-        ("wall time", f"{result.seconds['compile']:.1f} s compilation, {result.seconds['run']:.1f} s run"),
+        ("wall time", "{compile:.1f} s compilation, {run:.1f} s run".format(**result.seconds)),
     ]
     if descent := result.descent:
         losses = f"loss per sample {descent[0]['loss']:.3g} to {descent[-1]['loss']:.3g}"

@@ -84,9 +84,7 @@ def _by_tangents(problem: Study, say: Progress, check: bool) -> Local:
     forward = np.asarray(quantity.slopes[0])
     if not (np.isfinite(value) or problem.retries or problem.of.at_rest):
         return _by_tangents(replace(problem, retries=True), say, check)
-    duration = 0.0
-    if run is not None:
-        duration = problem.scene.run.rows * problem.scene.run.interval
+    duration = 0.0 if run is None else problem.scene.run.rows * problem.scene.run.interval
     found = replace(empty_result(problem, duration), value=value, forward=forward)
     if run is not None:
         moved = Displacements.of(problem, start, run)

@@ -141,7 +141,7 @@ def slopes_of_runs(base: StudyRuns, runs: Sequence[Run]) -> Local:
     found = replace(found, forward=slopes, noise=noise, growth=growth, motion_growth=motion)
     found = with_status(problem, found, errors, np.array(list(map(bool, branches))))
     found.warnings.extend(_branch_notes(problem, branches))
-    found.warnings.extend(statistic_notes(problem, base))
+    found.warnings.extend(statistic_notes(base))
     found.warnings.extend(_unclear_notes(problem, slopes, errors, found.slope_status))
     found.warnings.extend(error_of_value(problem, found))
     if len(found.unclear) == len(slopes):
@@ -279,13 +279,9 @@ def _branch_notes(problem: Study, branches: Sequence[Sequence[float]]) -> list[s
     return notes
 
 
-def statistic_notes(problem: Study, runs: StudyRuns | None = None) -> list[str]:
-    """Why a single-step extreme has no slope, and whether the samples are Gaussian as `mpm` assumes.
-
-    Args:
-        runs: of the study, if they are known.
-    """
-    of = problem.of
+def statistic_notes(runs: StudyRuns) -> list[str]:
+    """Why a single-step extreme has no slope, and whether the samples are Gaussian as `mpm` assumes."""
+    of = runs.problem.of
     if of.statistic in OVER_STEPS:
         stem = of.name.rpartition(".")[0]
         others = " or ".join(f"{stem}.{name}" for name in IN_TIME)
@@ -295,7 +291,6 @@ def statistic_notes(problem: Study, runs: StudyRuns | None = None) -> list[str]:
         ]
     if of.statistic != "mpm":
         return []
-    runs = runs or StudyRuns(problem)
     rows = runs.rows
     t = runs.settings.interval * (1.0 + np.arange(len(rows.r)))
     samples = of.in_time(runs.model, runs.start.r, rows.r, rows.v, rows.tension, t, rows.parted)

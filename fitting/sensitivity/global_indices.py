@@ -9,7 +9,6 @@ from typing import Any, ClassVar
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.cli.printing import table
 from dropper_jax.run.storage import extra
 from fitting.parameters.names import full_names
 from fitting.parameters.targets import Direction
@@ -100,28 +99,6 @@ def global_indices(
     return Global(method, list(names), list(box), *columns, len(values), float(values.mean()), float(values.std()))
 
 
-def global_text(found: Global, of: str) -> str:
-    """Indices as text, the largest first."""
-    sobol = found.method == "sobol"
-    heads = ("mean |effect|", "+-", "spread", "")
-    sizes = found.first
-    if sobol:
-        heads = ("first", "+-", "total", "+-")
-        sizes = found.total
-    rows = [["parameter", "from", "to", *heads]]
-    for i in np.argsort(-sizes):
-        row = [found.names[i], *(f"{x:.4g}" for x in found.ranges[i])]
-        for x in (found.first[i], found.first_error[i], found.total[i], found.total_error[i]):
-            cell = "" if np.isnan(x) else f"{x:.3g}"
-            row.append(cell)
-        rows.append(row)
-    text = f"{of}: {found.runs} runs, mean {found.mean:.5g}, standard deviation {found.std:.3g}\n\n{table(rows)}"
-    if sobol and np.max(found.total_error) > 0.2:  # of the variance: ranks are then chance
-        more = 4 * found.runs // (len(found.names) + 2)  # errors go with the root of the number of samples
-        text += f"\n\nintervals of +-{np.max(found.total_error):.2g} are wide; --samples {more} halves them"
-    return text
-
-
 def ranges(problem: Study, given: Mapping[str, tuple[float, float]] | None = None) -> list[tuple[float, float]]:
     """Range of each parameter in a global study: the given one, otherwise +-20 %, inside its bounds.
 
@@ -129,10 +106,11 @@ def ranges(problem: Study, given: Mapping[str, tuple[float, float]] | None = Non
         SceneError: an empty range, one of no parameter of the study, or a parameter that ranges cannot vary.
     """
     given = given or {}
-    full = dict(zip(full_names(problem.scene, list(given), "range"), given.values(), strict=True))
-    for name, (low, high) in full.items():
-        if name not in problem.names or not low < high:
-            raise SceneError(f"range: {name} = {low:g}:{high:g}; allowed: low < high of a parameter of --to")
+    full: dict[str, tuple[float, float]] = {}
+    for name, (low, high) in zip(full_names(problem.scene, list(given), "range"), given.values(), strict=True):
+        if name not in problem.names or name in full or not low < high:
+            raise SceneError(f"range: {name} = {low:g}:{high:g}; allowed: low < high, once for a parameter of --to")
+        full[name] = (low, high)
     found = []
     for p in problem.parameters:
         if isinstance(p.where, Direction) and not p.where.linear:

@@ -33,6 +33,7 @@ def with_linear_range(problem: Study, found: Local, evaluate: Callable[[np.ndarr
     behind = problem.values - CHANGE_SIZES[0] * step
     along = None
     changes = []
+    holds = False
     for size in CHANGE_SIZES:
         real = evaluate(problem.values + size * step) - value
         predicted = size * float(slopes @ step)
@@ -42,20 +43,18 @@ def with_linear_range(problem: Study, found: Local, evaluate: Callable[[np.ndarr
             along = GradientCheck.of(2.0 * predicted, real - opposite, 2e-4 * abs(value))
         missed = abs(real - predicted)
         # not less: `max` jumps by 0.3 % where another sample becomes the largest, 22 % of a change by 1 % (lab dropper)
-        if missed <= max(abs(predicted) / 3.0, 0.01 * size * abs(value)):
+        holds = missed <= max(abs(predicted) / 3.0, 0.01 * size * abs(value))
+        if holds:
             break
-    else:
-        size = 0.0
-    error = np.where(slopes == 0.0, 0.0, missed / ((size or CHANGE_SIZES[-1]) * scale))
+    error = np.where(slopes == 0.0, 0.0, missed / (size * scale))
     warnings = []
     if len(changes) > 1:
         real, predicted = changes[0]
         unit = problem.of.unit
-        effect = "has a failed step"
-        if np.isfinite(real):
-            effect = f"changes by {real:.3g} {unit}"
+        effect = f"changes by {real:.3g} {unit}" if np.isfinite(real) else "has a failed step"
         warnings.append(
             f"{problem.of.name}: {effect} if all parameters change by 1 %; the derivatives predict {predicted:.3g} "
-            f"{unit}. They are valid for changes below {100 * size or 0.01:.2g} % only. Use a sweep for larger ones"
+            f"{unit}. They are valid for changes below {100 * size:.2g} % only. Use a sweep for larger ones"
         )
-    return replace(found, linear_range=size, error=error, warnings=warnings, along=along)
+    linear_range = size if holds else 0.0
+    return replace(found, linear_range=linear_range, error=error, warnings=warnings, along=along)

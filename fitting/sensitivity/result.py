@@ -1,4 +1,4 @@
-"""Result of a local study: derivatives of a quantity, their errors and range of validity, as text and plain values."""
+"""Result of a local study: derivatives of a quantity, their errors and range of validity."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from dropper_jax.cli.printing import listing, table
 from dropper_jax.study.gradient_check import TRUSTED, GradientCheck
 from fitting.sensitivity.problem import Study
 
@@ -185,71 +184,3 @@ def with_status(problem: Study, found: Local, errors: np.ndarray, branched: np.n
     status[lost] = NOT_RESOLVED
     forward = np.where(lost, np.nan, found.forward)
     return replace(found, error=errors, slope_status=tuple(status), forward=forward)
-
-
-def local_text(found: Local) -> str:
-    """Derivatives as text, the largest first, and their range of validity."""
-    scaled = np.isfinite(found.scaled[found.resolved]).all()
-    slopes = found.scaled if scaled else found.forward
-    columns = {
-        "parameter p": found.names,
-        "value": [f"{x:.5g} {unit}" for x, unit in zip(found.values, found.units, strict=True)],
-        f"dQ/dp [{found.unit} per unit of p]": _cells(found, found.forward, ".6g", "not resolved"),
-        "p/Q dQ/dp [% per %]": _cells(found, found.scaled, ".4g", ""),
-    }
-    if found.error is not None:
-        columns["error of dQ/dp"] = _cells(found, found.error, ".2g", "")
-    if found.unclear:
-        columns["status"] = [status.replace("_", " ") for status in found.slope_status]
-    if found.window_mean is not None and found.window_error is not None:
-        columns["window mean"] = [f"{x:.5g}" for x in found.window_mean]
-        columns["std error"] = [f"{x:.2g}" for x in found.window_error]
-    lines = list(zip(*columns.values(), strict=True))
-    rows = [list(columns), *(lines[i] for i in np.argsort(-np.abs(slopes)))]  # those that are not resolved come last
-    return f"{listing(_remarks(found))}\n\n{table(rows)}"
-
-
-def _remarks(found: Local) -> list[tuple[str, str]]:
-    """Names and values of the lines above the table: the quantity, and how far its derivatives are valid."""
-    rate = ""
-    if found.exponent is not None:
-        rate = f" (growth rate {found.exponent:.2g} per s)"
-    error = f" +- {found.value_error:.2g}" if np.isfinite(found.value_error) else ""
-    pairs = [
-        ("quantity Q", f"{found.of} = {found.value:.6g}{error} {found.unit} over {found.duration:g} s"),
-        ("derivatives valid", f"{_validity(found)}{rate}"),
-    ]
-    if found.along is not None:
-        share = f"two runs at 1 % change the quantity by {found.along.ratio:.3g} of what they predict"
-        pairs.append(("along them", f"{share}: {found.along.status}"))
-    if found.method == OF_RUNS:
-        sizes = "1 % of a parameter (0.6 % of a length), error from 0.3 % (0.2 %) and rounding"
-        pairs.append(("method", f"differences of runs by {sizes}"))
-    if found.grows != "nothing":
-        pairs.append(("grows", _GROWS[found.grows]))
-    if found.mismatch is not None:
-        pairs.append(("modes", f"forward and reverse differ by {found.mismatch:.1e}"))
-    if found.window is not None:
-        pairs.append(("windows", f"of {found.window:.3g} s: the quantity of each, averaged over the motion"))
-    return pairs
-
-
-def _cells(found: Local, numbers: np.ndarray, form: str, otherwise: str) -> list[str]:
-    """Numbers (p,) as text; `otherwise` where the slope is not resolved."""
-    cells = np.array([f"{x:{form}}" for x in numbers])
-    return np.where(found.resolved, cells, otherwise).tolist()
-
-
-_GROWS = {
-    "tangent": "tangent: small changes grow, those of engineering size do not; `jax.grad` of this run is of no use",
-    "motion": "motion: it is chaotic, so only means and distributions have slopes",
-}
-
-
-def _validity(found: Local) -> str:
-    """Where the derivatives are valid, in words."""
-    if found.window is not None:
-        return f"up to {found.horizon:.3g} s only: beyond, they predict over 10 % of the motion for 1 % of a parameter"
-    if found.unclear:
-        return f"not by {', '.join(found.unclear)}: see the warnings"
-    return "over the whole run"

@@ -75,9 +75,7 @@ def _bars(
     for i, (column, label) in enumerate(zip(values, labels, strict=True)):
         row = np.arange(len(names)) + (0.5 * (len(values) - 1) - i) * height
         colour = np.where(column[order] < 0, style.SECOND, COLOURS[i])
-        spread = None
-        if np.isfinite(errors[i]).all():
-            spread = errors[i][order]
+        spread = errors[i][order] if np.isfinite(errors[i]).all() else None
         axes.barh(row, column[order], height, color=colour, label=label, xerr=spread, ecolor=style.DARK)
     axes.set_yticks(np.arange(len(names)), [path_label(names[i]) for i in order])
     axes.axvline(0.0, color=style.DARK, lw=0.8)

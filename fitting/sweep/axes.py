@@ -11,7 +11,8 @@ import numpy as np
 from dropper_jax import Scene
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import ScenePath
-from dropper_jax.load.paths import describe
+from dropper_jax.load.original_lines import locate_written
+from dropper_jax.load.paths import Steps, describe, locate
 from dropper_jax.model import Model
 from dropper_jax.run.build import build_model
 from dropper_jax.run.scene_model import bare_model
@@ -41,6 +42,10 @@ class Axis:
             return self.parameters[0].unit
         return describe(self.path).get("unit", "")
 
+    def plain(self, value: float) -> float:
+        """A value as the scene takes it: counts stay whole."""
+        return self.values.dtype.type(value).item()
+
 
 def read_values(path: str, values: Sequence[float]) -> np.ndarray:
     """The values of a varied path (k,).
@@ -63,10 +68,23 @@ def full_paths(scene: Scene, names: list[str]) -> list[str]:
         if name.count(".") < 2:
             (name,) = full_names(scene, [name], "vary")
         found.append(name)
-    for path in found:
-        if found.count(path) > 1:
-            raise SceneError(f"vary: {path!r} is given twice; allowed: every path once")
+    check_different(scene, found)
     return found
+
+
+def check_different(scene: Scene, paths: Sequence[str]) -> None:
+    """Reject a path that is given twice, and two paths of one value, such as a line's by its number and by its name."""
+    steps = locate(scene.to_dict(), paths) | locate_written(scene.as_written())
+    first: dict[Steps, str] = {}
+    for path in paths:
+        stem, entries = ScenePath(path).entry_of(steps) or (path, ())
+        value = (*steps.get(stem, (stem,)), *entries)
+        if value not in first:
+            first[value] = path
+        elif first[value] == path:
+            raise SceneError(f"vary: {path!r} is given twice; allowed: every path once")
+        else:
+            raise SceneError(f"vary: {first[value]!r} and {path!r} are the same number; allowed: every number once")
 
 
 def first_seed(scene: Scene) -> int:
@@ -80,7 +98,8 @@ def first_seed(scene: Scene) -> int:
 def make_axis(scene: Scene, path: str, values: np.ndarray) -> Axis:
     """How a path's values enter the model.
 
-    They replace numbers of the model if the last value, set there, gives the model of the scene with that value.
+    They replace numbers of the model if a value other than the first one, set there, gives the model of the scene with
+    that value.
     """
     if changes_size(scene, path, values):
         return Axis(path, values, resizes=True)
@@ -89,18 +108,27 @@ def make_axis(scene: Scene, path: str, values: np.ndarray) -> Axis:
         parameters = resolve(model, [path], option="vary")
     except SceneError:
         return Axis(path, values)
-    inside = with_parameter_values(model, parameters, np.full(len(parameters), float(values[-1])))
-    if same_numbers(inside, build_model(scene.with_values({path: values[-1].item()}))):
+    other = other_value(values)
+    inside = with_parameter_values(model, parameters, np.full(len(parameters), float(other)))
+    if same_numbers(inside, build_model(scene.with_values({path: other}))):
         moves_start = ScenePath(path).stem not in DAMPING_PATHS
         return Axis(path, values, parameters, moves_start)
     return Axis(path, values)
 
 
 def changes_size(scene: Scene, path: str, values: np.ndarray) -> bool:
-    """Whether the first and the last of these values give different numbers of links or nodes."""
+    """Whether the first and another one of these values give different numbers of links or nodes."""
     first = bare_model(scene.with_values({path: values[0].item()}))
-    last = bare_model(scene.with_values({path: values[-1].item()}))
-    return first.line.links != last.line.links or first.free_nodes != last.free_nodes
+    other = bare_model(scene.with_values({path: other_value(values)}))
+    return first.line.links != other.line.links or first.free_nodes != other.free_nodes
+
+
+def other_value(values: np.ndarray) -> float:
+    """The last value that is not the first one; the first one if all are equal."""
+    different = values[values != values[0]]
+    if not different.size:
+        return values[0].item()
+    return different[-1].item()
 
 
 def same_numbers(one: Model, other: Model) -> bool:

@@ -47,9 +47,7 @@ def _draw_quantity(values: xarray.DataArray) -> Figure:
     if "link" in values.dims:
         values = values.max("link")
     averaged = values.dims[2:]
-    mean = values
-    if averaged:
-        mean = values.mean(averaged)
+    mean = values.mean(averaged) if averaged else values
     figure = figures.new_figure(7.0, 4.4)
     axes = figure.subplots()
     axes.set_xlabel(short_path(mean.dims[0]))

@@ -10,30 +10,23 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
-import jax
 import numpy as np
 
-from dropper_jax import Scene, load_scene
-from dropper_jax.base.errors import SceneError, nearest
-from dropper_jax.base.machine import available_memory, in_words
-from dropper_jax.base.read import ScenePath, Table, declared_fields
-from dropper_jax.integrators import OPTIONS
+from dropper_jax import Scene
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.read import ScenePath, Table
 from dropper_jax.model import Model, State
 from dropper_jax.residual import Stepper
-from dropper_jax.run.build import SceneLike, build, build_model, stepper_of
+from dropper_jax.run.build import build, stepper_of
 from dropper_jax.run.quantities import Quantity
 from dropper_jax.run.quantity_names import quantity
 from dropper_jax.run.scene_model import bare_model
-from dropper_jax.run.statistics import PERIOD
-from dropper_jax.scene import RunSpec
-from dropper_jax.stepping.stepper import check_settings, stepper_settings
-from fitting.sweep.axes import Axis, first_seed, full_paths, make_axis, read_values
+from fitting.sweep.axes import Axis
 
 #: Quantities that can be recorded for each case, with unit and meaning; `links` and `trace` add dimensions.
 QUANTITIES = {
@@ -195,16 +188,14 @@ class Plan:
             corners += [int(np.argmin(along)), int(np.argmax(along))]
         found = {}
         for case in dict.fromkeys(corners):
-            changed = {}
-            for axis, x in zip(self.axes, values[case], strict=True):
-                changed[axis.path] = axis.values.dtype.type(x).item()
+            changed = {axis.path: axis.plain(x) for axis, x in zip(self.axes, values[case], strict=True)}
             name = ", ".join(f"{path} = {value:g}" for path, value in changed.items())
             with suppress(SceneError):  # such a case has the status invalid_input
                 found[name] = self.scene.with_values(changed)
         return found
 
     def identity(self) -> Table:
-        """Plain values that identify the sweep; `from_identity` makes the same plan from them."""
+        """Plain values that identify the sweep; `make_plan.from_identity` makes the same plan from them."""
         found = {
             "format": FORMAT,
             "scene": self.scene.as_written(),
@@ -221,119 +212,3 @@ class Plan:
         if template is not None and "parameters" in sections:
             found["template"] = {"table": template.table, "changes": template.changes}
         return found
-
-
-def from_identity(identity: Mapping[str, Any]) -> Plan:
-    """The plan with this identity."""
-    scene = Scene.from_dict(identity["scene"])
-    if "template" in identity:
-        template = identity["template"]
-        scene = Scene.from_dict(template["table"], scene.name).with_values(template["changes"])
-    return make_plan(
-        scene,
-        identity["vary"],
-        quantities=identity["quantities"],
-        traces=identity["traces"],
-        chunk=identity["chunk"],
-        listed=identity.get("listed", False),
-        **identity["settings"],
-    )
-
-
-def make_plan(
-    scene: SceneLike,
-    vary: Mapping[str, Sequence[float]],
-    seeds: int = 0,
-    quantities: Sequence[str] | None = None,
-    traces: bool = False,
-    chunk: int | None = None,
-    listed: bool = False,
-    **settings: Any,
-) -> Plan:
-    """Check a sweep and prepare it.
-
-    Raises:
-        SceneError: an unknown path, quantity or setting, a value out of range, nothing to vary.
-    """
-    run_keys = [*declared_fields(RunSpec), *OPTIONS]
-    check_settings(settings, [*run_keys, *stepper_settings()])
-    changed = {f"run.{key}": settings.pop(key) for key in run_keys if key in settings}
-    scene = load_scene(scene)
-    if changed:
-        scene = scene.with_values(changed)
-    lists = {path: read_values(path, values) for path, values in vary.items()}
-    counts = {path: values.size for path, values in lists.items()}
-    if listed:
-        _check_listed(counts, seeds)
-    if seeds:
-        lists[SEED] = np.arange(seeds) + first_seed(scene)
-        counts[SEED] = seeds
-    if not lists:
-        raise SceneError("vary: nothing is varied; needed: --vary name=lo:hi:n or --seeds K")
-    if chunk is not None and chunk < 1:
-        raise SceneError(f"chunk: {chunk}; allowed: a whole number >= 1")
-    if quantities is None:
-        quantities = list(QUANTITIES)
-    names = tuple(quantities)
-    for name in names:
-        if name not in QUANTITIES and "." not in name:
-            known = f"{nearest(name, QUANTITIES)}; also SIGNAL.WHERE.STATISTIC, such as tension.chain.fairlead.max"
-            raise SceneError(f"quantities: {name!r} is unknown; {known}")
-    cases = _count_cases(counts, len(names), listed)
-    full = dict(zip(full_paths(scene, list(lists)), lists.values(), strict=True))
-    # the first value of every axis is in the base scene, so that an effect that the scene lacks exists
-    base = scene.with_values({path: values[0].item() for path, values in full.items()})
-    axes = tuple(make_axis(base, path, values) for path, values in full.items())
-    if chunk is None:
-        chunk = default_chunk(not build_model(base).geometry.is_path, cases)
-    plan = Plan(base, axes, names, traces, chunk, settings, listed)
-    for one in plan.named_quantities:
-        if one.signal == PERIOD:
-            raise SceneError(
-                "quantities: natural periods belong to a static pose. Use `dropper sensitivity --of period.1.start`"
-            )
-        for model in plan.models:
-            quantity(one.name, model, "quantities")  # a model of another size may lack it
-    return plan
-
-
-def _check_listed(counts: Mapping[str, int], seeds: int) -> None:
-    """Reject a list of cases whose paths have different numbers of values, or with seeds."""
-    if seeds:
-        what = "seeds, which rows cannot have separately"
-    elif len(set(counts.values())) > 1:
-        what = f"lists of different lengths ({', '.join(f'{path} {count}' for path, count in counts.items())})"
-    else:
-        return
-    raise SceneError(f"listed: {what}. Use equally many values of every path, without seeds")
-
-
-#: On a GPU each operation costs the same for one case as for thousands. An H200 runs 131 072 lab droppers only 1.14
-#: times as fast per case.
-LARGEST_BATCH = 16384
-
-
-def default_chunk(system: bool, cases: int) -> int:
-    """Cases of a device at a time, where the user gives none.
-
-    Args:
-        system: whether a case is a system of lines, not a single one.
-    """
-    if jax.default_backend() == "cpu":
-        # cases of a system run one after another: larger chunks gain nothing
-        return 1 if system else 64
-    largest = 256 if system else LARGEST_BATCH
-    return min(cases, largest)
-
-
-def _count_cases(counts: Mapping[str, int], quantities: int, listed: bool) -> int:
-    """The number of cases of a grid or list, whose table must fit into memory."""
-    cases = max(counts.values()) if listed else math.prod(counts.values())
-    need = 8 * cases * (3 * len(counts) + quantities + 2)
-    left = available_memory()
-    if need > 0.5 * left:  # the table of all cases may use half of the free memory
-        what = f"{' x '.join(str(count) for count in counts.values())} values are {cases:.3g} cases"
-        raise SceneError(
-            f"vary: {what}, whose table needs {in_words(need)} of memory; only {in_words(left)} are free. Use fewer"
-        )
-    return cases

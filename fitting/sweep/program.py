@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import replace
 from functools import partial
@@ -24,6 +24,7 @@ from dropper_jax.lanes import lanes
 from dropper_jax.model import Model, State
 from dropper_jax.residual import Stepper
 from dropper_jax.run.build import build
+from dropper_jax.run.quantities import Quantity
 from dropper_jax.run.quantity_extremes import quantity_signals
 from dropper_jax.run.statistics import statistic
 from dropper_jax.stepping.integrate import advance
@@ -152,32 +153,38 @@ class Program:
 
     def _members(self, chunks: list[int]) -> tuple[list[Members], np.ndarray]:
         """The members of these chunks by shape, and which cases (members,) the scene rejects."""
-        plan = self.plan
-        # programs have one shape: devices without a chunk repeat the last one, and a short chunk repeats its cases
-        padded = np.pad(chunks, (0, self.devices - len(chunks)), mode="edge")
-        cases = [np.resize(plan.cases_of(chunk), plan.chunk) for chunk in padded]
-        values = plan.inputs(np.concatenate(cases))
+        values = self._values(chunks)
+        base = self.plan.base
         if not self.by_start:
             (shape,) = self._plans
             every = np.ones(len(values), bool)
-            return [Members(shape, every, self._arguments(*plan.base, values))], ~every
+            return [Members(shape, every, self._arguments(*base, values))], ~every
         keys = [tuple(row[self.by_start]) for row in values]
         built = {key: self._build(key) for key in dict.fromkeys(keys)}
         refused = np.array([built[key] is None for key in keys])
         # a refused case runs as the first valid one, and its results are dropped
-        valid = next(filter(None, built.values()), (next(iter(self._plans)), plan.base))
+        valid = next(filter(None, built.values()), (next(iter(self._plans)), base))
         cases = [built[key] or valid for key in keys]
-        found = []
         stand_ins: dict[Shape, tuple[Model, State]] = {}
-        for shape, base in cases:
-            stand_ins.setdefault(shape, base)
+        for shape, case in cases:
+            stand_ins.setdefault(shape, case)
+        found = []
         for shape, stand_in in stand_ins.items():
             own = np.array([shape == other for other, _ in cases])
-            bases = [base if mine else stand_in for mine, (_, base) in zip(own, cases, strict=True)]
+            bases = [case if mine else stand_in for mine, (_, case) in zip(own, cases, strict=True)]
             models, starts = zip(*bases, strict=True)
-            model = stack(models) if self.by_scene else plan.base[0]
+            model = stack(models) if self.by_scene else base[0]
             found.append(Members(shape, own, self._arguments(model, stack(starts), values)))
         return found, refused
+
+    def _values(self, chunks: list[int]) -> np.ndarray:
+        """Values (members, axes) of these chunks, filled up: programs have one shape.
+
+        Devices without a chunk repeat the last one, and a short chunk repeats its cases.
+        """
+        padded = np.pad(chunks, (0, self.devices - len(chunks)), mode="edge")
+        cases = [np.resize(self.plan.cases_of(chunk), self.plan.chunk) for chunk in padded]
+        return self.plan.inputs(np.concatenate(cases))
 
     def _arguments(self, model: Model, start: State, values: np.ndarray) -> tuple[Any, ...]:
         """Arguments of a program on its devices."""
@@ -191,7 +198,7 @@ class Program:
         """Model and start of a case, and their shape, for which there then is a plan."""
         plan = self.plan
         axes = [plan.axes[i] for i in self.by_start]
-        values = {axis.path: axis.values.dtype.type(x).item() for axis, x in zip(axes, key, strict=True)}
+        values = {axis.path: axis.plain(x) for axis, x in zip(axes, key, strict=True)}
         try:
             base = build(plan.scene.with_values(values))
         except SceneError:
@@ -249,27 +256,16 @@ def run_case(plan: Plan, stepper: Stepper, model: Model, start: State, values: A
     watch = None
     if run.save_every > 1 or plan.is_adaptive:
         watch = quantity_signals(named, start.r)
-    accuracy = None
-    if plan.is_adaptive:
-        accuracy = jnp.asarray(run.accuracy, model.dtype)
+    accuracy = jnp.asarray(run.accuracy, model.dtype) if plan.is_adaptive else None
 
     def save(carry: Carry, _: None) -> tuple[Carry, dict[str, Array]]:
         progress, tally = carry
         progress, row = advance(stepper, model, progress, dt, 1, run.save_every, accuracy, watch=watch)
         tally = _add_row(model, start, progress.state, tally, row)
-        s = progress.state
         extremes = {}
         if watch is not None and row.extremes is not None:
             extremes = watch.over_steps(row.extremes)
-        saved = {}
-        for one in named:
-            if one in extremes:
-                saved[one.name] = extremes[one]
-            elif not one.at_rest:
-                saved[one.name] = one.instant(model, start.r, s.r, s.v, s.tension, s.t, s.parted)
-        if plan.traces:
-            saved |= {"positions": s.r, "tension": s.tension}
-        return (progress, tally), saved
+        return (progress, tally), _saved_values(plan, model, start, progress.state, extremes)
 
     first = begin(stepper, model, start, plan.is_adaptive)
     (progress, tally), saved = jax.lax.scan(save, (first, _empty_tally(start)), None, length=run.rows)
@@ -285,6 +281,22 @@ def run_case(plan: Plan, stepper: Stepper, model: Model, start: State, values: A
     why = jnp.where(jnp.isfinite(tally.residual), STATUS.index("not_converged"), STATUS.index("non_finite"))
     saved["status"] = jnp.where(failed, why, 0).astype(jnp.int8)
     saved["failed_at"] = jnp.where(failed, (progress.first_bad + 1) * dt, jnp.nan)
+    return saved
+
+
+def _saved_values(
+    plan: Plan, model: Model, start: State, s: State, extremes: Mapping[Quantity, Array]
+) -> dict[str, Array]:
+    """What is saved of a case in state s: the named quantities, by their extremes since the last one if these are
+    known, and the traces."""
+    saved = {}
+    for one in plan.named_quantities:
+        if one in extremes:
+            saved[one.name] = extremes[one]
+        elif not one.at_rest:
+            saved[one.name] = one.instant(model, start.r, s.r, s.v, s.tension, s.t, s.parted)
+    if plan.traces:
+        saved |= {"positions": s.r, "tension": s.tension}
     return saved
 
 

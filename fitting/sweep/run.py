@@ -20,7 +20,8 @@ from dropper_jax.run.build import SceneLike
 from dropper_jax.run.step_verdict import StepVerdict, check_steps
 from dropper_jax.run.storage import extra
 from fitting.sweep.cluster import run_on_cluster
-from fitting.sweep.plan import Plan, from_identity, make_plan
+from fitting.sweep.make_plan import from_identity, make_plan
+from fitting.sweep.plan import Plan
 from fitting.sweep.program import Program
 from fitting.sweep.store import IDENTITY, SweepStore, input_names
 
@@ -114,32 +115,29 @@ def sweep(
 
 
 def _fill(store: SweepStore, scheduler: Scheduler | None, say: Progress) -> SweepResult:
-    """Run the missing chunks."""
+    """Run the missing chunks, and check the step of the sweep if that was not done yet."""
     plan = store.plan
-    todo = [c for c in range(plan.chunks) if not store.has(c)]
-    missing = sum(len(plan.cases_of(c)) for c in todo)
-    before = plan.cases - missing
-    started = time.perf_counter()
+    todo = [chunk for chunk in range(plan.chunks) if not store.has(chunk)]
+    missing = sum(len(plan.cases_of(chunk)) for chunk in todo)
+    resumed = plan.cases - missing
     compile_s = 0.0
     run_s = 0.0
-    ran = 0
-
-    def rate_and_rest(ran: int, seconds: float) -> str:
-        rate = ran / max(seconds, 1e-9)
-        left = (missing - ran) / max(rate, 1e-9)
-        return f"{rate * plan.scene.run.steps:.0f} steps/s, {left:.0f} s left"
-
     if todo:
+        started = time.perf_counter()
         if scheduler is None:
-            source = _local(plan, todo)
+            results = _local(plan, todo)
         else:
-            source = _remote(plan, todo, scheduler)
+            results = _remote(plan, todo, scheduler)
         compile_s = time.perf_counter() - started
-        ran = store.fill(source, before, plan.cases, say, rate_and_rest, lambda c: len(plan.cases_of(c)))
+
+        def rate_and_rest(ran: int, seconds: float) -> str:
+            rate = ran / max(seconds, 1e-9)
+            left = (missing - ran) / max(rate, 1e-9)
+            return f"{rate * plan.scene.run.steps:.0f} steps/s, {left:.0f} s left"
+
+        store.fill(results, resumed, plan.cases, say, rate_and_rest, lambda chunk: len(plan.cases_of(chunk)))
         run_s = time.perf_counter() - started - compile_s
-    rate = 0.0
-    if run_s > 0:
-        rate = ran * plan.scene.run.steps / run_s
+    steps_per_s = missing * plan.scene.run.steps / run_s if run_s > 0.0 else 0.0
     verdict = store.verdict
     if verdict is None:
         verdict = check_steps(plan.extreme_cases(), say, **plan.settings)
@@ -147,12 +145,12 @@ def _fill(store: SweepStore, scheduler: Scheduler | None, say: Progress) -> Swee
     return SweepResult(
         path=store.path,
         cases=plan.cases,
-        resumed=before,
+        resumed=resumed,
         counts=store.counts(),
         steps=plan.scene.run.steps,
         compile_s=compile_s,
         run_s=run_s,
-        steps_per_s=rate,
+        steps_per_s=steps_per_s,
         plan=plan,
         verdict=verdict,
     )

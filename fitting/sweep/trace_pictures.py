@@ -13,7 +13,7 @@ from matplotlib.colors import LogNorm
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from dropper_jax.plots import figures, scales, style, tension_colours
-from fitting.sweep.against_trace import TRACE_PARTS, FittedScore, TraceScores
+from fitting.sweep.scores import TRACE_PARTS, FittedScore, TraceScores
 
 #: Draws one panel: axes, scores, the fit, the part.
 DrawPanel = Callable[[Axes, TraceScores, FittedScore | None, int], None]
@@ -47,9 +47,7 @@ def draw_against_trace(scores: TraceScores, folder: str | Path, fit: FittedScore
     folder.mkdir(parents=True, exist_ok=True)
     links = range(min(scores.simulated.shape[1], MOST_LINKS))
     busiest = int(np.argmax(np.std(scores.against.interpolated[scores.against.part(0)], axis=0)))
-    height = TALL_HEIGHT
-    if len(links) > TALL_ROWS:
-        height = LOW_HEIGHT
+    height = LOW_HEIGHT if len(links) > TALL_ROWS else TALL_HEIGHT
     files = {
         "scores": [
             Row(_draw_map, MAP_HEIGHT),
@@ -99,9 +97,7 @@ def _title_parts(top: Sequence[Axes], scores: TraceScores, fit: FittedScore | No
     limits = (0.0, *scores.against.ends)
     for part, axes in enumerate(top):
         error = f"angle error: best case {1e3 * scores.angle[scores.best, part]:.3g} mrad"
-        fitted = ""
-        if fit is not None:
-            fitted = f", fit {1e3 * fit.angle[part]:.3g} mrad"
+        fitted = "" if fit is None else f", fit {1e3 * fit.angle[part]:.3g} mrad"
         title = f"{TRACE_PARTS[part]}, {limits[part]:.4g} to {limits[part + 1]:.4g} s"
         axes.set_title(f"{title}\n{error}{fitted}", loc="left", fontsize=9)
 

@@ -8,6 +8,7 @@ import sys
 import tomllib
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import jax
 import numpy as np
@@ -16,6 +17,7 @@ import pytest
 from dropper_jax import Scene, Solution, as_toml, load_scene, scene_names
 from dropper_jax.backend.programs import PROGRAMS
 from dropper_jax.cli import main
+from dropper_jax.cli.modes import _text as modes_text
 from dropper_jax.cli.printing import progress
 from dropper_jax.run import simulate
 
@@ -31,27 +33,18 @@ GOOD = as_toml(
 )
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "named", "allowed"),
-    [
-        ("mass = 0.01", "mass = -0.01", "line.0.mass: -0.01", "> 0 kg"),
-        ("dt = 0.01", "dt = 0.01 0.02", "TOML syntax", "line 4"),
-    ],
-)
 @pytest.mark.parametrize("command", ["run", "equilibrium"])
-def test_bad_scene_file_is_refused_in_one_line(tmp_path, refused, command, old, new, named, allowed):
+def test_bad_scene_file_is_refused_in_one_line(tmp_path, refused, command):
     file = tmp_path / "scene.toml"
-    assert old in GOOD
-    file.write_text(GOOD.replace(old, new))
+    file.write_text(GOOD.replace("mass = 0.01", "mass = -0.01"))
     line = refused([command, str(file)])
-    assert named in line
-    assert allowed in line
+    assert "line.0.mass: -0.01" in line
+    assert "> 0 kg" in line
 
 
 @pytest.mark.parametrize(
     ("argv", "words"),
     [
-        (["run", "dropper-relase-a"], ["'dropper-relase-a'", "did you mean 'dropper-release-a'"]),
         (["run", SCENE, "--dt", "0"], ["run.dt: 0.0", "> 0 s"]),
         (["run", SCENE, "--dt", "nan"], ["run.dt: nan is not finite", "> 0 s"]),
         (["run", SCENE, "--duration", "-3"], ["run.duration: -3.0", "> 0 s"]),
@@ -314,3 +307,9 @@ def test_a_message_does_not_repeat_a_word_of_100_000_letters(argv, printed):
     assert "xxx... (10000" in err
     assert len(err) < 1000
     assert len(out) < 1000
+
+
+def test_a_damping_ratio_that_is_rounding_is_printed_as_zero():
+    modes = SimpleNamespace(period=np.ones(2), shape=np.ones((2, 2, 3)), damping_ratio=np.array([-1e-17, 0.02]))
+    rows = modes_text(SimpleNamespace(bodies=()), modes, {"number": [1, 2]}).splitlines()[1:]
+    assert [row.split()[3] for row in rows] == ["0", "0.02"]

@@ -21,7 +21,7 @@ import numpy as np
 from dropper_jax.base.store import Store
 from dropper_jax.run.row_store import OnDisk
 from fitting.farm.cases.case_store import CaseStore
-from fitting.sweep.plan import make_plan
+from fitting.sweep.make_plan import make_plan
 from fitting.sweep.store import SweepStore
 
 #: More chunks than sixty writers append in 20 ms each; rows of a chunk.

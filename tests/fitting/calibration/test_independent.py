@@ -24,7 +24,7 @@ from fitting.estimate.step_size import LARGEST_BIAS, step_bias
 from fitting.estimate.uncertainty import uncertainty
 from fitting.parameters.parameter import Parameter
 from fitting.parameters.targets import LostTarget
-from fitting.report.report import one_run_picture
+from fitting.report.pictures import one_run_picture
 
 
 @pytest.mark.check

@@ -41,10 +41,8 @@ def test_an_angle_in_degrees_gives_length_zero_and_damping_and_the_command_that_
 
 @pytest.mark.check
 def test_points_of_a_film_give_a_chains_lengths_masses_and_damping(here, json_of):
-    t, phi = double_pendulum()
-    first = 0.2 * -1j * np.exp(1j * phi[:, 0])
-    second = first + 0.15 * -1j * np.exp(1j * phi[:, 1])
-    ends = [end.conj() / 4.3e-4 for end in (first, second)]  # pixels downwards
+    t, first, second = double_pendulum()
+    ends = np.conj([0.2 * first, 0.2 * first + 0.15 * second]) / 4.3e-4  # pixels downwards
     rows = np.stack([np.arange(len(t)), *points(*ends, noise=0.5)], axis=1)
     write(here / "film.csv", ["# 120 fps", "frame,x1,y1,x2,y2"], rows)
     found = json_of(["fit", "film.csv", *QUIET])

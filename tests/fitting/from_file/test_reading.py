@@ -10,8 +10,9 @@ from dropper_jax import SceneError
 from fitting.from_file.cells import read_cells
 from fitting.from_file.columns import find_columns
 from fitting.from_file.pendulum import main_period
-from fitting.from_file.points import error_of_pivot, find_chain, pivot_of
-from fitting.from_file.read_file import FileOptions, read_measured
+from fitting.from_file.pivot import error_of_pivot, pivot_of
+from fitting.from_file.points import find_chain
+from fitting.from_file.read_file import NO_OPTIONS, FileOptions, read_measured
 from fitting.from_file.scene_of import propose_scene
 from fitting.from_file.values import per_mass
 from fitting.traces.noise import without_spikes
@@ -19,6 +20,20 @@ from fitting.traces.text_lines import LARGEST_FILE
 from fitting.traces.trace import Trace
 
 T, PHI = swing()
+
+
+@pytest.fixture
+def read(tmp_path):
+    """`read(head, columns, given)`: a file of columns (k,) below a header, as a trace."""
+
+    def call(head, columns, given=NO_OPTIONS, **form):
+        return read_measured(write(tmp_path / "a.csv", [head], np.stack(columns, axis=1), **form), given)
+
+    return call
+
+
+def length_of(found):
+    return 9.81 / found.swing.stiffness
 
 
 @pytest.mark.parametrize(
@@ -34,27 +49,25 @@ T, PHI = swing()
         ("Zeit / s;phi / rad", T, PHI, ";", True, "rad"),
     ],
 )
-def test_headers_units_and_decimals_give_the_same_trace(tmp_path, head, times, angle, separator, comma, unit):
-    found = read_measured(write(tmp_path / "a.csv", [head], np.stack([times, angle], axis=1), separator, comma))
+def test_headers_units_and_decimals_give_the_same_trace(read, head, times, angle, separator, comma, unit):
+    found = read(head, [times, angle], separator=separator, comma=comma)
     assert any(f"angle in {unit}" in note for note in found.notes)
-    assert 9.81 / found.swing.stiffness == pytest.approx(LENGTH, rel=0.01)
+    assert length_of(found) == pytest.approx(LENGTH, rel=0.01)
     assert found.swing.damping == pytest.approx(DAMPING, rel=0.1)
     there = np.interp(found.trace.t, T, PHI)
     # the mean of the rows of a sample lies on the motion
     assert np.abs(found.trace.theta[:, 0] - there).max() < 0.01
 
 
-def test_unit_of_angle_follows_from_the_period_without_a_name(tmp_path):
-    for unit, size in (("rad", 1.0), ("deg", 57.29578)):
-        found = read_measured(write(tmp_path / f"{unit}.csv", ["t,signal"], np.stack([T, size * PHI], axis=1)))
-        assert any(f"angle in {unit}" in note for note in found.notes), unit
+@pytest.mark.parametrize(("unit", "size"), [("rad", 1.0), ("deg", 57.29578)])
+def test_unit_of_angle_follows_from_the_period_without_a_name(read, unit, size):
+    assert any(f"angle in {unit}" in note for note in read("t,signal", [T, size * PHI]).notes)
 
 
-def test_a_unit_that_the_period_contradicts_is_noted(tmp_path):
-    file = write(tmp_path / "a.csv", ["t,signal"], np.stack([T, PHI], axis=1))
+def test_a_unit_that_the_period_contradicts_is_noted(read):
     note = "angle in deg, but the period grows with the amplitude as in rad: check the unit, --unit rad"
-    assert note in read_measured(file, FileOptions(unit="deg")).notes
-    assert "angle in rad" in read_measured(file, FileOptions(unit="rad")).notes
+    assert note in read("t,signal", [T, PHI], FileOptions(unit="deg")).notes
+    assert "angle in rad" in read("t,signal", [T, PHI], FileOptions(unit="rad")).notes
 
 
 def test_a_repeated_a_swapped_and_a_restarted_row_are_reported(tmp_path):
@@ -69,24 +82,23 @@ def test_a_repeated_a_swapped_and_a_restarted_row_are_reported(tmp_path):
 
 
 @pytest.mark.parametrize("start", ["held", "driven"])
-def test_a_held_and_a_driven_start_are_left_out(tmp_path, start):
+def test_a_held_and_a_driven_start_are_left_out(read, start):
     before = np.arange(0.0, 2.0, 1 / RATE)
     hand = 0.9 + 0.003 * np.sin(9 * before)
     if start == "driven":
         hand = 0.9 * np.cos(2 * np.pi * (2.0 - before) / 0.7)
-    rows = np.stack([np.concatenate([before, 2.0 + T]), np.concatenate([hand, PHI])], axis=1)
-    found = read_measured(write(tmp_path / "a.csv", ["t,angle_rad"], rows))
+    found = read("t,angle_rad", [np.concatenate([before, 2.0 + T]), np.concatenate([hand, PHI])])
     assert 2.0 <= found.trace.t[0] < 3.3
     assert any("left out" in note for note in found.notes)
 
 
 @pytest.mark.parametrize("step", [0.004, 0.0015], ids=["one step at a time", "three while it is fast"])
-def test_a_log_of_an_encoders_steps_is_read_between_its_readings(tmp_path, step):
+def test_a_log_of_an_encoders_steps_is_read_between_its_readings(read, step):
     rate = 2000.0
     t, phi = swing(25.0, rate=rate)
     count = np.round((phi + 0.02) / step)
     rows = np.flatnonzero(np.diff(count)) + 1
-    found = read_measured(write(tmp_path / "a.csv", ["t,angle"], np.stack([t[rows], count[rows] * step], axis=1)))
+    found = read("t,angle", [t[rows], count[rows] * step])
     assert any("step of the encoder" in note for note in found.notes)
     assert found.zero == pytest.approx(0.02, abs=5e-4)
     earlier = found.trace.t - 0.5 / rate  # a change is seen half an interval late
@@ -94,12 +106,10 @@ def test_a_log_of_an_encoders_steps_is_read_between_its_readings(tmp_path, step)
     assert np.sqrt(np.mean(off**2)) < 0.3 * step  # as read it leads by half a step
 
 
-def test_a_coarse_encoder_without_noise_is_read_at_its_changes(tmp_path):
-    rate = 1000.0
-    t, phi = swing(25.0, rate=rate)
+def test_a_coarse_encoder_without_noise_is_read_at_its_changes(read):
+    t, phi = swing(25.0, rate=1000.0)
     step = 0.04
-    rows = np.stack([t, step * np.round((phi + 0.013) / step)], axis=1)
-    found = read_measured(write(tmp_path / "a.csv", ["t,angle"], rows))
+    found = read("t,angle", [t, step * np.round((phi + 0.013) / step)])
     assert any("read where it changes" in note for note in found.notes)
     off = found.trace.theta[:, 0] + found.zero - 0.013 - np.interp(found.trace.t, t, phi)
     assert np.sqrt(np.mean(off**2)) < 0.05 * step  # of a row: 0.29
@@ -124,66 +134,74 @@ def test_noise_of_a_fast_log_does_not_hide_its_period(rows, noise):
 
 
 @pytest.mark.parametrize(("begin", "rows"), [(9.95, 50), (9.9, 100)])
-def test_the_end_of_a_fast_log_keeps_its_rows_where_few_means_would_remain(tmp_path, begin, rows):
+def test_the_end_of_a_fast_log_keeps_its_rows_where_few_means_would_remain(read, begin, rows):
     t = np.arange(10000) / 1000
-    file = tmp_path / "a.csv"
-    write(
-        file, ["t,angle 1 [rad],angle 2 [rad]"], np.stack([t, 0.5 * np.sin(4 * t), 0.4 * np.sin(4 * t + 0.3)], axis=1)
-    )
-    whole = read_measured(file, FileOptions(lengths=(0.3, 0.3)))
+    file = "t,angle 1 [rad],angle 2 [rad]", [t, 0.5 * np.sin(4 * t), 0.4 * np.sin(4 * t + 0.3)]
+    whole = read(*file, FileOptions(lengths=(0.3, 0.3)))
     assert len(whole.trace.t) < 1000
-    found = read_measured(file, FileOptions(lengths=(0.3, 0.3), begin=begin))
+    found = read(*file, FileOptions(lengths=(0.3, 0.3), begin=begin))
     assert len(found.trace.t) == rows
     assert not any("thinned" in note for note in found.notes)
 
 
-def test_frames_need_a_rate_and_a_comment_gives_it(tmp_path):
-    rows = np.stack([np.arange(len(T)), PHI], axis=1)
-    bare = write(tmp_path / "a.csv", ["frame,angle_rad"], rows)
+def test_a_swing_that_a_hand_ends_is_cut_out_by_the_end_of_the_span(read, refusal):
+    """Pushed again and again after the swing, for three times as long."""
+    after = np.arange(T[-1] + 1 / RATE, 4 * T[-1], 1 / RATE)
+    columns = [np.concatenate([T, after]), np.concatenate([PHI, 0.5 * np.sin(2.0 * after) ** 3])]
+    assert "cut it out: --from, --until" in refusal(read, "t,angle_rad", columns)
+    found = read("t,angle_rad", columns, FileOptions(end=T[-1]))
+    assert length_of(found) == pytest.approx(LENGTH, rel=0.01)
+    assert "9 rows before --until 0.09 s" in refusal(read, "t,angle_rad", columns, FileOptions(end=0.09))
+
+
+def test_frames_need_a_rate_and_a_comment_gives_it(read):
+    columns = [np.arange(len(T)), PHI]
     with pytest.raises(SceneError, match=r"--rate 60"):
-        read_measured(bare)
-    assert 9.81 / read_measured(bare, FileOptions(rate=RATE)).swing.stiffness == pytest.approx(LENGTH, rel=0.01)
-    numbered = write(tmp_path / "b.csv", ["# fps: 100", "frame,angle_rad"], rows)
-    assert 9.81 / read_measured(numbered).swing.stiffness == pytest.approx(LENGTH, rel=0.01)
+        read("frame,angle_rad", columns)
+    for found in (
+        read("frame,angle_rad", columns, FileOptions(rate=RATE)),
+        read("# fps: 100\nframe,angle_rad", columns),
+        read("angle_rad", [PHI], FileOptions(rate=RATE)),
+    ):
+        assert length_of(found) == pytest.approx(LENGTH, rel=0.01)
 
 
-def test_one_point_and_two_points_of_a_link_give_its_angle(tmp_path):
-    down = -1j * np.exp(1j * PHI)
-    for name, ends in (("one", [0.7 * down]), ("two", [0.1 * down, 0.35 * down])):
-        head = ["t", *(f"{axis}{j + 1}" for j in range(len(ends)) for axis in "xy")]
-        rows = np.stack([T, *points(*[end + 2 + 1j for end in ends])], axis=1)
-        found = read_measured(write(tmp_path / f"{name}.csv", [",".join(head)], rows))
-        assert 9.81 / found.swing.stiffness == pytest.approx(LENGTH, rel=0.01), name
+@pytest.mark.parametrize("arms", [(0.7,), (0.1, 0.35)], ids=["a point", "two points of a link"])
+def test_one_point_and_two_points_of_a_link_give_its_angle(read, arms):
+    ends = [2 + 1j - 1j * arm * np.exp(1j * PHI) for arm in arms]
+    found = read(",".join(["t", "x1", "y1", "x2", "y2"][: 1 + 2 * len(arms)]), [T, *points(*ends)])
+    assert length_of(found) == pytest.approx(LENGTH, rel=0.01)
 
 
 @pytest.mark.parametrize("unit", ["m", "mm", "px"])
-def test_gravity_gives_the_points_of_a_chain_their_scale(tmp_path, unit):
-    t, phi = double_pendulum()
+def test_gravity_gives_the_points_of_a_chain_their_scale(read, unit):
+    t, first, second = double_pendulum()
     size = {"m": 1.0, "mm": 1e-3, "px": 4.3e-4}[unit]
-    first = 0.2 * -1j * np.exp(1j * phi[:, 0])
-    second = first + 0.15 * -1j * np.exp(1j * phi[:, 1])
-    ends = [first / size, second / size]
+    ends = np.array([0.2 * first, 0.2 * first + 0.15 * second]) / size
     if unit == "px":  # downwards
-        ends = [end.conj() for end in ends]
-    rows = np.stack([t, *points(*ends, noise=2e-4 / size)], axis=1)
-    found = read_measured(write(tmp_path / "a.csv", ["t;A x;A y;B x;B y"], rows, ";"))
+        ends = ends.conj()
+    found = read("t;A x;A y;B x;B y", [t, *points(*ends, noise=2e-4 / size)], separator=";")
     # without a unit it is a start value of the fit
     assert found.lengths == pytest.approx([0.2, 0.15], rel=0.06 if unit == "px" else 0.01)
     assert any("scaled by gravity" in note for note in found.notes) == (unit == "px")
 
 
-@pytest.mark.parametrize(("frames", "found"), [(12, np.nan), (1, 1.0)])
-def test_a_film_with_two_points_per_link_may_miss_one_or_see_two_as_one(tmp_path, frames, found):
-    """Without a NumPy warning, which the tests turn into errors."""
-    t, phi = double_pendulum()
-    first, second = (-1j * np.exp(1j * phi)).T
+def four_markers():
+    """Times, and noisy columns of two points on each of two links."""
+    t, first, second = double_pendulum()
     joint = 0.2 * first
-    columns = np.array(points(0.05 * first, 0.15 * first, joint + 0.04 * second, joint + 0.12 * second))
+    return t, np.array(points(0.05 * first, 0.15 * first, joint + 0.04 * second, joint + 0.12 * second))
+
+
+@pytest.mark.parametrize(("frames", "found"), [(12, np.nan), (1, 1.0)])
+def test_a_film_with_two_points_per_link_may_miss_one_or_see_two_as_one(read, frames, found):
+    """Without a NumPy warning, which the tests turn into errors."""
+    t, columns = four_markers()
     random = np.random.default_rng(0)
     for point in range(0, 8, 4):
         few = random.choice(len(t), frames, replace=False)
         columns[point : point + 2, few] = found * columns[point + 2 : point + 4, few]
-    found = read_measured(write(tmp_path / "a.csv", ["t,x1,y1,x2,y2,x3,y3,x4,y4"], np.stack([t, *columns], axis=1)))
+    found = read("t,x1,y1,x2,y2,x3,y3,x4,y4", [t, *columns])
     assert np.isfinite(found.trace.theta).all(axis=1).sum() > 250
     assert found.lengths[0] / found.lengths[1] == pytest.approx(0.2 / 0.15, rel=0.06)
 
@@ -191,12 +209,9 @@ def test_a_film_with_two_points_per_link_may_miss_one_or_see_two_as_one(tmp_path
 @pytest.mark.parametrize("seed", [0, 1])
 def test_the_pivot_of_points_that_coincide_in_some_frames_is_where_the_first_link_turns(seed):
     """A circle through such points has its centre hundreds of metres away."""
-    _, phi = double_pendulum()
-    first, second = (-1j * np.exp(1j * phi)).T
-    joint = 0.2 * first
-    columns = points(0.05 * first, 0.15 * first, joint + 0.04 * second, joint + 0.12 * second)
-    markers = np.array(columns[::2]) + 1j * np.array(columns[1::2])
-    few = np.random.default_rng(seed).choice(len(phi), 5, replace=False)
+    t, columns = four_markers()
+    markers = columns[::2] + 1j * columns[1::2]
+    few = np.random.default_rng(seed).choice(len(t), 5, replace=False)
     markers[0, few] = markers[1, few]
     chain, _ = find_chain("film", markers, None)
     assert abs(chain.pivot) < 1e-3
@@ -238,9 +253,21 @@ def driven():
         ("t,x [m/s],y [m/s]", lambda: [T, np.cos(PHI), np.sin(PHI)], "shows rates alone: x [m/s], y [m/s]"),
     ],
 )
-def test_what_is_missing_is_named_in_one_line(tmp_path, head, columns, message, refusal):
-    path = write(tmp_path / "a.csv", [head], np.stack(columns(), axis=1))
-    assert message in refusal(read_measured, path)
+def test_what_is_missing_is_named_in_one_line(read, head, columns, message, refusal):
+    assert message in refusal(read, head, columns())
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"theta_1": "a", "x_1": "b", "y_1": "c"}, "theta_1, x_1, y_1; allowed: theta_1 to theta_n, or x_1, y_1 to"),
+        ({"time": "t", "theta_2": "a"}, "columns: theta_2; allowed: theta_1 to theta_n"),
+        ({"x_1": "a"}, "columns: point 1 needs both x_1 and y_1"),
+    ],
+)
+def test_columns_that_the_user_names_are_all_angles_or_all_points_without_a_gap(read, refusal, given, message):
+    columns = [T, PHI, np.cos(PHI), np.sin(PHI)]
+    assert message in refusal(read, "t,a,b,c", columns, FileOptions(columns=given))
 
 
 def test_binary_empty_and_huge_files_are_refused_in_one_line(tmp_path):
@@ -274,36 +301,31 @@ def test_the_last_point_may_be_missing_in_the_first_row(tmp_path, separator):
     assert np.isnan(cells.values[0, 3:]).all()
 
 
-def test_lengths_in_another_unit_are_refused(tmp_path):
-    path = write(tmp_path / "a.csv", ["t,angle_rad"], np.stack([T, PHI], axis=1))
+def test_lengths_in_another_unit_are_refused(read):
     with pytest.raises(SceneError, match="Give metres"):
-        read_measured(path, FileOptions(lengths=(1000 * LENGTH,)))
-    found = read_measured(path, FileOptions(lengths=(LENGTH,)))
+        read("t,angle_rad", [T, PHI], FileOptions(lengths=(1000 * LENGTH,)))
+    found = read("t,angle_rad", [T, PHI], FileOptions(lengths=(LENGTH,)))
     assert any("effective length follows" in note for note in found.notes)
 
 
 @pytest.mark.parametrize("turn", [256, 360, 1000, 2000, 4096])
-def test_an_angle_that_wraps_is_read_by_its_full_turn(tmp_path, turn):
+def test_an_angle_that_wraps_is_read_by_its_full_turn(read, turn):
     t, phi = swing(start=1.5)
     reading = np.mod(turn * (phi / (2 * np.pi)), turn)
     if turn != 360:
         reading = np.floor(reading)
-    found = read_measured(write(tmp_path / "a.csv", ["t,reading"], np.stack([t, reading], axis=1)))
-    assert 9.81 / found.swing.stiffness == pytest.approx(LENGTH, rel=0.02)
+    found = read("t,reading", [t, reading])
+    assert length_of(found) == pytest.approx(LENGTH, rel=0.02)
     assert np.abs(found.trace.theta[:, 0] - np.interp(found.trace.t, t, phi)).max() < 0.5 * 2 * np.pi / turn + 0.02
 
 
-def test_one_column_of_angles_is_read_with_the_rows_per_second(tmp_path):
-    file = write(tmp_path / "a.csv", ["angle_rad"], PHI[:, None])
-    found = read_measured(file, FileOptions(rate=RATE))
-    assert 9.81 / found.swing.stiffness == pytest.approx(LENGTH, rel=0.01)
-
-
-def test_a_column_of_times_that_the_user_names_is_used_whatever_the_others_are_called(tmp_path):
+@pytest.mark.parametrize("more", [{}, {"theta_1": "angle_rad"}])
+def test_a_column_of_times_that_the_user_names_is_used_whatever_the_others_are_called(tmp_path, more):
     rows = np.stack([T, T[::-1], PHI], axis=1)
     file = write(tmp_path / "a.csv", ["stamp,time left,angle_rad"], rows)
-    columns = find_columns(read_cells(file), {"time": "stamp", "theta_1": "angle_rad"})
+    columns = find_columns(read_cells(file), {"time": "stamp", **more})
     assert columns.time.name == "stamp"
+    assert [column.name for column in columns.angles] == ["angle_rad"]
 
 
 def test_links_are_in_the_order_of_their_numbers_not_of_their_digits(tmp_path):

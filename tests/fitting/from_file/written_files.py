@@ -51,7 +51,7 @@ def points(*ends, noise=2e-4):
 
 
 def double_pendulum():
-    """Times and angles (k, 2) of two point masses by Runge and Kutta's method."""
+    """Times and directions (k,) of two links with point masses, as complex numbers, by Runge and Kutta's method."""
     one, two, share = 0.2, 0.15, 0.4
 
     def slope(y):
@@ -66,4 +66,4 @@ def double_pendulum():
         if i % 5 == 0:
             found.append(y[:2])
         y = step(slope, y, h)
-    return np.arange(len(found)) / 120, np.array(found)
+    return np.arange(len(found)) / 120, *(-1j * np.exp(1j * np.transpose(found)))

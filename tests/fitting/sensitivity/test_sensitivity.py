@@ -1,5 +1,6 @@
 """Sensitivities: exact derivatives against differences, an honest horizon, and global indices with a known answer."""
 
+from copy import copy
 from dataclasses import replace
 
 import jax
@@ -17,10 +18,9 @@ from fitting import sensitivity
 from fitting.parameters.parameter import with_parameter_values
 from fitting.sensitivity import global_indices, local, ranges, study, windows
 from fitting.sensitivity.differences import central_differences, difference_sizes, slopes_of_runs, statistic_notes
-from fitting.sensitivity.global_indices import global_text
-from fitting.sensitivity.result import local_text
 from fitting.sensitivity.study_runs import Run, StudyRuns
 from fitting.sensitivity.study_steps import saved_times
+from fitting.sensitivity.texts import global_text, local_text
 from fitting.sensitivity.tornado import path_label
 
 START = {"kind": "static", "release_nodes": [1], "release_force": [[3.0, 1.0, 4.0]]}
@@ -220,10 +220,12 @@ def test_a_parameter_without_effect_has_slope_zero_with_error_zero():
 
 
 def test_a_single_step_maximum_and_samples_that_are_not_gaussian_are_reported(snapping):
-    problem, _ = snapping
+    problem, base = snapping
     of = {"tension.max": "is the value of a single step", "tension.1.mpm": "are not Gaussian (excess kurtosis"}
+    runs = copy(base)
     for name, words in of.items():
-        (warning,) = statistic_notes(replace(problem, of=quantity(name, problem.model)))
+        runs.problem = replace(problem, of=quantity(name, problem.model))
+        (warning,) = statistic_notes(runs)
         assert warning.startswith(f"{name}: ")
         assert words in warning
 
@@ -299,15 +301,27 @@ def test_morris_ranks_a_function_with_known_effects():
     assert found.first[3] == pytest.approx(0.0, abs=1e-12)
 
 
-def test_global_study_refuses_what_it_cannot_do(loop):
+@pytest.mark.parametrize(
+    ("method", "samples", "message"),
+    [
+        ("sobol", 2, "2 of 10 cases failed"),
+        ("sobol", 100, "samples: 100; allowed: a power of 2"),
+        ("sobol", 0, "samples: 0; allowed: a whole number >= 1"),
+        ("morris", -4, "samples: -4; allowed: a whole number >= 1"),
+    ],
+)
+def test_global_study_refuses_what_it_cannot_do(method, samples, message):
     pytest.importorskip("SALib")
-    with pytest.raises(SceneError, match="2 of 10 cases failed"):
-        global_indices(lambda x: np.where(np.arange(10) < 2, np.nan, 1.0), ["a", "b", "c"], [(0, 1)] * 3, samples=2)
-    with pytest.raises(SceneError, match="samples: 100; allowed: a power of 2"):
-        global_indices(ishigami, ["a"], [(0, 1)], samples=100)
-    with pytest.raises(SceneError, match="allowed: low < high"):
-        ranges(loop, {"b_l": (2.0, 1.0)})
+    fails = lambda x: np.where(np.arange(len(x)) < 2, np.nan, 1.0)  # noqa: E731
+    with pytest.raises(SceneError, match=message):
+        global_indices(fails, ["a", "b", "c"], [(0, 1)] * 3, method, samples)
+
+
+def test_a_range_is_the_given_one_and_not_empty(loop):
     assert ranges(loop, {"b_l": (0.1, 0.2)})[0] == (0.1, 0.2)
+    for wrong in ({"b_l": (2.0, 1.0)}, {"b_l": (0.1, 0.2), loop.names[0]: (0.1, 0.3)}):
+        with pytest.raises(SceneError, match="allowed: low < high, once"):
+            ranges(loop, wrong)
 
 
 def test_statistics_of_a_sine_are_its_amplitude():
@@ -405,10 +419,3 @@ def test_extremes_at_the_ends_of_a_signal_and_of_flat_ones_are_the_samples():
         value, slope = jax.value_and_grad(lambda x: STATISTICS["max"](x[:, None]))(jnp.array(x))
         assert value == max(x)
         np.testing.assert_allclose(jnp.sum(slope), 1.0)
-
-
-@pytest.mark.parametrize("method", ["sobol", "morris"])
-@pytest.mark.parametrize("samples", [0, -4])
-def test_a_global_study_without_samples_is_refused_in_one_line(method, samples):
-    with pytest.raises(SceneError, match=f"samples: {samples}; allowed: a whole number >= 1"):
-        global_indices(lambda x: x.sum(axis=1), ["a", "b"], [(0.0, 1.0)] * 2, method, samples)

@@ -8,8 +8,8 @@ from rod_cases import pinned_arm
 
 from dropper_jax import SceneError, build, load_scene, natural_modes
 from fitting.sensitivity import local, study
-from fitting.sensitivity.result import local_text
 from fitting.sensitivity.study_steps import saved_times
+from fitting.sensitivity.texts import local_text
 
 TABLE = {
     "name": "moored",

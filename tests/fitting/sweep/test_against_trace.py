@@ -11,7 +11,8 @@ import dropper_jax as dj
 from dropper_jax import SceneError, as_toml
 from fitting import Convention, Trace, write_trace
 from fitting.sweep import sweep_against_trace
-from fitting.sweep.against_trace import Against, FittedScore, part_ends
+from fitting.sweep.against_trace import part_ends
+from fitting.sweep.scores import Against, FittedScore
 
 pytest.importorskip("zarr")
 
@@ -122,29 +123,18 @@ RENAMED = "when,a,b,c,d,more\n" + "".join(
 )
 
 
+NAMED = "--columns=time=when,theta_1=a,theta_2=b,theta_3=c,theta_4=d"
+
+
 @pytest.mark.parametrize(
     ("text", "options", "message"),
     [
-        (
-            "t,theta_1,theta_2\n0,1,1\n",
-            [],
-            "other.csv: has 2 columns theta_1..n, but the scene has 4 links; allowed: 4",
-        ),
+        ("t,theta_1,theta_2\n0,1,1\n", [], "other.csv: has 2 columns theta_1..n, but the scene has 4 links"),
         ("t,angle\n0,1\n", [], "rename to t, theta_1 ... theta_4, or --columns theta_1=angle,..."),
-        (
-            RENAMED,
-            ["--columns=time=when,theta_1=a,theta_2=b,theta_3=c,theta_4=d", "--parts=2,1"],
-            "parts: 2,1: allowed",
-        ),
+        (RENAMED, [NAMED, "--parts=2,1"], "parts: 2,1: allowed: two increasing times within the trace's 3 s"),
         (RENAMED, ["--columns=time=when,theta_1=z"], "columns: 'z' is not in other.csv; known: a, b, c, d, more, when"),
-        (None, ["--vary=b_l="], "--vary: 'b_l=' is not NAME=LO:HI:N; allowed"),
-        (None, ["--parts=2,1"], "parts: 2,1: allowed: two increasing times within the trace's 3 s"),
         (None, ["--parts=1"], "parts: 1: allowed: two increasing times"),
-        (
-            None,
-            ["--vary=start.polar.0=0.1", "--fit"],
-            "--fit: 'start.polar.0' cannot be fitted; allowed: parameters of",
-        ),
+        (None, ["--vary=start.polar.0=0.1", "--fit"], "--fit: 'start.polar.0' cannot be fitted; allowed: parameters"),
         (None, ["--parts=a,b"], "--parts: 'a,b' is not T1,T2; allowed: two times in s"),
         (None, ["--vary=point.1.position.0=0.2,0.3"], "vary: 'point.1.position.0' moves an end. With a trace, use"),
     ],
@@ -164,8 +154,3 @@ def test_options_of_a_trace_need_one(scene, tmp_path, printed):
     (tmp_path / "scene.toml").write_text(as_toml(scene.as_written()))
     call = ["sweep", str(tmp_path / "scene.toml"), f"--out={tmp_path / 'o.zarr'}", "--vary=b_l=0.1", "--fit"]
     assert "--fit: requires --trace FILE.csv" in printed(call, 2).err
-
-
-def test_nothing_varied_is_refused(scene, truth, tmp_path):
-    with pytest.raises(SceneError, match="vary: nothing is varied"):
-        sweep_against_trace(scene, {}, truth(0), tmp_path / "o.zarr")

@@ -154,7 +154,7 @@ def _error_of_steps(problem: Study, at: Array, start: Varied, value: float) -> f
     accuracy = min(FACTOR * settings.accuracy, 1.0)
     coarser = replace(settings, accuracy=accuracy, save_interval=interval, duration=duration)
     quantity, _ = vary_study(problem, at, start, problem.steps_of(coarser))
-    return error_by_coarser(problem.of, value, float(quantity.tree))
+    return error_by_coarser(problem.of, value, float(quantity.tree), settings.accuracy)
 
 
 class Displacements(NamedTuple):

@@ -45,12 +45,15 @@ def farthest(one: np.ndarray | Array, other: np.ndarray | Array) -> float:
     return float(np.linalg.norm(np.asarray(one) - np.asarray(other), axis=-1).max())
 
 
-def error_by_coarser(of: Quantity, value: float, coarser: float) -> float:
-    """The error of a quantity by its value in a run with `FACTOR` times the accuracy; of an extreme the whole
-    difference, which depends on few steps."""
+def error_by_coarser(of: Quantity, value: float, coarser: float, accuracy: float) -> float:
+    """The error of a quantity at an accuracy by its value in a run with `FACTOR` times it, at most 1; of an extreme the
+    whole difference, which depends on few steps. NaN at an accuracy of 1, which has no coarser run."""
+    ratio = min(FACTOR * accuracy, 1.0) / accuracy
+    if ratio <= 1.0:
+        return np.nan
     if of.statistic in OVER_STEPS:
         return abs(coarser - value)
-    return abs(coarser - value) / (FACTOR - 1.0)
+    return abs(coarser - value) / (ratio - 1.0)
 
 
 class StudyRuns:
@@ -87,7 +90,8 @@ class StudyRuns:
         if sum(len(rows.r) for rows in pieces) < len(self.rows.r) // 2 or not pieces:
             return np.nan
         rows = jax.tree.map(lambda *parts: np.concatenate(parts), *pieces)
-        return error_by_coarser(self.problem.of, self.value, self.measure(self.model, self.start, rows, 2.0))
+        coarser = self.measure(self.model, self.start, rows, 2.0)
+        return error_by_coarser(self.problem.of, self.value, coarser, self.settings.accuracy)
 
     def program(self, model: Model, s: State, record: Record | None) -> Program:
         """The run of a model from a start, along the recorded steps if there are any."""

@@ -18,7 +18,7 @@ from fitting import sensitivity
 from fitting.parameters.parameter import with_parameter_values
 from fitting.sensitivity import global_indices, local, ranges, study, windows
 from fitting.sensitivity.differences import central_differences, difference_sizes, slopes_of_runs, statistic_notes
-from fitting.sensitivity.study_runs import Run, StudyRuns
+from fitting.sensitivity.study_runs import Run, StudyRuns, error_by_coarser
 from fitting.sensitivity.study_steps import saved_times
 from fitting.sensitivity.texts import global_text, local_text
 from fitting.sensitivity.tornado import path_label
@@ -419,3 +419,9 @@ def test_extremes_at_the_ends_of_a_signal_and_of_flat_ones_are_the_samples():
         value, slope = jax.value_and_grad(lambda x: STATISTICS["max"](x[:, None]))(jnp.array(x))
         assert value == max(x)
         np.testing.assert_allclose(jnp.sum(slope), 1.0)
+
+
+@pytest.mark.parametrize(("accuracy", "error"), [(0.1, 1.0), (0.5, 3.0), (1.0, np.nan)])
+def test_the_error_by_the_steps_allows_for_a_coarser_run_that_is_not_four_times_as_coarse(loop, accuracy, error):
+    of = replace(loop.of, statistic="mean")
+    np.testing.assert_allclose(error_by_coarser(of, 10.0, 13.0, accuracy), error)

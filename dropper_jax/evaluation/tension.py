@@ -82,7 +82,7 @@ def _utilisation(record: Record, where: WholeLine, largest: np.ndarray, settings
     share = largest / load
     worst = int(np.argmax(share))
     source = "the line"
-    if np.isnan(_own_breaking_load(record, where)[worst]):
+    if np.isnan(_breaking_load(record, where)[worst]):
         source = "--breaking-load"
     return {
         "largest": float(share[worst]),
@@ -114,7 +114,7 @@ def _smooth_maxima(record: Record, tension: np.ndarray) -> dict[str, float]:
 def breaking_load(record: Record, where: WholeLine, settings: Settings) -> np.ndarray | None:
     """Breaking load (n,) [N] of the links of a line: that of their piece of the line, else the setting; None if links
     have neither."""
-    load = _own_breaking_load(record, where)
+    load = _breaking_load(record, where)
     if settings.breaking_load is not None:
         load = np.where(np.isnan(load), settings.breaking_load, load)
     if np.isnan(load).any():
@@ -122,7 +122,7 @@ def breaking_load(record: Record, where: WholeLine, settings: Settings) -> np.nd
     return load
 
 
-def _own_breaking_load(record: Record, where: WholeLine) -> np.ndarray:
+def _breaking_load(record: Record, where: WholeLine) -> np.ndarray:
     """Breaking load (n,) [N] of the links of a line in the scene; NaN of a piece without one."""
     loads = np.full(record.tension.shape[1], np.nan)
     for piece, own in sliced_lines(record.scene):

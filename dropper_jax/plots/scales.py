@@ -45,7 +45,7 @@ def widen(values: np.ndarray, limits: Callable[[float, float], object]) -> None:
 #: Panels share a scale if none has a range smaller than the largest by this factor.
 SIMILAR = 4.0
 #: Height of the limits that contain all panels over that of the widest, above which each panel keeps its own middle.
-APART = 2.0
+SEPARATE_RATIO = 2.0
 
 
 def share_scales(panels: Iterable[Axes]) -> None:
@@ -62,7 +62,7 @@ def share_scales(panels: Iterable[Axes]) -> None:
         low = np.min(ends)
         high = np.max(ends)
         for axes in group:
-            if high - low > APART * widest:
+            if high - low > SEPARATE_RATIO * widest:
                 middle = float(np.mean(axes.get_ylim()))
                 axes.set_ylim(middle - 0.5 * widest, middle + 0.5 * widest)
             else:

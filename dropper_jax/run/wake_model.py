@@ -97,7 +97,7 @@ class Plane:
 
     def deficit_at(self, y: np.ndarray, z: np.ndarray) -> np.ndarray:
         """U_s (k,) [m/s] at positions y, z (k,) [m]."""
-        across = _gaussian_in_place((y - self.y[:, None]) / self.sigma_y[:, None])
+        across = _overwrite_with_gaussian((y - self.y[:, None]) / self.sigma_y[:, None])
         profiles = _vertical_profiles(z, self.z, self.sigma_z, self.depth)
         return np.einsum("i,ik->k", self.amplitude, across * profiles)
 
@@ -240,7 +240,7 @@ class WakeSolver:
         spectrum = np.zeros((2, self.modes, profiles.shape[1]))
         for part in self._chunks(len(sigma_y)):
             count = min(int(self.reach / (spacing * sigma_y[part.start])) + 1, self.modes)
-            decay = _gaussian_in_place(np.multiply.outer(sigma_y[part], spacing * np.arange(count)))
+            decay = _overwrite_with_gaussian(np.multiply.outer(sigma_y[part], spacing * np.arange(count)))
             waves = phases[upstream[part], :, :count] * decay[:, None]
             spectrum[:, :count] += _product(waves.reshape(len(decay), -1).T, profiles[part]).reshape(2, count, -1)
         return spectrum
@@ -254,7 +254,7 @@ class WakeSolver:
             end = int(np.searchsorted(y, y[part][-1] + np.sqrt(2.0) * self.reach * np.max(sigma_y)))
             near = slice(part.start, end)
             spread = np.sqrt(np.add.outer(sigma_y[part] ** 2, sigma_y[near] ** 2))
-            products = _gaussian_in_place(np.subtract.outer(y[part], y[near]) / spread) / spread
+            products = _overwrite_with_gaussian(np.subtract.outer(y[part], y[near]) / spread) / spread
             products *= _product(profiles[part], profiles[near].T)
             # pairs within the chunk are in it in both orders, pairs with later wakes in one
             total += 2.0 * float(np.sum(products)) - float(np.sum(products[:, : len(y[part])]))
@@ -354,7 +354,7 @@ def _momentum_per_area(inflow: np.ndarray, drag: np.ndarray, area: np.ndarray, s
     return amplitude * (inflow - amplitude * square / area)
 
 
-def _gaussian_in_place(distance: np.ndarray) -> np.ndarray:
+def _overwrite_with_gaussian(distance: np.ndarray) -> np.ndarray:
     """`exp(-d^2/2)`; destroys `distance`, whose memory it uses: new arrays take longer than the exponentials."""
     distance *= distance
     distance *= -0.5
@@ -371,5 +371,5 @@ def _vertical_profiles(z: np.ndarray, centre: np.ndarray, sigma_z: np.ndarray, d
     """h_i (n, nz): Gaussians over z, mirrored at the surface and at the seabed."""
     found = np.zeros((len(centre), len(z)))
     for mirror in (centre, -centre, -2.0 * depth - centre):
-        found += _gaussian_in_place((z - mirror[:, None]) / sigma_z[:, None])
+        found += _overwrite_with_gaussian((z - mirror[:, None]) / sigma_z[:, None])
     return found

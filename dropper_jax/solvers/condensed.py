@@ -4,8 +4,8 @@
 
 K is local to the nodes (nodes, 3, 3), G the force of a unit tension, g and c are the derivatives of the axial law by
 the link and by its tension, D takes differences over links. Of the stiffness against turning of its links a node keeps
-a fraction (`KEPT`), and nothing of that towards its neighbours. Newton therefore converges linearly to the same
-solution, by a factor of about 0.1 per correction at h omega = 0.6.
+a fraction (`TURNING_SHARE`), and nothing of that towards its neighbours. Newton therefore converges linearly to the
+same solution, by a factor of about 0.1 per correction at h omega = 0.6.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from dropper_jax.solvers.links import LinkParts
 Inverse = Array | tuple[Components, Components, Components]
 #: Fraction of the stiffness against turning of its links that a node keeps. Measured on the lab dropper at 0.01 s: rows
 #: fall fastest between 0.4 and 0.6 (for smooth motions the neighbours' part cancels about half of it).
-KEPT = 0.5
+TURNING_SHARE = 0.5
 
 
 class ConstraintMatrix(NamedTuple):
@@ -142,7 +142,7 @@ class Condensed(Solver):
         geometry = problem.model.geometry
         node = local_jacobian(lambda x: problem.node_rows(x, ())[0], u.x)
         turn, force, gradient, compliance = LinkParts.of(problem, u)
-        stiffness = KEPT * jnp.maximum(jnp.trace(turn, axis1=1, axis2=2) / 3.0, 0.0)
+        stiffness = TURNING_SHARE * jnp.maximum(jnp.trace(turn, axis1=1, axis2=2) / 3.0, 0.0)
         own = geometry.at_ends(stiffness, stiffness)
         node = node + own[:, None, None] * jnp.eye(3, dtype=node.dtype)
         inverse = inverse_rows(store_once(node))

@@ -101,10 +101,10 @@ def plan(
     for i, source in enumerate(scenes):
         scene = load_scene(source)
         names = full_names(scene, free, "free")
-        asked = names
+        ranked = names
         if requested is not None:
-            asked = full_names(scene, requested, "for")
-        foreign = [name for name in asked if name not in names]
+            ranked = full_names(scene, requested, "for")
+        foreign = [name for name in ranked if name not in names]
         if foreign:
             raise SceneError(f"for: {foreign[0]!r} is not free; allowed: {', '.join(names)}")
         motion = simulate_truth(scene, max(durations), rate)
@@ -115,7 +115,7 @@ def plan(
             for duration in durations:
                 errors, weight = _errors(solution, duration, gap_weight)
                 by_name = dict(zip(solution.by_name, errors.tolist(), strict=True))
-                score = _mean_log(by_name, asked)
+                score = _mean_log(by_name, ranked)
                 plans.append(Planned(scene.name, duration, noise, by_name, score, weight))
     progress(1.0, "ok")
     return sorted(plans, key=lambda row: row.score)
@@ -129,9 +129,9 @@ def _along_truth(trace: Trace, scene: Scene, names: Sequence[str]) -> Solution:
     return replace(solution, problem=prepared.problem())
 
 
-def _mean_log(errors: Mapping[str, float], asked: Sequence[str]) -> float:
+def _mean_log(errors: Mapping[str, float], ranked: Sequence[str]) -> float:
     """Mean log of the errors of the parameters at these paths."""
-    stems = tuple(f"{name}." for name in asked)
+    stems = tuple(f"{name}." for name in ranked)
     return float(np.mean(np.log([error for name, error in errors.items() if f"{name}.".startswith(stems)])))
 
 

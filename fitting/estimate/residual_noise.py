@@ -47,7 +47,7 @@ MIN_DEGREES_OF_FREEDOM = 10
 #: Relative change of the noise's size at its fixed point.
 SIZE_TOLERANCE = 0.01
 #: Standard errors by which the correlation of a channel must differ from the mean to count as its own.
-OWN_MEMORY_ERRORS = 3.0
+SEPARATE_MEMORY_ERRORS = 3.0
 #: Significance of the links' common motion along their rates, in standard deviations, for a delay model: a normal
 #: number reaches it with a probability below 1e-6.
 DELAY_SIGNIFICANCE = 5.0
@@ -159,7 +159,7 @@ class ResidualNoiseModel:
             return None
         rho = self._likeliest(with_memory, MIN_CORRELATION, MAX_CORRELATION, CORRELATION_TOLERANCE)
         off = correlation - correlation[channels].mean()
-        own = np.abs(off) > OWN_MEMORY_ERRORS * error
+        own = np.abs(off) > SEPARATE_MEMORY_ERRORS * error
         each = np.clip(rho + np.where(own, off, 0.0), MIN_CORRELATION, MAX_CORRELATION)
         found = self.fixed_point(with_memory(each))
         if abs(self._innovation_correlation(found.problem.noise, channels)) < WHITE_CORRELATION:

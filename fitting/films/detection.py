@@ -45,7 +45,7 @@ FIXED_RADIUS = 1e-4
 #: Maximum distance of an edge point from the usual radius [radius].
 FARTHEST_EDGE = 0.6
 #: Fraction of used rays below which an obstacle hides part of the rim.
-WHOLE_RIM = 0.95
+FULL_RIM = 0.95
 #: Shift of the centre over the change of the radius at such an obstacle: 0.9 to 2 behind posts.
 HIDDEN_SHIFT = 1.2
 #: Minimum and maximum radius of a circle over the usual one [-].
@@ -228,7 +228,7 @@ def _circle(edge: np.ndarray, ray: np.ndarray, usual: float) -> tuple[np.ndarray
     shared = max(1.0, RAYS / (2 * np.pi * usual))
     error = np.sqrt(shared * variance * 0.5 * np.trace(inverse, axis1=1, axis2=2))
     # an obstacle that hides part of the rim shifts the centre and reduces the radius
-    error = np.where(count < WHOLE_RIM * RAYS, np.hypot(error, HIDDEN_SHIFT * found[:, 2]), error)
+    error = np.where(count < FULL_RIM * RAYS, np.hypot(error, HIDDEN_SHIFT * found[:, 2]), error)
     return found[:, :2], usual + found[:, 2], np.maximum(error, 1e-3), count / RAYS
 
 

@@ -40,7 +40,7 @@ AS_GOOD = 3.0
 #: the usual change of the chain's own links, of which at most 1 pixel counts.
 ORDER_CHANGE = 0.05
 ORDER_CHANGE_SHARE = 0.0005
-OWN_CHANGES = 2.0
+ORDER_CHANGE_RATIO = 2.0
 #: Variation of the length of a link that is never detected, and noise of a length [pixel].
 UNKNOWN_SPREAD = 3.0
 LENGTH_NOISE = 0.3
@@ -180,7 +180,7 @@ def _orders(tracks: np.ndarray, still: np.ndarray) -> list[np.ndarray]:
     """The best orders of all nodes in which links keep their lengths as well as those of the chain."""
     change, mean = changes(tracks)
     own = float(np.median(np.diagonal(change, 1)))
-    ratio = change / np.maximum(OWN_CHANGES * min(own, 1.0), np.hypot(ORDER_CHANGE, ORDER_CHANGE_SHARE * mean))
+    ratio = change / np.maximum(ORDER_CHANGE_RATIO * min(own, 1.0), np.hypot(ORDER_CHANGE, ORDER_CHANGE_SHARE * mean))
     return [path for _, path in paths(ratio, still, len(still), AS_GOOD, MAX_ORDERS)]
 
 

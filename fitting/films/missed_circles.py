@@ -21,7 +21,7 @@ from fitting.films.tracked_chain import TrackedChain
 #: Standard deviations of position and length up to which a circle is the missed node.
 ACCEPTED_DEVIATIONS = 3.0
 #: Distance from a detected node [pixel] up to which a circle is that node's own: markers are ten pixels wide or more.
-OWN_CIRCLE_DISTANCE = 3.0
+SAME_CIRCLE_DISTANCE = 3.0
 #: Standard error of a bridged position [pixel]: a little above that of a followed one (`identity.POSITION_ERROR`).
 BRIDGED_ERROR = 2.0
 #: Its growth per frame from the node's nearest detection [pixel], because its rate in a gap is unknown.
@@ -61,7 +61,7 @@ def detect_again(found: TrackedChain, images: Iterable[np.ndarray], appearance: 
         if hidden[i]:
             circles = detect_at(image, appearance, found.pixels[i, ~found.detected[i]])
             apart = distances(circles.centre, found.pixels[i, found.detected[i]])
-            circles = circles.pick(np.all(apart > OWN_CIRCLE_DISTANCE, axis=1))
+            circles = circles.pick(np.all(apart > SAME_CIRCLE_DISTANCE, axis=1))
             _assign_circles(found, i, error[i], found.map(circles.centre), circles)
     bridge_gaps(found)
 

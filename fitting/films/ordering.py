@@ -25,9 +25,9 @@ FARTHEST_SPOT = 60.0
 #: Fraction of a hidden spot's rate that is kept in every frame: it is no longer where its rate would have carried it.
 RATE_DECAY = 0.8
 #: Fraction of frames in which a marker is seen; spots that are missing more often are reflections.
-OFTEN_SEEN = 0.5
+MARKER_FRAME_SHARE = 0.5
 #: The same if there are too few others.
-SELDOM_SEEN = 0.1
+RARE_MARKER_FRAME_SHARE = 0.1
 #: Tolerance of a change of a length [pixel], and as a fraction of it: a slanting camera changes it by some per cent.
 LENGTH_CHANGE = 0.5
 CHANGE_SHARE = 0.01
@@ -141,7 +141,9 @@ def best_chain(tracks: np.ndarray, nodes: int, radius: float, at: int) -> tuple[
     """
     share = np.isfinite(tracks[..., 0]).mean(axis=0)
     often = np.argsort(-share, kind="stable")[:MAX_SPOTS]
-    enough = (share[often] >= OFTEN_SEEN) | ((np.arange(len(often)) < nodes) & (share[often] >= SELDOM_SEEN))
+    enough = (share[often] >= MARKER_FRAME_SHARE) | (
+        (np.arange(len(often)) < nodes) & (share[often] >= RARE_MARKER_FRAME_SHARE)
+    )
     tracks = tracks[:, often[enough]]
     if tracks.shape[1] < nodes:
         return None, 0.0

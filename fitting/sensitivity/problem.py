@@ -35,7 +35,7 @@ from dropper_jax.stepping.record import MOST_STEPS
 from fitting.parameters.names import full_names
 from fitting.parameters.parameter import Parameter, with_parameter_values, with_zero_damping
 from fitting.parameters.scene_parameters import find_parameters
-from fitting.sensitivity.study_steps import find_own_lengths, make_steps
+from fitting.sensitivity.study_steps import find_step_lengths, make_steps
 
 #: Number of runs of a global study that a GPU advances together.
 RUNS_TOGETHER = 64
@@ -97,13 +97,13 @@ class StudyProgram:
         if self.of.at_rest:
             return self.measure(model, s, start_as_trajectory(s), s.t[None])
         if steps is None:
-            run, times = self._run_own_steps(model, s)
+            run, times = self._run_study_steps(model, s)
             return self.measure(model, s, run, times)
         ends = jnp.asarray(steps.ends) - 1
         times = s.t + jnp.cumsum(jnp.asarray(steps.length))[ends]
         return self.measure(model, s, self.march(model, s, steps, checkpoint), times)
 
-    def _run_own_steps(self, model: Model, s: State) -> tuple[Trajectory, Array]:
+    def _run_study_steps(self, model: Model, s: State) -> tuple[Trajectory, Array]:
         """Saved states of a run from s along steps of its own, and their times."""
         rows = self.run.rows
         interval = jnp.asarray(self.run.interval, model.dtype)
@@ -185,7 +185,7 @@ class Study:
             length = np.full(run.steps, run.step)
             return make_steps(self.model, length, run.save_every * (1 + np.arange(run.saves)), failed=False)
         numbers = (jnp.asarray(x, self.model.dtype) for x in (run.interval, run.rows, run.accuracy))
-        length, number, failed = map(np.asarray, find_own_lengths(self.stepper, self.model, self.start, *numbers))
+        length, number, failed = map(np.asarray, find_step_lengths(self.stepper, self.model, self.start, *numbers))
         if number >= MOST_STEPS:
             raise SceneError(f"{self.of.name}: the run takes more than {MOST_STEPS} steps. Use a shorter run.duration")
         length = length[:number]

@@ -17,7 +17,7 @@ from dropper_jax.study.march import spare_rows
 
 
 @cached_jit(static=("stepper",), kernel=True)
-def find_own_lengths(
+def find_step_lengths(
     stepper: Stepper, model: Model, s: State, interval: Array, rows: Array, accuracy: Array
 ) -> tuple[Array, Array, Array]:
     """`find_lengths` of any run."""

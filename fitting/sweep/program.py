@@ -165,13 +165,13 @@ class Program:
         # a refused case runs as the first valid one, and its results are dropped
         valid = next(filter(None, built.values()), (next(iter(self._plans)), base))
         cases = [built[key] or valid for key in keys]
-        stand_ins: dict[Shape, tuple[Model, State]] = {}
+        substitutes: dict[Shape, tuple[Model, State]] = {}
         for shape, case in cases:
-            stand_ins.setdefault(shape, case)
+            substitutes.setdefault(shape, case)
         found = []
-        for shape, stand_in in stand_ins.items():
+        for shape, substitute in substitutes.items():
             own = np.array([shape == other for other, _ in cases])
-            bases = [case if mine else stand_in for mine, (_, case) in zip(own, cases, strict=True)]
+            bases = [case if mine else substitute for mine, (_, case) in zip(own, cases, strict=True)]
             models, starts = zip(*bases, strict=True)
             model = stack(models) if self.by_scene else base[0]
             found.append(Members(shape, own, self._arguments(model, stack(starts), values)))

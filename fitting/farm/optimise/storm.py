@@ -38,7 +38,7 @@ from fitting.farm.optimise.models import in_waves, numbered_slopes
 from fitting.farm.optimise.quantities import LimitedSignal, Steps
 from fitting.farm.optimise.run_starts import RunStart
 from fitting.farm.optimise.settings import WINDOW_RAMP
-from fitting.sensitivity.study_steps import find_own_lengths
+from fitting.sensitivity.study_steps import find_step_lengths
 
 #: Part of a window before a line breaks.
 INTACT_PART = 1.0 / 3.0
@@ -179,7 +179,7 @@ def _run_phases(
             duration = parts[phase] * run.duration
             intervals = max(1, round(duration / run.interval))
             interval, accuracy = (jnp.asarray(x, model.dtype) for x in (duration / intervals, run.accuracy))
-            length, number, failed = find_own_lengths(stepper, model, s, interval, jnp.asarray(intervals), accuracy)
+            length, number, failed = find_step_lengths(stepper, model, s, interval, jnp.asarray(intervals), accuracy)
             if failed:
                 return None
             length = length[: spare_rows(int(number))]

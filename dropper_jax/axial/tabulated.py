@@ -27,8 +27,8 @@ class Tabulated(Rope):
         T(s) = T_i + a s + b s^2 + c s^3,    s from 0 to 1 in the interval from row i to the next
 
     The link is slack up to the first row. Beyond the last row the tension continues with the slope there. In between,
-    tension and slope are continuous. Internal damping as in `Rope`. `EA` [N] is the maximum slope; it only scales
-    residuals.
+    tension and slope are continuous. Internal damping as in `Rope`. `EA` [N] is the largest secant between rows (the
+    cubic may be 1.5 times as steep); it scales residuals, the shortest step and damping ratios, not the tension.
     """
 
     strain: Array = dataclasses.field(kw_only=True)  # (n, k)

@@ -50,11 +50,11 @@ class Record(NamedTuple):
         return self._replace(number=jnp.zeros((), jnp.int32), repeats=jnp.ones((), bool))
 
     def next_length(self, control: Control, chosen: Array) -> Array:
-        """The next step [s] in place of the chosen one."""
+        """The next step [s] in place of the chosen one; the chosen one beyond the end of the record."""
         left = self.length[self.number] - self.part
         divided = (self.part > 0.0) | control.rejected
         repeated = jnp.where(divided, jnp.minimum(control.wanted, left), left)
-        return jnp.where(self.repeats, repeated, chosen)
+        return jnp.where(self.repeats & (left > 0.0), repeated, chosen)
 
     def with_step(self, h: Array, accepted: Array) -> Record:
         """The record after a step of h [s]."""

@@ -35,7 +35,8 @@ def offset_curves(
 ) -> list[Table]:
     """Equilibria with points displaced together: a row per direction and distance.
 
-    Every equilibrium starts from that of the previous distance, in one compiled program.
+    In systems of lines every equilibrium starts from that of the previous distance, in one compiled program; a single
+    line is solved from its own guess.
 
     Args:
         points: names of fixed points.

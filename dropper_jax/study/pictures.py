@@ -88,8 +88,7 @@ def _plane(rest: np.ndarray, moved: np.ndarray) -> tuple[int, int]:
 
 @style.plot_style()
 def responses(name: str, rows: Sequence[Table], path: str | Path) -> Path:
-    """Amplitude, mean and phase of the first link over the period of the waves; dashed, in waves that are 10 %
-    higher."""
+    """Amplitude, mean and phase of the first link over the waves' period, and its amplitude in waves 10 % higher."""
     figure = figures.new_figure(7.5, 6.2)
     panels = figure.subplots(3, 1, sharex=True)
     period = series(rows, "period_s")

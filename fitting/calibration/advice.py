@@ -102,11 +102,11 @@ def _not_free(prepared: Prepared, parameters: Sequence[Parameter]) -> list[Untes
     free = {p.name for p in parameters}
     found: list[UntestedCandidate] = []
     end = len(parameters)
-    for name, paths, every in possible_faults(prepared.simulator.model, prepared.simulator.release):
+    for label, paths, every in possible_faults(prepared.simulator.model, prepared.simulator.release):
         more = tuple(p for p in every if p.name not in free)
-        if not more or any(known.startswith(tuple(paths)) for known in free):
+        if not more or any(f"{name}.".startswith(f"{path}.") for name in free for path in paths):
             continue
-        found.append(UntestedCandidate(name, tuple(paths), more, np.arange(end, end + len(more))))
+        found.append(UntestedCandidate(label, tuple(paths), more, np.arange(end, end + len(more))))
         end += len(more)
     return found
 

@@ -74,7 +74,7 @@ def compare_laws(prepared: Prepared, laws: Sequence[str] = tuple(LAWS), progress
         SceneError: no law, or one of unknown name.
     """
     if not laws:
-        raise SceneError("laws: none given. Use two or more of them")
+        raise SceneError("laws: none given; allowed: at least one")
     for law in laws:
         if law not in LAWS:
             raise SceneError(f"laws: {law!r} is unknown; {nearest(law, LAWS)}")

@@ -12,6 +12,10 @@ from fitting.traces.trace import Trace
 
 #: From, to [s].
 Interval = tuple[float, float]
+#: Minimum number of frames of a span: a start and one residual.
+LEAST_FRAMES = 3
+#: Overlap of two spans that counts as rounding [s].
+TIME_ROUNDING = 1e-9
 
 
 def check_spans(traces: Sequence[Trace], spans: Sequence[Interval], option: str = "held-out") -> tuple[Interval, ...]:
@@ -25,10 +29,11 @@ def check_spans(traces: Sequence[Trace], spans: Sequence[Interval], option: str 
         text = f"{option}: {low:g}:{high:g}"
         if not low < high:
             raise SceneError(f"{text} is empty; allowed: lo < hi")
-        if i and low < ordered[i - 1][1] - 1e-9:
+        if i and low < ordered[i - 1][1] - TIME_ROUNDING:
             raise SceneError(f"{text} overlaps {ordered[i - 1][0]:g}:{ordered[i - 1][1]:g}. Use separate spans")
-        if not any(frames_between(trace, low, high) > 2 for trace in traces):
-            raise SceneError(f"{text} contains no samples; allowed: {traces[0].t[0]:g} to {traces[0].t[-1]:g} s")
+        if not any(frames_between(trace, low, high) >= LEAST_FRAMES for trace in traces):
+            times = ", ".join(f"{trace.t[0]:g} to {trace.t[-1]:g} s" for trace in traces)
+            raise SceneError(f"{text} has fewer than {LEAST_FRAMES} measured frames; allowed: spans of {times}")
     return tuple(ordered)
 
 

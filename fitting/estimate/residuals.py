@@ -22,7 +22,8 @@ from fitting.traces.planar import chart, wrap
 
 #: Minimum correlation of neighbouring residuals that counts in standard errors.
 CORRELATION_FLOOR = 0.05
-#: chi-square per degree of freedom outside which the noise does not explain the residuals.
+#: chi-square per degree of freedom below which the stated noise is too large, and above which it does not explain the
+#: residuals.
 CHI2_RANGE = (0.5, 1.5)
 
 

@@ -69,7 +69,7 @@ def test_the_command_prints_damping_ratios_and_refuses_an_amplitude_of_nothing(c
     assert found["damping_ratio"][0] == pytest.approx(0.2 / (2 * np.sqrt(9.81)), rel=1e-6)
     assert found["amplitude_m"] == 0.1
     assert main([*given, "--amplitude", "0"]) != 0
-    assert "allowed: above 0 m" in capsys.readouterr().out
+    assert "allowed: > 0 m" in capsys.readouterr().out
 
 
 @pytest.mark.check

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import zipfile
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -78,7 +77,7 @@ class CaseStore(Store[Case, Found]):
         return self.path / f"{hashlib.sha256(text.encode()).hexdigest()[:20]}.npz"
 
     def has(self, key: Case) -> bool:
-        return zipfile.is_zipfile(self.file(key))
+        return self.read(key) is not None
 
     def read(self, key: Case) -> Found | None:
         try:

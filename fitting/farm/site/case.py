@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 
 import numpy as np
@@ -178,7 +178,7 @@ class Storm:
 
 def name_waters(storms: Sequence[Storm]) -> list[str]:
     """Names of the equilibria of load cases: current and level, and what else differs between them."""
-    names = [f"{storm.current_name or ''} level {storm.level:+g} m" for storm in storms]
+    names = [f"{storm.current_name or ''} level {storm.level:+g} m".strip() for storm in storms]
     headings = ["" if storm.heading is None else f"{np.degrees(storm.heading):g} deg" for storm in storms]
     for values in (headings, [storm.month for storm in storms], [storm.crop for storm in storms]):
         if len(set(values)) > 1:
@@ -197,11 +197,14 @@ class Case:
 def breaks(scene: Scene, states: tuple[str, ...], path: str) -> tuple[Break | None, ...]:
     """States of `[cases]`: None for intact, otherwise the broken line; patterns give one state for each of their lines.
 
+    A state has the name of its line, and of its link where several links of the line break in states of their own.
+
     Raises:
         SceneError: an unknown line or link, or a duplicate state.
     """
     lines = names_of(whole_lines(scene))
     found: list[Break | None] = []
+    given_links: list[str] = []
     for i, state in enumerate(states):
         if state == INTACT:
             found.append(None)
@@ -212,6 +215,12 @@ def breaks(scene: Scene, states: tuple[str, ...], path: str) -> tuple[Break | No
         for name in match_names([pattern], lines, f"{path}.{i}"):
             entry = len(scene.failures) + len(found) - found.count(None)
             found.append(Break(name, *_locate_link(scene, name, link, f"{path}.{i}"), entry))
+            given_links.append(link)
+    lines_broken = [state.name for state in found if state is not None]
+    for i, link in zip(np.flatnonzero(found), given_links, strict=True):
+        state = found[i]
+        if state is not None and link and lines_broken.count(state.name) > 1:
+            found[i] = replace(state, name=f"{state.name}:{link}")
     names = [INTACT if state is None else state.name for state in found]
     for name in names:
         if names.count(name) > 1:

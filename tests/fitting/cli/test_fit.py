@@ -63,7 +63,7 @@ def test_fit_prints_the_agreed_json_and_writes_the_report(files, call, printed):
         (["--window", "100"], "longer than the trace"),
         (["--dt", "3"], "dt: 3 s is longer than the sampling interval; allowed: at most 0.03333 s"),
         (["--held-out", "3-5"], "is not lo:hi"),
-        (["--held-out", "30:40"], "contains no samples"),
+        (["--held-out", "30:40"], "has fewer than 3 measured frames"),
         (["--zero", "up"], "allowed: horizontal, down"),
         (["--unit", "deg"], "looks like radians"),
         (["--iterations", "0"], "--iterations: '0' is not a whole number >= 1"),

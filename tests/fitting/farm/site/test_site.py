@@ -96,6 +96,11 @@ def test_a_break_without_a_link_is_in_the_middle_of_the_line(site):
     assert (west.line, west.link) == ("west-leg", 9)  # of 17
 
 
+def test_states_of_several_links_of_a_line_are_named_by_line_and_link():
+    states = read_site(changed(cases={"states": ["intact", "west-leg:3", "west-leg:5", "east-leg:2"]})).states
+    assert [state and state.name for state in states] == [None, "west-leg:3", "west-leg:5", "east-leg"]
+
+
 def test_parts_take_capacity_and_factor_of_their_own_or_of_the_tables(site):
     loops, legs, backbone = site.parts
     assert loops.lines == ("dropper-1", "dropper-2")

@@ -27,7 +27,7 @@ from dropper_jax import backend
 from dropper_jax.backend import is_plain
 from dropper_jax.backend.one_kernel import lower_kernel
 from dropper_jax.backend.program_files import Folder, open_folder, user_folder
-from dropper_jax.backend.stored import SETTINGS, StoredPrograms
+from dropper_jax.backend.stored import SETTINGS, StoredPrograms, program_key
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -187,6 +187,20 @@ def compile_program(
         program = _compile(one, values, kernel)
         stored.save(key, program)
     return program
+
+
+def shared_program(
+    function: Callable[..., object],
+    settings: Mapping[str, object],
+    values: Sequence[object],
+    one: Callable[..., object],
+    kernel: bool = False,
+) -> jax.stages.Compiled:
+    """`compile_program` once for all callers of this process that need the same program, arrays in it included."""
+    key = program_key(function, {**settings, "kernel": kernel}, values)
+    if key is None:
+        return compile_program(function, settings, values, one, kernel)
+    return PROGRAMS.get(key, lambda: compile_program(function, settings, values, one, kernel))
 
 
 def _compile(one: Callable[..., object], values: Sequence[object], kernel: bool) -> jax.stages.Compiled:

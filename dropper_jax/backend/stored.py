@@ -53,26 +53,11 @@ class StoredPrograms:
     def key(
         self, function: Callable[..., object], settings: Mapping[str, object], values: Sequence[object]
     ) -> str | None:
-        """Name of the file of a program; None if a part of it has no stable text.
-
-        Args:
-            function, settings: the function and its static arguments.
-            values: its other arguments, of which shapes and types count.
-        """
-        leaves, tree = jax.tree.flatten(list(values))
-        try:
-            parts = [
-                self._sources,
-                *_platform(),
-                *(f"{name}={getattr(jax.config, name, None)}" for name in SETTINGS),
-                stable_text(function),
-                stable_text(dict(settings)),
-                tree_text(tree),
-                *map(_kind, leaves),
-            ]
-        except NoStableText:
+        """Name of the file of a program; None if a part of it has no stable text (see `program_key`)."""
+        key = program_key(function, settings, values)
+        if key is None:
             return None
-        return hashlib.sha256("\n".join(parts).encode()).hexdigest()
+        return hashlib.sha256("\n".join([self._sources, *_platform(), key]).encode()).hexdigest()
 
     def load(self, key: str) -> jax.stages.Compiled | None:
         """The program with that key; None if it is not stored or cannot be loaded here."""
@@ -104,6 +89,29 @@ class StoredPrograms:
         except (ValueError, TypeError, AttributeError, NotImplementedError, pickle.PicklingError):
             return
         self.folder.write(key, content)
+
+
+def program_key(
+    function: Callable[..., object], settings: Mapping[str, object], values: Sequence[object]
+) -> str | None:
+    """Digest of what tells programs of one process apart; None if a part of it has no stable text.
+
+    Args:
+        function, settings: the function and its static arguments.
+        values: its other arguments, of which shapes and types count.
+    """
+    leaves, tree = jax.tree.flatten(list(values))
+    try:
+        parts = [
+            *(f"{name}={getattr(jax.config, name, None)}" for name in SETTINGS),
+            stable_text(function),
+            stable_text(dict(settings)),
+            tree_text(tree),
+            *map(_kind, leaves),
+        ]
+    except NoStableText:
+        return None
+    return hashlib.sha256("\n".join(parts).encode()).hexdigest()
 
 
 def sources_digest(root: Path = Path(__file__).parents[2]) -> str:

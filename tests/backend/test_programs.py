@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dropper_jax.backend import one_kernel, programs
-from dropper_jax.backend.programs import ProgramCache, cached_jit
+from dropper_jax.backend.programs import ProgramCache, cached_jit, shared_program
 from dropper_jax.cli import main
 from dropper_jax.stepping.integrate import growth_meter
 
@@ -143,3 +143,13 @@ def test_doctor_reports_an_option_that_the_compiler_does_not_know(monkeypatch, c
     shown = capsys.readouterr().out
     assert "xla_cpu_is_not_an_option UNKNOWN" in shown
     assert all(f"{name} known" in shown for name in programs.OPTIONS)
+
+
+def test_programs_with_arrays_are_shared_by_their_values():
+    """A second fit of the same scene compiles nothing."""
+
+    def program(factor):
+        return shared_program(growth_meter, {"factor": factor}, (jnp.ones(3),), lambda x: factor * x)
+
+    assert program(np.array([2.0])) is program(np.array([2.0]))
+    np.testing.assert_array_equal(program(np.array([3.0]))(jnp.ones(3)), 3.0)

@@ -1,4 +1,7 @@
-"""A file for libraries that do not survive a disk that is full."""
+"""A file for HDF5, which ends the process if a write fails while it closes a file, as on a full disk.
+
+The file accepts every write. The caller looks at `refused` after closing, and raises the error of the disk itself.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,8 @@ from typing import BinaryIO
 
 #: Number of bytes between two calls of `release`.
 RELEASE_BYTES = 16_000_000
-#: Larger writes are data, which are not read back after a disk error; smaller ones are stored in memory.
+#: Larger writes [bytes] are data, which are not read back after a disk error (they would read as zeros); smaller ones,
+#: which HDF5 reads again, are stored in memory.
 SMALL_WRITE = 65_536
 
 

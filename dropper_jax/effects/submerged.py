@@ -1,4 +1,9 @@
-"""Submerged fraction of a part of a line, and velocities along and across it."""
+"""Submerged fraction of a part of a line, and velocities along and across it.
+
+A link's water forces are distributed to its nodes as its mass is: all to its far node for point-mass links, according
+to the centre of mass for compound ones. A node's part is submerged if the surface is above it, smoothly over the height
+of the link there.
+"""
 
 from __future__ import annotations
 

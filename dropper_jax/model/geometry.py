@@ -1,9 +1,4 @@
-"""One line of a graph, its fixed points, and how water forces of links are distributed to nodes.
-
-A link's water forces are distributed to its nodes as its mass is: all to its far node for point-mass links, according
-to the centre of mass for compound ones. A node's part is submerged if the surface is above it, smoothly over the height
-of the link there: `w = s^2 (3 - 2 s)`, `s = 1/2 + (eta - z)/(D + L |q_z|)` between 0 and 1, q the link's direction.
-"""
+"""The lines of a graph, and the motion of its fixed points at an instant."""
 
 from __future__ import annotations
 
@@ -37,7 +32,7 @@ class Member(NamedTuple):
     """One line: its name, its number of links and the numbers of its start and end points.
 
     Attributes:
-        far: whether a link's mass and forces go to its far node, not in halves to both, as in a path.
+        far: True, as in a path: a link's mass and forces go to its far node. False: half of them to each of its nodes.
     """
 
     name: str

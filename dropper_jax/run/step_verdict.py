@@ -10,6 +10,9 @@ from dropper_jax.load.scene import Scene
 from dropper_jax.run.samples import DRIFT, TOO_LONG
 from dropper_jax.run.simulate import simulate
 
+#: What a step does to some of the runs, by status.
+REASONS = {TOO_LONG: "the step is too long for some runs", DRIFT: "the step makes the energy of some runs drift"}
+
 
 class StepVerdict(NamedTuple):
     """Status, `ok`, `step_too_long` or `energy_drift`, and the warnings of members, each with the member's name."""
@@ -22,8 +25,7 @@ class StepVerdict(NamedTuple):
         """Status and line of the error of a command; None if the step is usable."""
         if self.status == "ok":
             return None
-        text = f"{self.status}: the step is too long for some runs; their warnings name the step to take"
-        return self.status, text
+        return self.status, f"{self.status}: {REASONS[self.status]}; their warnings name the step to take"
 
 
 def check_steps(members: Mapping[str, Scene], say: Progress = silent, **settings: Any) -> StepVerdict:
@@ -37,7 +39,7 @@ def check_steps(members: Mapping[str, Scene], say: Progress = silent, **settings
     status = "ok"
     warnings = []
     for name, scene in members.items():
-        say(1.0, f"checking the step: {name}")
+        say(1.0, f"checking the step: {name}")  # after the runs themselves
         try:
             solution = simulate(scene, companion="coarser", **settings)
         except SceneError:

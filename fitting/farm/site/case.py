@@ -208,6 +208,7 @@ def breaks(scene: Scene, states: tuple[str, ...], path: str) -> tuple[Break | No
     for i, state in enumerate(states):
         if state == INTACT:
             found.append(None)
+            given_links.append("")
             continue
         pattern, colon, link = state.partition(":")
         if colon and not link.isdecimal():
@@ -216,10 +217,9 @@ def breaks(scene: Scene, states: tuple[str, ...], path: str) -> tuple[Break | No
             entry = len(scene.failures) + len(found) - found.count(None)
             found.append(Break(name, *_locate_link(scene, name, link, f"{path}.{i}"), entry))
             given_links.append(link)
-    lines_broken = [state.name for state in found if state is not None]
-    for i, link in zip(np.flatnonzero(found), given_links, strict=True):
-        state = found[i]
-        if state is not None and link and lines_broken.count(state.name) > 1:
+    broken_lines = [state.name for state in found if state is not None]
+    for i, (state, link) in enumerate(zip(found, given_links, strict=True)):
+        if state is not None and link and broken_lines.count(state.name) > 1:
             found[i] = replace(state, name=f"{state.name}:{link}")
     names = [INTACT if state is None else state.name for state in found]
     for name in names:

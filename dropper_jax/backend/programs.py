@@ -166,6 +166,7 @@ def compile_program(
     values: Sequence[object],
     one: Callable[..., object],
     kernel: bool = False,
+    shared: bool = False,
 ) -> jax.stages.Compiled:
     """`one` compiled for values like these, loaded if another process has stored it.
 
@@ -175,7 +176,12 @@ def compile_program(
         values: example arguments.
         one: the function of the values, with its settings applied.
         kernel: whether it becomes one kernel where possible.
+        shared: whether callers of this process whose settings have the same values share it.
     """
+    if shared:
+        key = program_key(function, {**settings, "kernel": kernel}, values)
+        if key is not None:
+            return PROGRAMS.get(key, lambda: compile_program(function, settings, values, one, kernel))
     stored = _stored
     if stored is None:
         return _compile(one, values, kernel)
@@ -187,20 +193,6 @@ def compile_program(
         program = _compile(one, values, kernel)
         stored.save(key, program)
     return program
-
-
-def shared_program(
-    function: Callable[..., object],
-    settings: Mapping[str, object],
-    values: Sequence[object],
-    one: Callable[..., object],
-    kernel: bool = False,
-) -> jax.stages.Compiled:
-    """`compile_program` once for all callers of this process that need the same program, arrays in it included."""
-    key = program_key(function, {**settings, "kernel": kernel}, values)
-    if key is None:
-        return compile_program(function, settings, values, one, kernel)
-    return PROGRAMS.get(key, lambda: compile_program(function, settings, values, one, kernel))
 
 
 def _compile(one: Callable[..., object], values: Sequence[object], kernel: bool) -> jax.stages.Compiled:

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from dropper_jax.backend.programs import shared_program
+from dropper_jax.backend.programs import compile_program
 from dropper_jax.base.errors import SceneError
 from dropper_jax.integrators.rattle_4 import Rattle4
 from dropper_jax.model import Model
@@ -302,7 +302,9 @@ class Simulator:
             "freedoms": self.freedoms,
             "tangents": self.tangents,
         }
-        program = shared_program(run_window, known_by, (values, seeds, count, count, *like), one, kernel=True)
+        program = compile_program(
+            run_window, known_by, (values, seeds, count, count, *like), one, kernel=True, shared=True
+        )
         return Program(program, time.perf_counter() - started)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dropper_jax.backend import one_kernel, programs
-from dropper_jax.backend.programs import ProgramCache, cached_jit, shared_program
+from dropper_jax.backend.programs import ProgramCache, cached_jit, compile_program
 from dropper_jax.cli import main
 from dropper_jax.stepping.integrate import growth_meter
 
@@ -149,7 +149,7 @@ def test_programs_with_arrays_are_shared_by_their_values():
     """A second fit of the same scene compiles nothing."""
 
     def program(factor):
-        return shared_program(growth_meter, {"factor": factor}, (jnp.ones(3),), lambda x: factor * x)
+        return compile_program(growth_meter, {"factor": factor}, (jnp.ones(3),), lambda x: factor * x, shared=True)
 
     assert program(np.array([2.0])) is program(np.array([2.0]))
     np.testing.assert_array_equal(program(np.array([3.0]))(jnp.ones(3)), 3.0)

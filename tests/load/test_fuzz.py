@@ -1,9 +1,10 @@
-"""Random scenes run to an honest end (what is refused stands in `test_scene_validation`).
+"""Random scenes: valid ones run to an honest end, invalid ones are refused in one line.
 
-20 examples by default; `make fuzz` and `make check` set FUZZ_EXAMPLES. Shapes and effects come from a handful of
+20 examples each by default; `make fuzz` and `make check` set FUZZ_EXAMPLES. Shapes and effects come from a handful of
 templates, so that few programs are compiled; everything else is drawn.
 """
 
+import copy
 import math
 import os
 
@@ -50,7 +51,7 @@ EFFECTS = st.fixed_dictionaries(
 
 @st.composite
 def loops(draw: st.DrawFn, links: int = 5) -> dict:
-    """A loop held at both ends, let go from a random pull."""
+    """A loop between two fixed points, released from a random force."""
     lengths = draw(per_link(links, 0.05, 2.0))
     masses = draw(per_link(links, 1e-2, 10.0))
     total, longest = sum(lengths), max(lengths)
@@ -129,3 +130,55 @@ def test_a_valid_scene_runs_to_an_honest_end(table: dict) -> None:
     assert drift <= RISE * scale
     damped = np.sum(run.work, axis=1)
     assert np.all(np.diff(np.concatenate([[0.0], damped])) <= RISE * scale)
+
+
+def _change(path: tuple, value: object):
+    def apply(table: dict) -> dict:
+        table = copy.deepcopy(table)
+        owner = table
+        for key in path[:-1]:
+            owner = owner[key]
+        owner[path[-1]] = value
+        return table
+
+    return apply
+
+
+BAD_NUMBERS = st.sampled_from([float("nan"), float("inf"), -float("inf"), -1.0, "two", None, True, [], {}, [1.0, 2.0]])
+NOT_POSITIVE = st.one_of(BAD_NUMBERS, st.just(0.0), st.floats(max_value=0.0))
+PATHS = {
+    ("run", "dt"): NOT_POSITIVE,
+    ("run", "duration"): NOT_POSITIVE,
+    ("run", "integrator"): st.sampled_from([3, "", None, []]),
+    ("run", "dtype"): st.text(max_size=5),
+    ("line", 0, "length"): NOT_POSITIVE,
+    ("line", 0, "mass"): NOT_POSITIVE,
+    ("line", 0, "links"): st.sampled_from([0, -1, 1.5, "5", None, True]),
+    ("line", 0, "to"): st.text(max_size=5),
+    ("line", 0, "unknown"): st.integers(),
+    ("effects", "linear_damping"): st.sampled_from([{"b_l": -1.0}, {"b_l": float("nan")}, {}, 3, {"bl": 1.0}]),
+    ("effects", "weight"): st.sampled_from([{"gravity": -1.0}, [], {"wet_weight": "heavy"}]),
+    ("effects", "wind"): st.just({}),
+    ("point", 0, "position"): st.sampled_from([[0.0], [0.0, 0.0, float("nan")], "here", None, [0, 0, [0]]]),
+    ("point", 0, "name"): st.sampled_from([3, None, "elsewhere"]),
+    ("point", 1, "position"): st.just([1e6, 0.0, 0.0]),
+    ("start", "kind"): st.text(max_size=5),
+    ("start", "release_nodes"): st.sampled_from([[0], [99], ["one"], [1, 2], -1]),
+    ("nonsense",): st.integers(),
+}
+
+
+@st.composite
+def invalid_scenes(draw: st.DrawFn) -> dict:
+    path = draw(st.sampled_from(sorted(PATHS, key=str)))
+    return _change(path, draw(PATHS[path]))(draw(loops()))
+
+
+@FUZZ
+@given(invalid_scenes())
+def test_an_invalid_scene_is_refused_in_one_line(table: dict) -> None:
+    with pytest.raises(SceneError) as caught:
+        load_scene(table)
+    text = str(caught.value)
+    assert text
+    assert "\n" not in text

@@ -11,8 +11,8 @@ import numpy as np
 from study import Found, Rows, collect, command, table_of
 
 from dropper_jax import Scene, equilibrium, load_scene
-from dropper_jax.run.end_forces import end_forces
-from dropper_jax.run.pose_remarks import pose_remarks
+from dropper_jax.plausibility.pose_remarks import pose_remarks
+from dropper_jax.quantities.end_forces import end_forces
 
 LINKS = (3, 4, 6, 12)
 FINE = 48

@@ -18,14 +18,15 @@ from random_droppers import NAMES, TRIES, Rig, draw_rig
 from study import RESULTS, Found, collect, command, seeds_of, timed
 
 from dropper_jax import SceneError
-from dropper_jax.run.build import build
+from dropper_jax.modelling.build import build
 from fitting import Convention, Trace, prepare
-from fitting.calibration.method import estimate
-from fitting.calibration.sound_windows import with_sound_windows
 from fitting.calibration.summarise import summarise
 from fitting.estimate.least_squares import descend
 from fitting.estimate.objective import objective_at
-from fitting.estimate.residuals import Problem, Solution
+from fitting.estimate.solution import Solution
+from fitting.estimate.window_problem import Problem
+from fitting.windows.method import estimate
+from fitting.windows.sound_windows import with_sound_windows
 
 #: Rate of the camera of every third draw [1/s].
 SLOW_CAMERA = 60.0

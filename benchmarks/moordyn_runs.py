@@ -16,8 +16,8 @@ import numpy as np
 from study import Found, timed
 
 from dropper_jax import Model, Scene, State, load_scene, write_moordyn
+from dropper_jax.modelling.build import build, stepper_of
 from dropper_jax.residual import Stepper
-from dropper_jax.run.build import build, stepper_of
 from dropper_jax.sea.make import make_sea
 from dropper_jax.stepping.adaptive import follow_and_save
 from dropper_jax.stepping.halving import advance_over

@@ -1,4 +1,4 @@
-"""A run of another simulator as a row of `dropper_jax.study.work_precision.measure`."""
+"""A run of another simulator as a row of `dropper_jax.study.work_precision.Comparison`."""
 
 import time
 from collections.abc import Callable

@@ -22,7 +22,7 @@ from dropper_jax.plots import figures, style
 from dropper_jax.study.curves import marks
 from dropper_jax.study.reference import Reference, reference
 from dropper_jax.study.schemes import Scheme, runnable
-from dropper_jax.study.work_precision import measure
+from dropper_jax.study.work_precision import Comparison
 
 REPEATS = 7  # the least of these counts, for everybody: other load on the machine only ever adds
 SPAN = 2.0  # [s]
@@ -69,13 +69,14 @@ def compare(scene: Scene) -> Found:
     model, s = build(scene)
     target = reference(model, s, GRID, round(SPAN / GRID), 0.0)
     schemes, _ = runnable(OURS, model)
-    rows, _ = measure(model, s, schemes, DTS, target, repeats=REPEATS, pick=min)
+    every = Comparison(model, s, target, REPEATS, min).rows(schemes, DTS)
+    rows = [row for row in every if "reason" not in row]
     rows += peer_rows(scene, model, s, target)
     return {"scene": scene.name, "reference": target.summary(), "rows": rows, "goals": goals(rows)}
 
 
 def peer_rows(scene: Scene, model: Model, s: State, target: Reference) -> list[Found]:
-    """Rows of MuJoCo and diffrax in the form of `work_precision.measure`; one that cannot run the scene is reported."""
+    """Rows of MuJoCo and diffrax, like those of a `Comparison`; one that cannot run the scene is reported."""
     rows = []
     for peer in (mujoco_chain, diffrax_line):
         reason = peer.refuse(model, s)

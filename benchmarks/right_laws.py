@@ -13,10 +13,10 @@ from study import RESULTS, Found, collect, command, seeds_of, timed
 
 from dropper_jax import SceneError
 from fitting import prepare
-from fitting.calibration.method import estimate
-from fitting.calibration.sound_windows import with_sound_windows
 from fitting.calibration.summarise import summarise
 from fitting.estimate.simulator import Simulator
+from fitting.windows.method import estimate
+from fitting.windows.sound_windows import with_sound_windows
 
 PARTS = ["droppers", "chains"]
 

@@ -20,13 +20,14 @@ from typing import Any
 import numpy as np
 from random_scenes import draw_scene
 
-from dropper_jax.base.errors import SceneError, silent
+from dropper_jax.base.errors import SceneError
 from dropper_jax.base.json_values import jsonable
+from dropper_jax.base.progress import silent
 from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.plots import figures, style
+from dropper_jax.quantities.quantities import Quantity
+from dropper_jax.quantities.quantity_names import quantity
 from dropper_jax.run.chunks import run_chunks
-from dropper_jax.run.quantities import Quantity
-from dropper_jax.run.quantity_names import quantity
 from fitting.sensitivity import Local, local, study
 from fitting.sensitivity.derivatives import changed_study
 from fitting.sensitivity.differences import DIFFERENCE_SIZES

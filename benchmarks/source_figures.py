@@ -28,13 +28,13 @@ from dropper_jax.analysis.angles import angle_rates, link_angles
 from dropper_jax.analysis.spectrum import amplitude_spectrum
 from dropper_jax.load.scene import Scene
 from dropper_jax.load.surface import surface_over
+from dropper_jax.modelling.build import build, build_model
 from dropper_jax.plots import style, view
 from dropper_jax.plots.figures import new_figure, save
 from dropper_jax.plots.run import readable
 from dropper_jax.plots.scales import force_unit
 from dropper_jax.plots.time_panels import Curve, Panel, history
-from dropper_jax.run.build import build, build_model
-from dropper_jax.run.end_links import point_loads
+from dropper_jax.quantities.end_links import point_loads
 from dropper_jax.run.simulate import Solution, simulate
 from dropper_jax.study import accuracy_pictures
 from dropper_jax.study.convergence import convergence

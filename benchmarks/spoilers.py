@@ -21,15 +21,15 @@ from study import RESULTS, Found, command, say, store, timed
 from fitting import Convention, FitSettings, Trace, prepare
 from fitting.calibration.candidate import omitted_parameter_bias
 from fitting.calibration.freeing import free_by_advice
-from fitting.calibration.method import estimate
 from fitting.calibration.possible_faults import candidate_simulator, with_freed
-from fitting.calibration.prepared import Prepared
-from fitting.calibration.sound_windows import with_sound_windows
 from fitting.calibration.summarise import summarise
 from fitting.estimate.noise import Noise
 from fitting.estimate.objective import objective_at
 from fitting.estimate.residual_noise import ResidualNoiseModel
 from fitting.estimate.simulator import Simulator
+from fitting.windows.method import estimate
+from fitting.windows.prepared import Prepared
+from fitting.windows.sound_windows import with_sound_windows
 
 LENGTH = np.array([0.15, 0.14, 0.16, 0.15])
 MASS = np.array([0.05, 0.06, 0.05, 0.05])

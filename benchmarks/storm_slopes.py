@@ -19,7 +19,7 @@ from slopes import fresh_values, run_all_of
 
 from dropper_jax.base.json_values import jsonable
 from dropper_jax.load.scene import Scene, load_scene
-from dropper_jax.run.quantity_names import quantity
+from dropper_jax.quantities.quantity_names import quantity
 from fitting.sensitivity import study
 from fitting.sensitivity.differences import changed_values, slopes_of_runs
 from fitting.sensitivity.study_runs import StudyRuns

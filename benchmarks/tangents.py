@@ -26,7 +26,7 @@ import dropper_jax as dj
 from dropper_jax.axial import SlackTangent
 from dropper_jax.base.json_values import jsonable
 from dropper_jax.load.scene import Scene, load_scene
-from dropper_jax.run.build import stepper_of
+from dropper_jax.modelling.build import stepper_of
 from dropper_jax.study.gradient_check import RELATIVE_CHANGE, GradientCheck
 from fitting.parameters.forward_derivatives import Varied, floats_of
 from fitting.parameters.parameter import with_parameter_values

@@ -20,10 +20,10 @@ from study import RESULTS, Found, collect, command, seeds_of, timed
 
 from dropper_jax import SceneError
 from fitting import Convention, FitResult, Trace, prepare
-from fitting.calibration.method import estimate
-from fitting.calibration.sound_windows import with_sound_windows
 from fitting.calibration.summarise import summarise
 from fitting.estimate.simulator import Simulator
+from fitting.windows.method import estimate
+from fitting.windows.sound_windows import with_sound_windows
 
 GRAVITY = 9.81
 #: Rate [rad/s] within which the dry friction of the truth turns, and of the correction of closed chains [1/s].

@@ -3,7 +3,7 @@
 From a scene to the next state:
 
     scene            load.scene.load_scene             a TOML file or a dict, checked, in SI units
-      | run.build.build_model, run.build.initial_state
+      | modelling.build.build_model, modelling.build.initial_state
     model, state     model.Model, model.State          pytrees: what is constant, and what a step changes
       |
       | stepping.integrate                             a run is a scan of steps
@@ -29,7 +29,7 @@ from importlib.util import find_spec
 
 #: Where each public name lives; the stub next to this file lists the same for editors.
 PUBLIC = {
-    "Coupled": "run.coupled",
+    "Coupled": "coupling.coupled",
     "Effect": "effects",
     "INTEGRATORS": "integrators",
     "Kinematics": "model.kinematics",
@@ -46,17 +46,17 @@ PUBLIC = {
     "Stepper": "residual.step",
     "Trajectory": "stepping.progress",
     "as_toml": "base.toml_text",
-    "build": "run.build",
-    "build_model": "run.build",
+    "build": "modelling.build",
+    "build_model": "modelling.build",
     "check_gradient": "study.gradient_check",
     "component": "base.fields",
-    "coupled_lines": "run.coupled_lines",
-    "equilibrium": "run.build",
+    "coupled_lines": "coupling.coupled_lines",
+    "equilibrium": "modelling.build",
     "frequency_response": "frequency.response",
-    "from_angles": "run.build",
-    "initial_state": "run.build",
+    "from_angles": "modelling.build",
+    "initial_state": "modelling.build",
     "integrate": "stepping.integrate",
-    "linearised": "run.build",
+    "linearised": "modelling.build",
     "load_scene": "load.scene",
     "make_stepper": "stepping.stepper",
     "mooring_stiffness": "statics.stiffness",

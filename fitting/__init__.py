@@ -1,8 +1,9 @@
 """Fitting simulated droppers to measured traces; it builds on `dropper_jax`, never the other way round.
 
 Folders, each importing only those before it: `traces`, `parameters`, `sweep` and `sensitivity` (need parameters
-alone), `estimate`, `calibration` and `channels`, `report`, `from_file`, `cli`. Only the command line imports `films`
-(which needs traces alone) and `farm`, with `site`, and `cases`, `season` and `optimise` of sites (none needs another).
+alone), `estimate`, `windows`, `laws`, `calibration` and `channels`, `report`, `from_file`, `cli`. Only the command
+line imports `films` (which needs traces alone) and `farm`, with `site`, and `cases`, `season` and `optimise` of sites
+(none needs another).
 """
 
 from importlib import import_module
@@ -16,10 +17,10 @@ PUBLIC = {
     "ChannelFit": "channels.result",
     "Convention": "traces.trace",
     "FitResult": "calibration.result",
-    "FitSettings": "calibration.fit_settings",
+    "FitSettings": "windows.fit_settings",
     "GradientDescent": "estimate.descent",
     "Huber": "estimate.loss",
-    "Method": "calibration.method",
+    "Method": "windows.method",
     "Motion": "traces.synthetic",
     "SceneFit": "estimate.scene_fit",
     "StudentT": "estimate.loss",
@@ -38,7 +39,7 @@ PUBLIC = {
     "loss_of_trace": "calibration.trace_loss",
     "observe": "traces.synthetic",
     "predict": "calibration.prediction",
-    "prepare": "calibration.preparation",
+    "prepare": "windows.preparation",
     "profile": "estimate.profiles",
     "read_data": "channels.reading",
     "read_trace": "traces.trace_file",

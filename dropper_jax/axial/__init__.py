@@ -8,7 +8,7 @@ from dropper_jax.axial.changing_length import LENGTH_IN_TIME, ChangingLength
 from dropper_jax.axial.damped_rope import DampedRope
 from dropper_jax.axial.elastic import AXIAL_RINGING, Elastic
 from dropper_jax.axial.groups import Groups
-from dropper_jax.axial.law import AxialLaw, LinkStart, SlackTangent
+from dropper_jax.axial.law import AxialLaw, LinkStart, SlackTangent, Works, sum_works
 from dropper_jax.axial.rigid import Rigid
 from dropper_jax.axial.rope import Rope
 from dropper_jax.axial.tabulated import Tabulated
@@ -39,4 +39,6 @@ __all__ = [
     "Rope",
     "SlackTangent",
     "Tabulated",
+    "Works",
+    "sum_works",
 ]

@@ -53,14 +53,11 @@ class ChangingLength(AxialLaw):
     def _middle(self) -> Array:
         return 0.5 * (self.before + self.after)
 
-    def axial_stiffness(self) -> Array:
+    def axial_stiffness(self) -> Array | float:
         return self.law.axial_stiffness()
 
     def rigid(self, links: int) -> np.ndarray:
         return self.law.rigid(links)
-
-    def stiffness(self, length: Array) -> Array:
-        return self.law.stiffness(self.after)
 
     def springs(self, EA: Array, pushes: bool = False) -> AxialLaw:
         return replace(self, law=self.law.springs(EA, pushes))

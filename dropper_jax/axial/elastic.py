@@ -44,9 +44,6 @@ class Elastic(AxialLaw):
             return (AXIAL_RINGING,)
         return (INTERNAL_DAMPING, AXIAL_RINGING)
 
-    def stiffness(self, length: Array) -> Array:
-        return self.EA / length
-
     def axial_stiffness(self) -> Array:
         return self.EA
 

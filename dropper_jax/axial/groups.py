@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from dropper_jax.axial.law import AxialLaw, LinkStart, SlackTangent
+from dropper_jax.axial.law import AxialLaw, LinkStart, SlackTangent, sum_works
 from dropper_jax.base.fields import component, option
 
 
@@ -73,9 +73,6 @@ class Groups(AxialLaw):
             found[m] = law.rigid(len(m))
         return found
 
-    def stiffness(self, length: Array) -> Array:
-        return self._together(self._results("stiffness", length))
-
     def springs(self, EA: Array, pushes: bool = False) -> AxialLaw:
         return self._change_each(lambda law, m: law.springs(EA[m], pushes))
 
@@ -111,18 +108,7 @@ class Groups(AxialLaw):
         return sum(self._results("energy", d, length), jnp.zeros((), d.dtype))
 
     def works(self, start: LinkStart, d1: Array, length: Array, h: Array) -> dict[str, Array]:
-        return _add_tables(self._results("works", start, d1, length, step=(h,)))
+        return sum_works(self._results("works", start, d1, length, step=(h,)))
 
     def powers(self, d: Array, rate: Array, tension: Array, length: Array) -> dict[str, Array]:
-        return _add_tables(self._results("powers", d, rate, tension, length))
-
-
-def _add_tables(tables: list[dict[str, Array]]) -> dict[str, Array]:
-    """Sums by name; a law has no entry for what it does not do, such as ringing at one instant."""
-    found: dict[str, Array] = {}
-    for table in tables:
-        for name, value in table.items():
-            if name in found:
-                value = found[name] + value
-            found[name] = value
-    return found
+        return sum_works(self._results("powers", d, rate, tension, length))

@@ -3,12 +3,27 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+
+#: Work [J] or power [W], scalars by name.
+Works = Mapping[str, Array]
+
+
+def sum_works(tables: Iterable[Works]) -> dict[str, Array]:
+    """Sums by name; a table has no entry for what does no work."""
+    total: dict[str, Array] = {}
+    for table in tables:
+        for name, work in table.items():
+            if name in total:
+                work = total[name] + work
+            total[name] = work
+    return total
 
 
 class LinkStart(NamedTuple):
@@ -47,29 +62,29 @@ class SlackTangent:
 
 
 class AxialLaw(ABC):
-    """Base of the axial laws; d, d0, d1 are link vectors (n, 3) [m], now, before and after a step h [s]."""
+    """Base of the axial laws of n links.
+
+    In all methods d, d0 and d1 are link vectors (n, 3) [m], now, before and after a step h [s]; `length` (n,) [m] are
+    unstretched lengths, `tension` (n,) is in N, and `rate` (n, 3) [m/s] are the rates of the link vectors.
+    """
 
     @property
     @abstractmethod
     def elastic(self) -> bool:
-        """Whether the tensions of all links follow from lengths: `axial_stiffness`, `instant` and the energy exist."""
+        """Whether the tensions of all links follow from lengths: `instant` and the energy exist."""
 
     @property
     def intact(self) -> Array | None:
         """(n,): 0 if the link has broken, else 1; None if no link can break."""
         return None
 
-    def axial_stiffness(self) -> Array:
-        """EA (n,) [N], or one number; only if all links stretch."""
-        raise NotImplementedError
+    def axial_stiffness(self) -> Array | float:
+        """EA (n,) [N], or one number; zero for links that do not stretch."""
+        return 0.0
 
     def rigid(self, links: int) -> np.ndarray:
         """Which of the links (n,) are inextensible."""
         return np.full(links, not self.elastic)
-
-    def stiffness(self, length: Array) -> Array:
-        """`EA/L` (n,) [N/m] of taut links, zero for inextensible ones."""
-        return jnp.zeros_like(length)
 
     def springs(self, EA: Array, pushes: bool = False) -> AxialLaw:
         """The law of links that stretch; for rigid ones that of ropes of stiffness EA (n,) [N], with `pushes` that of

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -20,6 +21,26 @@ SHORT_CHANGE = 1e-7
 JUST_TAUT = 1e-6
 
 
+class Intervals(NamedTuple):
+    """The intervals between the rows of the tables of links, and how far a link is through each of them (n, k - 1).
+
+    Attributes:
+        width: of strain [-].
+        s: fraction of the interval that the link has passed, 0 to 1.
+        beyond: strain of the link beyond the end of the interval, at least 0.
+        rise: of the tension over the interval [N].
+        a, b, c: coefficients of s, s^2 and s^3 of its cubic [N].
+    """
+
+    width: Array
+    s: Array
+    beyond: Array
+    rise: Array
+    a: Array
+    b: Array
+    c: Array
+
+
 @component
 class Tabulated(Rope):
     """Link whose tension is tabulated over strain: a monotone cubic through the rows (see `force_table`).
@@ -29,39 +50,44 @@ class Tabulated(Rope):
     The link is slack up to the first row. Beyond the last row the tension continues with the slope there. In between,
     tension and slope are continuous. Internal damping as in `Rope`. `EA` [N] is the largest secant between rows (the
     cubic may be 1.5 times as steep); it scales residuals, the shortest step and damping ratios, not the tension.
+
+    Attributes:
+        strain, force, slope: the k rows of each link's table, and the slopes of its curve there (n, k) [-], [N], [N].
     """
 
-    strain: Array = dataclasses.field(kw_only=True)  # (n, k)
-    force: Array = dataclasses.field(kw_only=True)  # (n, k) [N]
-    slope: Array = dataclasses.field(kw_only=True)  # (n, k) [N]
+    strain: Array = dataclasses.field(kw_only=True)
+    force: Array = dataclasses.field(kw_only=True)
+    slope: Array = dataclasses.field(kw_only=True)
 
     with_tangent = AxialLaw.with_tangent  # the derivatives of its own curve
 
     def soften(self, share: float) -> AxialLaw:
         return dataclasses.replace(self, EA=share * self.EA, force=share * self.force, slope=share * self.slope)
 
-    def _shares(self, size: Array, length: Array) -> tuple[Array, ...]:
-        """Passed fraction of each interval (n, k - 1), the strain beyond each, and widths of the intervals."""
+    def _passed_intervals(self, size: Array, length: Array) -> Intervals:
+        """How far links of length `size` (n,) [m] are through the intervals of their tables."""
         width = self.strain[:, 1:] - self.strain[:, :-1]
         beyond = (size / length - 1.0)[:, None] - self.strain
-        return jnp.clip(beyond[:, :-1] / width, 0.0, 1.0), jnp.maximum(beyond[:, 1:], 0.0), width
-
-    def _cubics(self, width: Array) -> tuple[Array, ...]:
-        """Rise and coefficients of s, s^2, s^3 of each interval's cubic (n, k - 1), s from 0 to 1."""
         rise = self.force[:, 1:] - self.force[:, :-1]
         first = width * self.slope[:, :-1]
         last = width * self.slope[:, 1:]
-        return rise, first, 3 * rise - 2 * first - last, first + last - 2 * rise
+        return Intervals(
+            width=width,
+            s=jnp.clip(beyond[:, :-1] / width, 0.0, 1.0),
+            beyond=jnp.maximum(beyond[:, 1:], 0.0),
+            rise=rise,
+            a=first,
+            b=3 * rise - 2 * first - last,
+            c=first + last - 2 * rise,
+        )
 
     def spring(self, size: Array, length: Array) -> Array:
-        s, beyond, width = self._shares(size, length)
-        _, a, b, c = self._cubics(width)
+        _, s, beyond, _, a, b, c = self._passed_intervals(size, length)
         return jnp.sum(s * (a + s * (b + s * c)), axis=-1) + self.slope[:, -1] * beyond[:, -1]
 
     def _stored_energy(self, size: Array, length: Array) -> Array:
-        """The integral of the curve, times the length."""
-        s, beyond, width = self._shares(size, length)
-        rise, a, b, c = self._cubics(width)
+        """The integral of the curve over the strain, times the length."""
+        width, s, beyond, rise, a, b, c = self._passed_intervals(size, length)
         within = width * s**2 * (a / 2 + s * (b / 3 + s * c / 4)) + rise * beyond
         return length * (jnp.sum(within, axis=-1) + 0.5 * self.slope[:, -1] * beyond[:, -1] ** 2)
 

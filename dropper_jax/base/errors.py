@@ -1,4 +1,4 @@
-"""Errors in the user's input, one line with the field, its value and what is allowed; progress of long computations."""
+"""Errors in the user's input, one line with the field, its value and what is allowed."""
 
 from __future__ import annotations
 
@@ -99,16 +99,3 @@ def require_positive(option: str, value: float, unit: str) -> None:
     if not 0 < value < float("inf"):
         problem = "infinite" if value == float("inf") else "not positive"
         raise SceneError(f"{option}: {value} is {problem}; allowed: > 0{unit}")
-
-
-#: Called with the completed fraction, 0 to 1, and a few words.
-Progress = Callable[[float, str], None]
-
-
-def part_of(progress: Progress, low: float, high: float) -> Progress:
-    """Progress of a stage of a computation, whose 0 and 1 are `low` and `high` of the whole."""
-    return lambda fraction, text: progress(low + fraction * (high - low), text)
-
-
-def silent(fraction: float, text: str) -> None:
-    """Progress callback that does nothing."""

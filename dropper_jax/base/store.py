@@ -15,8 +15,8 @@ from typing import Any, ClassVar, Generic, TypeVar
 
 import numpy as np
 
-from dropper_jax.base.errors import Progress
 from dropper_jax.base.files import atomic_write, unwritable
+from dropper_jax.base.progress import Progress
 from dropper_jax.base.read import Plain, join
 
 Key = TypeVar("Key")

@@ -43,10 +43,10 @@ def examine(scene: Scene) -> Table:
     """Facts of a scene that need neither its equilibrium nor a compiled step."""
     from dropper_jax.load.periods import periods, suggest_step
     from dropper_jax.load.sea_warnings import sea_warnings
-    from dropper_jax.run.growth import overgrown
-    from dropper_jax.run.line_weights import line_weights, wet_weights
-    from dropper_jax.run.plausibility import scene_warnings
-    from dropper_jax.run.scene_model import bare_model
+    from dropper_jax.modelling.growth import overgrown
+    from dropper_jax.modelling.scene_model import bare_model
+    from dropper_jax.plausibility.line_weights import line_weights, wet_weights
+    from dropper_jax.plausibility.plausibility import scene_warnings
     from dropper_jax.scene import whole_lines
 
     grown = overgrown(scene)
@@ -87,7 +87,7 @@ def _free_points(scene: Scene) -> Table:
 
 def _compiled(scene: Scene, model: Model) -> Table:
     """What a run compiles: scheme, solver and sizes; None for the number of steps that follow an accuracy."""
-    from dropper_jax.run.build import stepper_of
+    from dropper_jax.modelling.build import stepper_of
 
     steps = scene.run.steps if scene.run.accuracy is None else None
     return {

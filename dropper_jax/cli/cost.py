@@ -23,7 +23,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 def run(args: Namespace) -> int:
     scene = read_scene(args)
 
-    from dropper_jax.study.cost import cost
+    from dropper_jax.study.cost import cost, draw_costs
 
     show = row_printer(list(COLUMNS), args.quiet)
     found = cost(scene, each=lambda row: show(record_cells(row, COLUMNS)))
@@ -34,9 +34,7 @@ def run(args: Namespace) -> int:
     elif not (proof["removed_is_never_had"] and proof["new_effect_changes_nothing"]):
         failure = ("not_converged", "absent effects change the program")
     if args.plot and found["rows"]:
-        from dropper_jax.study import pictures
-
-        pictures.costs(found, picture(args.plot, "cost"))
+        draw_costs(found, picture(args.plot, "cost"))
     return deliver(args, done_object(**found), text(found), failure)
 
 

@@ -57,9 +57,9 @@ def run(args: Namespace) -> int:
     paths, low, high = zip(*ranges, strict=True)
     found = solve_design(scene, paths, low, high, args.target, args.value, progress(args.quiet))
     values = [{"path": path, "value": value} for path, value in found.values.items()]
-    targets = []
-    for target, (required, reached) in found.targets.items():
-        targets.append({"target": target, "required": required, "reached": reached})
+    targets = [
+        {"target": name, "required": goal, "reached": reached} for name, (goal, reached) in found.targets.items()
+    ]
     more: Table = {**values[0], **targets[0], "solves": found.solves, "values": values, "targets": targets}
     text = [(path, f"{value:.9g}") for path, value in found.values.items()]
     text += [(row["target"], "{reached:.9g}, required {required:g}".format(**row)) for row in targets]

@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from dropper_jax.base.errors import SceneError
 from dropper_jax.base.markdown import cells
 from dropper_jax.base.read import Table
 from dropper_jax.cli.given import positive_integer
 from dropper_jax.cli.options import add_flag, add_scene, read_scene
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, is_one_picture, picture, weights_table
 from dropper_jax.cli.printing import done_object, failure_of, print_warnings, table
-from dropper_jax.cli.tide import run_tide
+from dropper_jax.cli.tide import CYCLE_TIMES, run_tide
 
 if TYPE_CHECKING:
     from dropper_jax.load.scene import Scene
@@ -28,22 +29,24 @@ def add_arguments(parser: ArgumentParser) -> None:
     add_scene(parser, "equilibrium dropper-release-a", "equilibrium edulis-tide --tide --times 7 --plot tide")
     add_flag(parser, "--tide", "equilibria through a cycle of current and level")
     parser.add_argument(
-        "--times", type=positive_integer, default=13, help="number of equilibria in the cycle, both ends included (13)"
+        "--times", type=positive_integer, help=f"equilibria in the cycle, both ends included ({CYCLE_TIMES})"
     )
     add_plot(parser, "the equilibrium, or curves through the tide,")
     add_out(parser)
 
 
 def run(args: Namespace) -> int:
+    if args.times is not None and not args.tide:
+        raise SceneError("--times: requires --tide")
     scene = read_scene(args, notes=args.tide)
     if args.tide:
         return run_tide(scene, args)
 
     from dropper_jax.analysis.angles import link_angles
-    from dropper_jax.run.bending import crushed_links, curvature
-    from dropper_jax.run.build import equilibrium
-    from dropper_jax.run.plausibility import scene_warnings
-    from dropper_jax.run.pose_remarks import check_stretch, pose_remarks
+    from dropper_jax.modelling.build import equilibrium
+    from dropper_jax.plausibility.plausibility import scene_warnings
+    from dropper_jax.plausibility.pose_remarks import check_stretch, pose_remarks
+    from dropper_jax.quantities.bending import crushed_links, curvature
     from dropper_jax.scene.slices import line_slices
 
     found = equilibrium(scene)
@@ -59,7 +62,7 @@ def run(args: Namespace) -> int:
     print_warnings(remarks)
     if args.plot and not failed:
         from dropper_jax.plots.tension_along import along_lines
-        from dropper_jax.study.pictures import pose
+        from dropper_jax.study.rest_pictures import pose
 
         pose(scene, found, picture(args.plot, "pose"))
         if not is_one_picture(args.plot):
@@ -75,8 +78,8 @@ def run(args: Namespace) -> int:
 
 def _object(scene: Scene, found: Equilibrium, angles: np.ndarray, bent: np.ndarray) -> Table:
     """The equilibrium as the JSON object, with the angles (links, 2) [rad] and the curvature (nodes,) [1/m]."""
-    from dropper_jax.run.end_forces import end_angles, end_forces, fixed_point_loads
-    from dropper_jax.run.line_weights import line_weights
+    from dropper_jax.plausibility.line_weights import line_weights
+    from dropper_jax.quantities.end_forces import end_angles, end_forces, fixed_point_loads
     from dropper_jax.scene.slices import line_offsets, whole_lines
 
     result = done_object(

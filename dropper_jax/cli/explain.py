@@ -12,7 +12,7 @@ from dropper_jax.base.markdown import cells
 from dropper_jax.base.read import Table
 from dropper_jax.cli.options import add_scene, read_scene
 from dropper_jax.cli.outputs import add_out, deliver
-from dropper_jax.cli.printing import done_object, failure_of, print_result, print_warnings, record_table, table
+from dropper_jax.cli.printing import done_object, failure_of, print_warnings, record_table, table
 
 if TYPE_CHECKING:
     from dropper_jax.explain.answers import Explained
@@ -30,14 +30,14 @@ def run(args: Namespace) -> int:
 
     from dropper_jax.explain.answers import explain
     from dropper_jax.explain.line_facts import refuse_rigid
-    from dropper_jax.run.build import equilibrium
-    from dropper_jax.run.plausibility import scene_warnings
-    from dropper_jax.run.pose_remarks import pose_remarks
+    from dropper_jax.modelling.build import equilibrium
+    from dropper_jax.plausibility.plausibility import scene_warnings
+    from dropper_jax.plausibility.pose_remarks import pose_remarks
 
     refuse_rigid(scene)
     pose = equilibrium(scene)
     if pose.status != "ok":
-        return print_result(args, {"scene": scene.name}, failure=failure_of(pose))
+        return deliver(args, {"scene": scene.name}, "", failure_of(pose))
     found = explain(scene, pose)
     remarks = (*scene_warnings(scene, at_rest=True), *pose_remarks(scene, pose.positions, pose.tension))
     remarks = tuple(text for text in remarks if text not in found.ignored)

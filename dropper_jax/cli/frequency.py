@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import csv
 from argparse import ArgumentParser, Namespace
-from collections.abc import Callable, Sequence
-from functools import partial
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -21,6 +20,7 @@ from dropper_jax.cli.printing import Failure, done_object, print_warnings, recor
 
 if TYPE_CHECKING:
     from dropper_jax.frequency.response import FrequencyResponse
+    from dropper_jax.load.scene import Scene
 
 help = "tensions and motions in irregular waves in the frequency domain, with linearised drag, for many sea states"
 
@@ -57,10 +57,12 @@ def run(args: Namespace) -> int:
         raise SceneError("--runs: needs sea states. Use --sea-states or --table")
     scene = read_scene(args)
 
-    from dropper_jax.frequency.response import frequency_response, run_in_time
+    from dropper_jax.frequency.response import frequency_response
 
-    direction = None if args.direction is None else np.radians(args.direction)
-    found = frequency_response(scene, states, direction=direction, frequencies=args.frequencies, duration=args.duration)
+    how: Table = {"direction": None, "frequencies": args.frequencies}
+    if args.direction is not None:
+        how["direction"] = np.radians(args.direction)
+    found = frequency_response(scene, states, duration=args.duration, **how)
     if args.plot:
         _draw(scene.name, found, picture(args.plot, "frequency"))
     print_warnings(found.warnings)
@@ -68,8 +70,7 @@ def run(args: Namespace) -> int:
     plain |= {"warnings": found.warnings, "states": _rows(found)}
     text = _text(found)
     if args.runs:
-        in_time = partial(run_in_time, scene, direction=direction, frequencies=args.frequencies)
-        runs = _runs(in_time, found, args.runs)
+        runs = _runs(scene, found, args.runs, how)
         plain["runs"] = runs
         text = f"{text}\n\n{record_table(map(_with_range, runs), RUNS)}"
     return deliver(args, plain, text, _failure(found))
@@ -121,19 +122,19 @@ def _table_rows(file: str) -> list[tuple[float, float]]:
     return rows
 
 
-def _runs(
-    in_time: Callable[[tuple[float, float]], tuple[np.ndarray, np.ndarray]], found: FrequencyResponse, count: int
-) -> list[Table]:
+def _runs(scene: Scene, found: FrequencyResponse, count: int, how: Table) -> list[Table]:
     """Runs in time of states at even distances in the order of the maximum tension, and the differences from them.
 
     Args:
-        in_time: means and standard deviations of the tensions in a run of a height and period.
+        how: direction [rad] and number of frequencies of the waves.
     """
+    from dropper_jax.frequency.response import run_in_time
+
     order = np.argsort(-np.max(found.maximum_tension, axis=1))
     rows = []
     for i in order[np.unique(np.linspace(0, len(order) - 1, count).round().astype(int))]:
         hs, tp = found.sea_states[i]
-        mean, deviation = in_time((hs, tp))
+        mean, deviation = run_in_time(scene, (hs, tp), **how)
         own = {"hs_m": hs, "tp_s": tp, "status": found.status[i], "mean_tension_n": mean}
         difference = found.tension_deviation[i] / deviation - 1.0
         rows.append(own | {"tension_deviation_n": deviation, "deviation_difference": difference})
@@ -223,5 +224,8 @@ def _draw(name: str, found: FrequencyResponse, path: Path) -> None:
         axes.set(xlabel="frequency [rad/s]", ylabel="spectrum of the tension [kN$^2$ s/rad]", ylim=(0.0, None))
         figure.legend(loc="outside right upper")
         hs, tp = found.sea_states[state]
-        figures.title(figure, f"{name}: tension in waves of {hs:.3g} m and {tp:.3g} s")
+        what = "tension"
+        if len(ends) < len(found.ends):
+            what = f"tension at {len(ends)} of {len(found.ends)} ends (the largest)"
+        figures.title(figure, f"{name}: {what} in waves of {hs:.3g} m and {tp:.3g} s")
         figures.save(figure, path)

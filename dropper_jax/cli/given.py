@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.files import PART_SUFFIX, part_prefix, unwritable
 
 Value = TypeVar("Value")
 
@@ -18,7 +19,7 @@ AUTO = "auto"
 
 
 def output_file(text: str, option: str, suffixes: tuple[str, ...], folders: tuple[str, ...] = ()) -> Path:
-    """A file to write; a wrong suffix or folder is rejected early. `folders` are suffixes of folders."""
+    """A file to write; what cannot be written is rejected before the work starts. `folders` are suffixes of folders."""
     path = Path(text)
     if path.suffix.lower() not in suffixes:
         raise SceneError(f"{option}: {text!r} has no known suffix; allowed: {', '.join(suffixes)}")
@@ -26,6 +27,14 @@ def output_file(text: str, option: str, suffixes: tuple[str, ...], folders: tupl
         raise SceneError(f"{option}: the folder {str(path.parent)!r} does not exist; allowed: an existing one")
     if path.is_dir() and path.suffix.lower() not in folders:
         raise SceneError(f"{option}: {text!r} is a folder; allowed: a file")
+    if not os.access(path.parent, os.W_OK):
+        raise SceneError(f"{option}: the folder {str(path.parent)!r} cannot be written; allowed: a writable folder")
+    try:  # the name of the unfinished file is longer
+        os.lstat(path.with_name(f"{part_prefix(path)}12345678{PART_SUFFIX}"))
+    except FileNotFoundError:
+        return path
+    except OSError as error:
+        raise unwritable(path, error) from None
     return path
 
 

@@ -35,12 +35,12 @@ def add_arguments(parser: ArgumentParser) -> None:
 def run(args: Namespace) -> int:
     scene = read_scene(args)
 
-    from dropper_jax.run.growth import season_table
+    from dropper_jax.modelling.growth import season_table
 
     rows = season_table(scene, args.months)
     text = record_table(({"line": first_names(row["lines"], 1), **row} for row in rows), COLUMNS)
     if args.plot:
-        from dropper_jax.study.pictures import mussels
+        from dropper_jax.study.mussels_picture import draw_mussels
 
-        mussels(scene.name, rows, picture(args.plot, "growth"))
+        draw_mussels(scene.name, rows, picture(args.plot, "growth"))
     return deliver(args, done_object(scene=scene.name, growth=rows), text)

@@ -14,7 +14,7 @@ from dropper_jax.base.records import names_of
 from dropper_jax.cli.given import positive, positive_integer
 from dropper_jax.cli.options import add_scene, read_scene
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, picture
-from dropper_jax.cli.printing import done_object, failure_of, print_result, table
+from dropper_jax.cli.printing import done_object, failure_of, table
 
 if TYPE_CHECKING:
     from dropper_jax.load.scene import Scene
@@ -40,7 +40,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         metavar="BODY",
         help="the modes with the largest share of their kinetic energy in this body, the slowest first",
     )
-    add_plot(parser, "the shapes of the nine slowest modes")
+    add_plot(parser, "the shapes of the first nine of these modes")
     add_out(parser)
 
 
@@ -48,13 +48,13 @@ def run(args: Namespace) -> int:
     scene = read_scene(args)
     body = None if args.of is None else _number_of(args.of, scene)
 
-    from dropper_jax.run.build import build_model, equilibrium
+    from dropper_jax.modelling.build import build_model, equilibrium
     from dropper_jax.statics.modes import damping_at, natural_modes
 
     model = build_model(scene)
     pose = equilibrium(model)
     if pose.status != "ok":
-        return print_result(args, {"scene": scene.name}, failure=failure_of(pose))
+        return deliver(args, {"scene": scene.name}, "", failure_of(pose))
     if body is None:
         modes = natural_modes(model, pose.state, args.count)
         numbers = np.arange(len(modes.period))
@@ -63,9 +63,9 @@ def run(args: Namespace) -> int:
         numbers = np.sort(np.argsort(-every.body_share[:, body])[: args.count])
         modes = every.pick(numbers)
     if args.plot:
-        from dropper_jax.study.pictures import mode_shapes
+        from dropper_jax.study.rest_pictures import mode_shapes
 
-        mode_shapes(scene, model, pose, modes, picture(args.plot, "modes"))
+        mode_shapes(scene, model, pose, modes, numbers + 1, picture(args.plot, "modes"))
     found = {"number": numbers + 1, "period_s": modes.period, "frequency_hz": 1.0 / modes.period, "shape": modes.shape}
     found |= {"damping_ratio": modes.damping_ratio, "critical_damping_kg_per_s": modes.critical_damping}
     if args.amplitude is not None:

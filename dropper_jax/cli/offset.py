@@ -46,15 +46,13 @@ def run(args: Namespace) -> int:
     directions = np.unique(directions % 360.0)
     scene = read_scene(args)
 
-    from dropper_jax.study.offsets import offset_curves
+    from dropper_jax.study.offsets import draw_offsets, offset_curves
 
     points = split_names(args.points)
     rows = offset_curves(scene, points, directions, distances, progress(args.quiet))
     failed = next((row for row in rows if row["status"] != "ok"), None)
     if args.plot:
-        from dropper_jax.study import pictures
-
-        pictures.offsets(scene.name, rows, picture(args.plot, "offset"))
+        draw_offsets(scene.name, rows, picture(args.plot, "offset"))
     failure = None
     if failed is not None:
         text = "{status}: no equilibrium at {distance_m:g} m, {direction_deg:g} deg"

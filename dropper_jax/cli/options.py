@@ -178,7 +178,7 @@ def _assignment(text: str) -> tuple[str, Plain]:
         return path.strip(), value.strip()
 
 
-#: Signals of `dropper_jax.run.motion_signals` and statistics of `dropper_jax.run.statistics`, which import JAX.
+#: Signals of `quantities.motion_signals` and statistics of `quantities.statistics`, which import JAX.
 SIGNALS = (
     "tension",
     "anchor",

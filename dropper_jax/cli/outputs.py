@@ -139,7 +139,7 @@ def deliver(args: Namespace, found: Table, text: str, failure: Failure | None = 
 
 def weights_table(scene: Scene) -> list[str]:
     """Mass, weight in water and density of the lines, a row for equal lines; empty without water."""
-    from dropper_jax.run.line_weights import line_weights, weight_cells
+    from dropper_jax.plausibility.line_weights import line_weights, weight_cells
 
     rows = line_weights(scene)
     if not rows:

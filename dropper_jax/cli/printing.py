@@ -11,8 +11,8 @@ from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from typing import Protocol
 
-from dropper_jax.base.errors import Progress, silent
 from dropper_jax.base.json_values import SCHEMA, jsonable
+from dropper_jax.base.progress import Progress, silent
 from dropper_jax.base.read import Table
 from dropper_jax.base.table_cells import Columns, Record, record_cells
 

@@ -23,7 +23,9 @@ def add_arguments(parser: ArgumentParser) -> None:
         "report run.npz --report report",
         "report seed-1.npz seed-2.npz seed-3.npz --skip 60 --storm 10800",
     )
-    parser.add_argument("runs", nargs="+", metavar="RUN", help="files written by `dropper run --out`, .npz or .nc")
+    parser.add_argument(
+        "runs", nargs="+", metavar="RUN", help="files written by `dropper run --out`: .npz, .nc or .zarr"
+    )
     add_folder(parser, "--report", "write report.md, report.json and pictures")
     add_folder(parser, "--vtk", "write the first run as a series of .vtp files for ParaView")
     parser.add_argument("--every", type=int, default=1, metavar="N", help="every Nth saved time for --vtk (default: 1)")

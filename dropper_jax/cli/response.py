@@ -34,14 +34,12 @@ def run(args: Namespace) -> int:
     periods = _periods(args.periods)
     scene = read_scene(args)
 
-    from dropper_jax.study.response import responses
+    from dropper_jax.study.response import draw_responses, responses
 
     rows = responses(scene, periods, not args.no_higher_waves, progress(args.quiet))
     failed = first_failure(column(rows, "status"))
     if args.plot and not failed:
-        from dropper_jax.study import pictures
-
-        pictures.responses(scene.name, rows, picture(args.plot, "response"))
+        draw_responses(scene.name, rows, picture(args.plot, "response"))
     failure = (failed, f"{failed}: a run did not complete") if failed else None
     return deliver(args, done_object(scene=scene.name, rows=rows), _text(rows), failure)
 

@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import RUN_SUFFIXES, unfinished_folder
 from dropper_jax.base.read import Table, Values
 from dropper_jax.cli.given import AUTO, number, output_file
@@ -97,21 +98,27 @@ def _add_errors(parser: ArgumentParser) -> None:
         help="state the errors from a finer run, for two to three times the time",
     )
     parser.add_argument(
-        "--skip", metavar="S", type=number, default=0.0, help="time at the start [s] that is left out of these loads"
+        "--skip",
+        metavar="S",
+        type=number,
+        default=0.0,
+        help="time at the start [s] that the loads of --errors leave out",
     )
 
 
 def run(args: Namespace) -> int:
     before = None if args.start is None else read_run(args.start, args)
-    if args.dt == AUTO:
+    is_automatic = args.dt == AUTO
+    if is_automatic:
         args.dt = None
         if args.accuracy is None:
             args.accuracy = 0.01
-        print_line(f"--dt auto: the steps follow an accuracy of {args.accuracy:g} (--accuracy)")
     if before is None:
         scene = read_scene(args, RUN_VALUES, notes=False)
     else:
         scene = _continued_scene(args, before)
+    if is_automatic:
+        print_line(f"--dt auto: the steps follow an accuracy of {args.accuracy:g} (--accuracy)")
 
     from dropper_jax.run.simulate import simulate
     from dropper_jax.run.storage import check_target
@@ -123,8 +130,6 @@ def run(args: Namespace) -> int:
         from dropper_jax.plots.animation import check_animation
 
         check_animation(args.animate)
-    if args.tables:
-        args.tables.mkdir(parents=True, exist_ok=True)
     folder = unfinished_folder(args.out) if args.out else nullcontext()
     with folder as scratch:
         solution = simulate(
@@ -159,6 +164,7 @@ def _write_outputs(args: Namespace, solution: Solution) -> int:
 
     scene = solution.scene
     if args.tables:
+        args.tables.mkdir(parents=True, exist_ok=True)
         write_angles(solution, args.tables / "angles.csv")
         write_tensions(solution, args.tables / "tensions.csv")
         if scene.bodies:
@@ -168,15 +174,25 @@ def _write_outputs(args: Namespace, solution: Solution) -> int:
     if args.plot:
         draw(solution, args.plot)
     if args.report:
-        from dropper_jax.report.build import report_runs
-        from dropper_jax.report.write import write_report
-
-        write_report(report_runs({"run": solution}), {"run": solution}, args.report)
+        _write_report(solution, args.report)
     if args.animate:
         from dropper_jax import plots
 
         plots.animate(solution, args.animate, progress=progress(args.quiet))
     return report(solution, args.json)
+
+
+def _write_report(solution: Solution, folder: Path) -> None:
+    """The report of a run; of one with too few samples, such as one that failed at its start, the reason for none."""
+    from dropper_jax.report.build import report_runs
+    from dropper_jax.report.write import write_report
+
+    try:
+        found = report_runs({"run": solution})
+    except SceneError as error:
+        print_line(f"warning: no report: {error}")
+    else:
+        write_report(found, {"run": solution}, folder)
 
 
 def _write_channels(source: str, solution: Solution, path: Path) -> None:

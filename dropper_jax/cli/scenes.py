@@ -72,11 +72,14 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def run(args: Namespace) -> int:
+    for name in ("dt", "force"):
+        if getattr(args, name) and not args.moordyn:
+            raise SceneError(f"--{name}: requires --moordyn FILE")
     if args.reference is not None or args.schema:
         return _reference(args)
     if args.scene is not None:
         return _one(args)
-    for name in ("set", "moordyn", "dt", "expanded"):
+    for name in ("set", "moordyn", "expanded"):
         if getattr(args, name):
             raise SceneError(f"--{name}: needs a scene. Use dropper scenes SCENE --{name} ...")
     found = [{"name": scene, "description": packaged_scene(scene)["description"]} for scene in scene_names()]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,7 +12,10 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import Table
 from dropper_jax.cli.options import add_scene, read_scene
 from dropper_jax.cli.outputs import add_file, add_out, add_plot, deliver, is_one_picture, picture
-from dropper_jax.cli.printing import done_object, listing, print_warnings, table
+from dropper_jax.cli.printing import done_object, listing, print_line, print_warnings, table
+
+if TYPE_CHECKING:
+    from dropper_jax.load.scene import Scene
 
 help = "waves and current of a scene: theory, length, breaking, regime"
 
@@ -62,22 +66,22 @@ def run(args: Namespace) -> int:
     scene = read_scene(args)
     if scene.sea is None:
         raise SceneError(f"sea: scene {scene.name!r} has no [sea]. Use a scene with water")
+    if args.regimes and scene.sea.waves is None:
+        raise SceneError(f"--regimes: scene {scene.name!r} has no waves. Use a scene with [sea.waves]")
 
     from dropper_jax.load.sea_warnings import sea_warnings
     from dropper_jax.load.surface import line_reach
-    from dropper_jax.run.flow_coefficients import flow_dependent_effects, flow_table, with_flow_coefficients
-    from dropper_jax.run.growth import overgrown
-    from dropper_jax.run.wakes import has_wakes, scene_wakes, wake_facts
+    from dropper_jax.modelling.flow_coefficients import flow_dependent_effects, flow_table, with_flow_coefficients
+    from dropper_jax.modelling.growth import overgrown
+    from dropper_jax.modelling.wakes import has_wakes, scene_wakes, wake_facts
     from dropper_jax.sea.make import make_sea
     from dropper_jax.study.sea_facts import sea_facts
 
     found = sea_facts(scene)
     regimes = args.regimes
     flow = args.flow
-    if args.plot and scene.sea.waves is not None:
-        regimes = regimes or picture(args.plot, "regimes")
-    if args.plot and has_wakes(scene) and not is_one_picture(args.plot):
-        flow = flow or picture(args.plot, "flow")
+    if args.plot:
+        regimes, flow = _chosen_pictures(args, scene, has_wakes(scene))
     if flow_dependent_effects(scene):
         found["coefficients"] = flow_table(overgrown(scene))
     if flow or has_wakes(scene):
@@ -94,13 +98,28 @@ def run(args: Namespace) -> int:
     return deliver(args, done_object(scene=scene.name, **found, warnings=warnings), _text(found))
 
 
+def _chosen_pictures(args: Namespace, scene: Scene, wakes: bool) -> tuple[Path | None, Path | None]:
+    """Files of the maps of waves and of the current by --plot, where --regimes and --flow name no others.
+
+    One file takes the map of the waves, that of the current in calm water.
+    """
+    regimes = args.regimes
+    flow = args.flow
+    waves = scene.needed_sea.waves is not None
+    if waves and regimes is None:
+        regimes = picture(args.plot, "regimes")
+    if wakes and flow is None and not (waves and is_one_picture(args.plot)):
+        flow = picture(args.plot, "flow")
+    if not waves and not wakes:
+        print_line("pictures: no waves and no wakes; nothing is drawn")
+    return regimes, flow
+
+
 def _draw(name: str, found: Table, gravity: float, picture: Path) -> None:
     """The map of wave theories with the waves of the scene."""
     from dropper_jax.plots.wave_theories import regimes
 
     waves = found["waves"]
-    if waves is None:
-        raise SceneError(f"--regimes: scene {name!r} has no waves. Use a scene with [sea.waves]")
     height, period = MARKED[waves["kind"]]
     regimes([(name, waves[height], waves[period], found["depth_m"])], gravity, picture)
 
@@ -139,7 +158,7 @@ def _coefficients(found: Table) -> list[str]:
     """Flow-dependent coefficients, by line."""
     if "coefficients" not in found:
         return []
-    from dropper_jax.run.flow_coefficients import flow_cells
+    from dropper_jax.modelling.flow_coefficients import flow_cells
 
     low = [row["line"] for row in found["coefficients"] if not row["post_critical"]]
     note = f"Re below 1e5, where rough cylinders may not yet be post-critical: {', '.join(low)}"

@@ -53,7 +53,7 @@ def run(args: Namespace) -> int:
     scene = read_scene(args)
     names, about = _requested_points(scene, args)
 
-    from dropper_jax.run.build import build_model, equilibrium
+    from dropper_jax.modelling.build import build_model, equilibrium
     from dropper_jax.statics.loads import release_loads
     from dropper_jax.statics.stiffness import mooring_stiffness
 
@@ -97,8 +97,8 @@ def _of_one(
     scene: Scene, model: Model, pose: State, names: list[str], about: np.ndarray | None, lines_only: bool
 ) -> Stiffness:
     """The 6x6 matrix of a body, or of fixed points that move together, about a reference (3,) [m]."""
-    from dropper_jax.run.build import build_model, equilibrium
-    from dropper_jax.run.fixed_points import without_body
+    from dropper_jax.modelling.build import build_model, equilibrium
+    from dropper_jax.modelling.fixed_points import without_body
     from dropper_jax.statics.loads import release_loads
     from dropper_jax.statics.rigid_group import moved_to, stiffness_of_group
     from dropper_jax.statics.stiffness import mooring_stiffness

@@ -18,16 +18,18 @@ if TYPE_CHECKING:
     from dropper_jax.load.scene import Scene
 
 
+#: Number of equilibria in the cycle unless given: one about every hour of a semidiurnal tide.
+CYCLE_TIMES = 13
+
+
 def run_tide(scene: Scene, args: Namespace) -> int:
     """The cycle as a table, or one object."""
-    from dropper_jax.study.tide import tidal_cycle
+    from dropper_jax.study.tide import draw_tide, tidal_cycle
 
-    found = tidal_cycle(scene, args.times)
+    found = tidal_cycle(scene, args.times or CYCLE_TIMES)
     failed = first_failure([found["slack_status"], *column(found["rows"], "status")])
     if args.plot and not failed:
-        from dropper_jax.study.pictures import tide
-
-        tide(scene.name, found["rows"], picture(args.plot, "tide"))
+        draw_tide(scene.name, found["rows"], picture(args.plot, "tide"))
     failure = (failed, f"{failed}: no equilibrium found for one instant of the cycle") if failed else None
     return deliver(args, done_object(scene=scene.name, **found), _text(found), failure)
 

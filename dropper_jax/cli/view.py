@@ -18,7 +18,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         "view run.npz --out view.html",
         "view before.npz after.npz --out both.html",
     )
-    parser.add_argument("run_file", metavar="RUN", help="file written by `dropper run --out`, .npz or .nc")
+    parser.add_argument("run_file", metavar="RUN", help="file written by `dropper run --out`: .npz, .nc or .zarr")
     parser.add_argument("other", metavar="RUN", nargs="?", help="a second run, shown side by side")
     add_file(parser, "--out", (".html", ".htm"), "the page, which works offline", "FILE.html", required=True)
     add_effects(parser)

@@ -41,7 +41,7 @@ class Bending(Effect):
 
     name = "bending"
     reach = 2
-    parts = True
+    breaks_with_links = True
     EI: Array = parameter("bending stiffness", unit="N m^2", shape="link", low=0.0)
     directions: Array | None = parameter(
         "directions of lines at their clamped points", unit="-", shape="vectors", default=None

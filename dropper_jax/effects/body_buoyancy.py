@@ -18,7 +18,8 @@ GAUSS_WEIGHTS = np.array([5.0, 8.0, 5.0]) / 18.0
 
 @component
 class BodyBuoyancy(Effect):
-    """Buoyancy `F = -dU/dr` with `U = rho g int max(-z, 0) dV`, in water without waves (`effects.hydrostatics`).
+    """Buoyancy `F = -dU/dr` with `U = rho g int max(-z, 0) dV`, in water whose surface is z = 0
+    (`effects.hydrostatics`).
 
     It includes the waterplane stiffness and the metacentre at every tilt. Over a step it is the mean along the straight
     path of the corners (average vector field; Quispel and McLaren 2008), which conserves energy.
@@ -48,7 +49,7 @@ class BodyBuoyancy(Effect):
 
 @component
 class BodyBuoyancyInWaves(Effect):
-    """The same for slices under the actual surface over each of them; its work is recorded.
+    """The same for slices under the actual surface over each of them, in waves or a tide; its work is recorded.
 
     The dynamic pressure of waves is included in the `rho V u'` of `body_water` and is not added again.
     """

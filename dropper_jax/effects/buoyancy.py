@@ -48,9 +48,9 @@ class Buoyancy(Effect):
         water = k.water
         lift = self.per_link(k.model)
         up = jnp.zeros_like(k.r[:, 2])
-        for part in k.line.parts():
-            wet = wet_share(k, part, water.tangents, water.motion.elevation)
-            up = up + part.collect(part.share * lift * wet)
+        for end in k.line.link_ends():
+            wet = wet_share(k, end, water.tangents, water.motion.elevation)
+            up = up + end.collect(end.share * lift * wet)
         return upright(up)
 
 

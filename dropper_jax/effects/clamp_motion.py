@@ -107,7 +107,8 @@ class ClampMotion(Effect):
 
 def rotate(quaternion: Array, vector: Array) -> Array:
     """The direction of a vector v (3,), rotated by quaternions (k, 4), w first: `v + 2 s x (s x v + w v)` (k, 3), s
-    their vector part."""
+    their vector part. Printed quaternions are unit ones to rounding only, so their length is divided out."""
+    quaternion = quaternion / jnp.sqrt(jnp.sum(quaternion**2, axis=1, keepdims=True))
     w = quaternion[:, :1]
     s = quaternion[:, 1:]
     unit = vector / safe_norm(vector)

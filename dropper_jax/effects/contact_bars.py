@@ -81,6 +81,7 @@ class Bars:
         reach: sums of radii (pieces,) [m].
         parallel_rounding: see `nearest_points`, (pieces,) [m^2].
         pair_count: number of pieces of two links, which come first.
+        intact: 0 for pieces of which a link has broken, else 1 (pieces,); 1.0 if no link can break.
     """
 
     def __init__(self, pairs: ContactPairs, radius: Array, model: ModelView) -> None:
@@ -95,6 +96,10 @@ class Bars:
         square = jnp.concatenate([length[first] ** 2 + length[second] ** 2, length[links] ** 2 + dot(across, across)])
         self.parallel_rounding = PARALLEL_ROUNDING * jax.lax.stop_gradient(square)
         self.pair_count = len(first)
+        self.intact: Array | float = 1.0
+        whole = model.line.axial.intact
+        if whole is not None:
+            self.intact = jnp.concatenate([whole[first] * whole[second], whole[links]])
         self.weights = pairs.weights[bars] if pairs.rigid else None
         self.offset = jnp.where((pairs.owners[bars] < 0)[:, None, None], axis, 0.0)
 

@@ -14,7 +14,7 @@ from dropper_jax.model import Effect
 
 @component
 class CoupledMotion(Effect):
-    """Positions of prescribed points between two instants at which another program gives them (see `run.coupled`).
+    """Positions of prescribed points between two instants at which another program gives them (see `coupling.coupled`).
 
     A cubic interpolates positions and velocities; with accelerations a quintic, in s = (t - begin)/width. The given
     values at both ends are met exactly. Rows are points, in the order of `points`; scenes cannot list this effect.
@@ -32,7 +32,7 @@ class CoupledMotion(Effect):
     def moves(self, name: str) -> bool:
         return name in self.points
 
-    def of(self, name: str) -> Effect:
+    def motion_of(self, name: str) -> Effect:
         i = self.points.index(name)
         given = (self.positions, self.velocities, self.accelerations)
         own = jax.tree.map(lambda rows: rows[:, i : i + 1], given)

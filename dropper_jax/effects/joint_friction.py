@@ -45,6 +45,11 @@ class JointFriction(Law):
     def check(cls, values: Values, scene: SceneData) -> None:
         if values["viscous"] is None and values["dry"] is None:
             raise SceneError("effects.joint_friction: give `viscous`, `dry` or both; both are missing")
+        if scene.failures:
+            raise SceneError(
+                "effects.joint_friction: would pass torques through links that [[failure]] breaks; allowed: one of the "
+                "two"
+            )
         axis = values["axis"]
         if axis is not None and not np.any(axis):
             raise SceneError(f"effects.joint_friction.axis: {list(axis)} has no direction; give a non-zero 3-vector")

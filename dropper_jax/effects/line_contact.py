@@ -36,11 +36,13 @@ class LineContact(Effect):
     A step in which links that may touch move relative to each other by more than half their mean radius is halved.
 
     Every link of one line is checked against every link of the other, except those that end at a common point. Where a
-    contact passes a node, both its links push. Bodies and buoys are treated as cylinders with round ends.
+    contact passes a node, both its links push. A broken link touches nothing. Bodies and buoys are treated as cylinders
+    with round ends.
     """
 
     name = "line_contact"
     reach = 2
+    breaks_with_links = True
     stiffness: Array = parameter("contact force per depth at first touch", unit="N/m", above=0.0)
     damping: Array = parameter("contact force per speed of approach", unit="N s/m", low=0.0, default=0.0)
     friction: Array = parameter("coefficient of dry friction", unit="-", low=0.0, default=0.0)
@@ -123,7 +125,7 @@ class LinksInContact(LineContact):
         p = bars.axes(r)
         speed = bars.at_axis_ends(v)
         near = nearest_points(p, bars.reach, bars.parallel_rounding)
-        _, push = contact_force(near.distance, bars.reach, self.stiffness)
+        push = bars.intact * contact_force(near.distance, bars.reach, self.stiffness)[1]
         force = near.shares[..., None] * (push[..., None] * near.separation)[..., None, :]
         if k.h is not None:  # the middle of a step
             force = force + self._correct_push(bars, p, k.h * speed, force)
@@ -136,7 +138,7 @@ class LinksInContact(LineContact):
 
     def _energy(self, bars: Bars, p: Array) -> Array:
         distance = nearest_points(p, bars.reach, bars.parallel_rounding).distance
-        return contact_force(distance, bars.reach, self.stiffness)[0]
+        return bars.intact * contact_force(distance, bars.reach, self.stiffness)[0]
 
     def _correct_push(self, bars: Bars, p: Array, displacement: Array, force: Array) -> Array:
         """Contact force over a step minus that at its middle, along the motion (pieces, 4, 3) [N]."""
@@ -162,7 +164,8 @@ class LinksInContact(LineContact):
         start = bars.axes(at_pieces(before, nodes)[0])
         motion = relative_motion(start, bars.axes(at_pieces(after, nodes)[0]))
         distance = nearest_points(start, bars.reach, bars.parallel_rounding).distance
-        return jnp.any((motion > LARGEST_MOTION * bars.reach) & (distance - motion < bars.reach))
+        may_touch = (distance - motion < bars.reach) & (bars.intact > 0.0)
+        return jnp.any((motion > LARGEST_MOTION * bars.reach) & may_touch)
 
 
 @component

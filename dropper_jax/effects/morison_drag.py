@@ -27,9 +27,10 @@ class MorisonDrag(Effect):
     MoorDyn (thesis (6.12) lacks the absolute value, (C.22)-(C.24) the relative velocity: errata). w is the submerged
     fraction. The links' directions are those of the predicted middle of the step, which is second order and keeps the
     force on its own node. `tangents = "implicit"` solves for them too.
-    `coefficients` computes cdn per link from the flow of the linear sea, fixed for the run (`run.flow_coefficients`).
+    `coefficients` computes cdn per link from the flow of the linear sea, fixed for the run (see
+    `modelling.flow_coefficients`).
     `shelter` reduces the current, not the waves, that reaches a link behind others; `wakes` computes it from the lines
-    upstream (`run.wakes`).
+    upstream (`modelling.wakes`).
 
     With frozen and with implicit tangents alike, the force opposes the relative velocity of `drag_velocity`; at an
     instant it never adds energy in water at rest.
@@ -38,7 +39,7 @@ class MorisonDrag(Effect):
     name = "morison_drag"
     needs_water = True
     # read before the run only: roughness, table_kc, table_cdn, table_re and coefficients by run.flow_coefficients,
-    # turbulence and wakes by run.wakes; `build` leaves them out, and the compiled program does not contain them
+    # turbulence and wakes by modelling.wakes; `build` leaves them out, and the compiled program does not contain them
     cdn: Array = parameter("drag coefficient across the link", unit="-", shape="link", low=0.0, default=None)
     cdt: Array = parameter("drag coefficient along the link", unit="-", shape="link", low=0.0, default=0.0)
     shelter: Array | None = parameter(
@@ -111,15 +112,15 @@ class MorisonDrag(Effect):
         skin = 0.5 * k.sea.density * line.drag_diameter * line.length
         relative = water.motion.velocity - drag_velocity(k, self._drag_rate(k, skin))
         total = jnp.zeros_like(k.v)
-        for part in line.parts():
-            flow = part.at(relative)
+        for end in line.link_ends():
+            flow = end.at(relative)
             if self.shelter is not None and water.current is not None:
-                flow = flow - part.at(water.current) * ((1.0 - self.shelter) * jnp.ones_like(skin))[:, None]
+                flow = flow - end.at(water.current) * ((1.0 - self.shelter) * jnp.ones_like(skin))[:, None]
             across, along = split(flow, tangents)
-            wet = part.share * wet_share(k, part, tangents, water.motion.elevation)
+            wet = end.share * wet_share(k, end, tangents, water.motion.elevation)
             normal = (wet * (skin * self.cdn) * safe_norm(across))[:, None] * across
             axial = (wet * (jnp.pi * skin * self.cdt) * safe_norm(along))[:, None] * along
-            total = total + part.collect(normal + axial)
+            total = total + end.collect(normal + axial)
         return total
 
 

@@ -29,10 +29,10 @@ class _InertiaForce(Effect):
     def _coefficients(self, k: Kinematics) -> tuple[Array | float, Array | float]:
         return 0.0, 0.0
 
-    def _wet_mass(self, k: Kinematics, part: LinkEnd) -> Array:
+    def _wet_mass(self, k: Kinematics, end: LinkEnd) -> Array:
         """Mass of the water displaced by the submerged ends of links (n, 1) [kg]."""
-        wet = wet_share(k, part, k.water.tangents, k.water.motion.elevation)
-        return (k.sea.density * k.line.volume * part.share * wet)[:, None]
+        wet = wet_share(k, end, k.water.tangents, k.water.motion.elevation)
+        return (k.sea.density * k.line.volume * end.share * wet)[:, None]
 
     def force(self, k: Kinematics) -> Array:
         water = k.water
@@ -40,10 +40,10 @@ class _InertiaForce(Effect):
         if self.needs_material and water.material is not None:
             change = water.material
         total = jnp.zeros_like(k.r)
-        for part in k.line.parts():
-            across, along = split(part.at(change), water.tangents)
+        for end in k.line.link_ends():
+            across, along = split(end.at(change), water.tangents)
             can, cat = self._coefficients(k)
-            total = total + part.collect(self._wet_mass(k, part) * ((1.0 + can) * across + (1.0 + cat) * along))
+            total = total + end.collect(self._wet_mass(k, end) * ((1.0 + can) * across + (1.0 + cat) * along))
         return total
 
 
@@ -65,7 +65,8 @@ class MorisonInertia(_InertiaForce):
     A line with an `outer_diameter` D has the added mass of `pi/4 D^2`, and the Froude-Krylov force of V. Without `can`
     and `cat` there is no added mass: the effect is then `FroudeKrylov`.
 
-    `coefficients` computes can per link from the flow of the linear sea, fixed for the run (`run.flow_coefficients`).
+    `coefficients` computes can per link from the flow of the linear sea, fixed for the run (see
+    `modelling.flow_coefficients`).
 
     If can and cat differ, added mass turns with its link. `added_mass = "morison"` uses the force `M_a v'`, which is
     not conservative: its power `1/2 v' M_a' v` is the entry `morison_inertia_turning` of the energy balance.
@@ -112,11 +113,11 @@ class MorisonInertia(_InertiaForce):
         return int(self.added_mass == "lagrangian")
 
     @property
-    def turns(self) -> bool:
+    def may_gain_energy(self) -> bool:
         """Whether added mass may gain energy by turning, as in Morison's form if can and cat differ."""
         return self.added_mass == "morison"
 
-    def gains(self) -> Array:
+    def gains_energy(self) -> Array:
         """Whether can and cat actually differ anywhere."""
         return jnp.any(self.can != self.cat)
 
@@ -135,9 +136,9 @@ class MorisonInertia(_InertiaForce):
             return self._conservative_inertia(k, a)
         total = jnp.zeros_like(a)
         can, cat = self._coefficients(k)
-        for part in k.line.parts():
-            across, along = split(part.at(a), k.water.tangents)
-            total = total + part.collect(self._wet_mass(k, part) * (can * across + cat * along))
+        for end in k.line.link_ends():
+            across, along = split(end.at(a), k.water.tangents)
+            total = total + end.collect(self._wet_mass(k, end) * (can * across + cat * along))
         return total
 
     def _conservative_inertia(self, k: Kinematics, a: Array) -> Array:
@@ -150,17 +151,17 @@ class MorisonInertia(_InertiaForce):
         after = k.v + 0.5 * h * a
         middle = k.links / length
         turn = 0.5 * h * k.link_velocities / length
-        start = middle - turn
-        end = middle + turn
+        first = middle - turn
+        last = middle + turn
         total = jnp.zeros_like(a)
         can, cat = self._coefficients(k)
-        for part in k.line.parts():
-            mass = self._wet_mass(k, part)
-            change = part.at(a)
-            v0 = part.at(before)
-            v1 = part.at(after)
-            momentum = end * _scalar_product(end, v1) - start * _scalar_product(start, v0)
-            total = total + part.collect(mass * (can * change + (cat - can) * momentum / h))
+        for end in k.line.link_ends():
+            mass = self._wet_mass(k, end)
+            change = end.at(a)
+            v0 = end.at(before)
+            v1 = end.at(after)
+            momentum = last * _scalar_product(last, v1) - first * _scalar_product(first, v0)
+            total = total + end.collect(mass * (can * change + (cat - can) * momentum / h))
             turning = v0 * _scalar_product(middle, v1) + v1 * _scalar_product(middle, v0)
             force = 0.5 * mass * (cat - can) * turning
             total = total + k.model.gather(force / length)
@@ -173,10 +174,10 @@ class MorisonInertia(_InertiaForce):
         elevation = sea.elevation(k.r, k.t)
         total = jnp.zeros((), k.r.dtype)
         can, cat = self._coefficients(k)
-        for part in k.line.parts():
-            wet = wet_share(k, part, k.tangents, elevation)
-            mass = (part.share * (sea.density * line.volume) * wet)[:, None]
-            v = part.at(k.v)
+        for end in k.line.link_ends():
+            wet = wet_share(k, end, k.tangents, elevation)
+            mass = (end.share * (sea.density * line.volume) * wet)[:, None]
+            v = end.at(k.v)
             along = split(v, k.links / line.length[:, None])[1]
             total = total + 0.5 * jnp.sum(mass * v * (can * v + (cat - can) * along))
         return total

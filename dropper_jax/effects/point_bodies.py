@@ -23,7 +23,7 @@ class PointBodies(Effect):
 
     Weight `-m g`, buoyancy `rho g V w`, drag `1/2 rho CdA w |u| u` on the relative velocity, inertia
     `rho V w (1 + Ca) u'` on the right and `rho V w Ca` on the left. w is the submerged fraction of a sphere of volume
-    V, smoothed as for lines. Forces act at the point.
+    V, smoothed as for lines. Forces act at the point, also that of the seabed: a body sinks in by half its height.
     """
 
     name = "point_bodies"

@@ -66,7 +66,7 @@ class RecordedMotion(Effect):
     def moves(self, name: str) -> bool:
         return name in self.points
 
-    def of(self, name: str) -> Effect:
+    def motion_of(self, name: str) -> Effect:
         i = self.points.index(name)
         own = self.positions.reshape(len(self.points), -1, 3)[i]
         return replace(self, points=(name,), home=self.home[i : i + 1], positions=own)

@@ -24,7 +24,7 @@ class SeaFollowingEnd(HeldMotion):
 
     xi is the horizontal excursion of a particle at the mean surface, `-a (s/w) C(0) sin p`. `heave` and `surge` are
     transfer factors: one number, or values at the frequencies `omega`, linear between. Surge lags the elevation as the
-    water itself does.
+    water itself does. A level of the sea does not move the point.
     """
 
     name = "sea_following_end"

@@ -23,7 +23,7 @@ EDGE_SHARE = 0.02
 @component
 class SparBuoys(Effect):
     """Vertical cylinders with three translations (paper 3.2.6), from `[[buoy]]`; their point is `attachment` above the
-    base.
+    base. On the seabed it is the point that touches, not the base.
 
     With the draught `w = eta - z_base`, between 0 and the height H, and means <> over it:
 

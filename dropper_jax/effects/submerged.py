@@ -18,10 +18,10 @@ from dropper_jax.model import Kinematics, LinkEnd
 AnyArray = Any
 
 
-def wet_share(k: Kinematics, part: LinkEnd, tangents: Array, elevation: Array) -> Array:
+def wet_share(k: Kinematics, end: LinkEnd, tangents: Array, elevation: Array) -> Array:
     """Submerged fraction of this end of each link (n,), 0 to 1."""
     height = k.line.needed_diameter + k.line.length * jnp.abs(tangents[:, 2])
-    return submerged_fraction(part.at(elevation - k.r[:, 2]), height)
+    return submerged_fraction(end.at(elevation - k.r[:, 2]), height)
 
 
 def submerged_fraction(below: AnyArray, height: AnyArray) -> AnyArray:

@@ -32,7 +32,7 @@ class Torsion(Effect):
     no energy and is second order. The lines use the twist at the start of the step, which is first order.
 
     Two lines of a pair in `joined` twist as one across their common point: a universal joint, or, if `bending` joins
-    them too, a clamp. Between other lines no torque is passed.
+    them too, a clamp. Between other lines, and through a broken link, no torque is passed.
 
     Not modelled, as in the paper: bending does not cause twist and twist does not cause bending (no writhe, no
     hockles), and water does not resist twist.
@@ -68,6 +68,11 @@ class Torsion(Effect):
             if name not in names:
                 raise SceneError(f"effects.torsion.lines.{i}: {name!r} is not a line; {nearest(name, names)}")
         check_joined(values, scene)
+        if values["coupling"] is not None and any(line.length_in_time for line in scene.lines):
+            raise SceneError(
+                "effects.torsion.coupling: needs strains over constant lengths, but [[line.length_in_time]] changes "
+                "them; allowed: one of the two"
+            )
         for key, last, other in (("torque", "free", "held"), ("turn", "held", "free")):
             if values[key] != 0.0 and values["last"] == other:
                 what = f"{values[key]:g} only applies to last points that are {last}"
@@ -123,7 +128,8 @@ class Torsion(Effect):
         """Inertia of nodes (nodes,) [kg m^2], stiffness and damping of links (n,) [N m/rad], [N m s/rad]."""
         length = model.line.length
         half = 0.5 * self.polar_inertia * length
-        return self._shafts(model).sums(half, half), self.GJ / length, self.damping / length
+        stiffness = _zero_broken(model, self.GJ / length)
+        return self._shafts(model).sums(half, half), stiffness, _zero_broken(model, self.damping / length)
 
     def _strain_torque(self, before: Kinematics, after: Kinematics) -> Array:
         """Torque (n,) [N m] due to the strain, over the step."""
@@ -137,13 +143,14 @@ class CoupledTorsion(Torsion):
     def _strain_torque(self, before: Kinematics, after: Kinematics) -> Array:
         length = after.line.length
         strain = 0.5 * (safe_norm(before.links) + safe_norm(after.links)) / length - 1.0
-        return self.coupling * self._shafts(after.model).twists * strain
+        return _zero_broken(after.model, self.coupling * self._shafts(after.model).twists * strain)
 
     def twist_tension(self, model: ModelView) -> Array:
         """Tension (n,) [N] due to the twist."""
         phi = self.at_rest(model) if self.twist is None else self.twist[0]
         shafts = self._shafts(model)
-        return self.coupling * shafts.twists * shafts.differences(shafts.of_lines(phi)) / model.line.length
+        tension = self.coupling * shafts.twists * shafts.differences(shafts.of_lines(phi)) / model.line.length
+        return _zero_broken(model, tension)
 
     force = sum_of_pieces
 
@@ -155,3 +162,11 @@ class CoupledTorsion(Torsion):
         link = r[:, 1] - r[:, 0]
         force = (self.twist_tension(k.model) / jnp.sqrt(dot(link, link) + 1e-30))[:, None] * link
         return jnp.stack([force, -force], axis=1)
+
+
+def _zero_broken(model: ModelView, per_link: Array) -> Array:
+    """Values (n,) of links, zero for broken ones."""
+    intact = model.line.axial.intact
+    if intact is None:
+        return per_link
+    return intact * per_link

@@ -33,8 +33,8 @@ def rigid_displacement(motion: Array, arm: Array, heading: Array) -> Array:
 class VesselInWaves(Effect):
     """First-order motion of a point on a vessel: `q_j = sum_c a_c |H_jc| cos(p_c - phi_jc)`, phi leading.
 
-    p are the phases of the waves at the vessel's mean position (its reference point). The vessel does not drift, and
-    its motion does not depend on the lines.
+    p are the phases of the waves at the vessel's mean position (its reference point). The vessel neither drifts nor
+    follows a level of the sea, and its motion does not depend on the lines.
     """
 
     name = "vessel_motion"

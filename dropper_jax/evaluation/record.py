@@ -9,9 +9,9 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.load.scene import Scene
-from dropper_jax.run.end_links import Motion
+from dropper_jax.quantities.end_links import Motion
+from dropper_jax.quantities.variables import STEP_SIGNALS
 from dropper_jax.run.samples import Samples
-from dropper_jax.run.variables import STEP_SIGNALS
 from dropper_jax.scene import WholeLine, whole_lines
 from dropper_jax.scene.slices import point_nodes
 from dropper_jax.stepping.extremes import Extremes

@@ -10,10 +10,10 @@ from dropper_jax.base.numerics import spread
 from dropper_jax.base.read import Table
 from dropper_jax.evaluation.record import Record, arc
 from dropper_jax.evaluation.settings import Settings
-from dropper_jax.run.end_forces import end_angles, end_forces
-from dropper_jax.run.end_links import loaded_fixed_points, point_loads
-from dropper_jax.run.statistics import excess_kurtosis, statistic
-from dropper_jax.run.step_extremes import LOADS, load_components
+from dropper_jax.quantities.end_forces import end_angles, end_forces
+from dropper_jax.quantities.end_links import loaded_fixed_points, point_loads
+from dropper_jax.quantities.statistics import excess_kurtosis, statistic
+from dropper_jax.quantities.step_extremes import LOADS, load_components
 from dropper_jax.scene import AnchorSpec, WholeLine, sliced_lines, utilisations
 from dropper_jax.stepping.extremes import Extremes
 
@@ -138,9 +138,9 @@ NO_DIRECTION = 0.01
 def anchors(record: Record) -> list[Table]:
     """Force of the lines on each fixed point: horizontal and vertical (upwards positive) load [N], uplift angle [rad].
 
-    It is the sum of the forces of the lines that end there (see `run.end_links`), at the times of the tensions. The
-    uplift angle, `atan2(vertical, horizontal)`, is evaluated if the load is at least 1 % of its mean: a zero load has
-    no direction. Minima and maxima of the loads are those of all steps, the total one at the time `max_s` [s].
+    It is the sum of the forces of the lines that end there (see `quantities.end_links`), at the times of the tensions.
+    The uplift angle, `atan2(vertical, horizontal)`, is evaluated if the load is at least 1 % of its mean: a zero load
+    has no direction. Minima and maxima of the loads are those of all steps, the total one at the time `max_s` [s].
     """
     found = []
     anchor_at = {anchor.point: anchor for anchor in record.scene.anchors}

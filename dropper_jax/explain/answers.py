@@ -10,9 +10,10 @@ import numpy as np
 from dropper_jax.explain.catenary import Shape
 from dropper_jax.explain.line_facts import LineFacts, line_facts, refuse_rigid
 from dropper_jax.explain.wear import Wear, wear_of_lines
-from dropper_jax.run.build import build_model
-from dropper_jax.run.end_forces import end_angles, end_forces
-from dropper_jax.run.line_weights import wet_weights
+from dropper_jax.modelling.build import build_model
+from dropper_jax.modelling.growth import overgrown
+from dropper_jax.plausibility.line_weights import wet_weights
+from dropper_jax.quantities.end_forces import end_angles, end_forces
 from dropper_jax.scene import whole_lines
 from dropper_jax.statics.rigid_group import stiffness_of_group
 
@@ -54,12 +55,14 @@ def explain(scene: Scene, pose: Equilibrium) -> Explained:
     positions = pose.positions
     shapes = {}
     facts = []
-    weights = wet_weights(scene)
-    forces = end_forces(scene, positions[None], pose.tension[None])
-    uplift = end_angles(positions[None], whole_lines(scene))
-    for line in whole_lines(scene):
+    grown = overgrown(scene)
+    lines = whole_lines(grown)
+    weights = wet_weights(grown)
+    forces = end_forces(grown, positions[None], pose.tension[None])
+    uplift = end_angles(positions[None], lines)
+    for line in lines:
         ends = forces[line.name][0], uplift[line.name][0]
-        found, shape = line_facts(scene, line, positions[line.nodes], weights[line.links].sum(), *ends)
+        found, shape = line_facts(grown, line, positions[line.nodes], weights[line.links].sum(), *ends)
         facts.append(found)
         shapes[line.name] = shape
     held = _held_above(scene)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -105,7 +105,7 @@ def line_facts(
     lower, upper = forces[order]
     length = spec.length.sum()
     on_bed = _length_on_bed(scene, line, nodes)
-    closed = _closed_form(_hanging(scene, line, low, high, weight / length, on_bed), weight)
+    closed, shape = _closed_form(_hanging(scene, line, low, high, weight / length, on_bed), weight)
     EA = stiffness_of(spec)
     mass = spec.mass.sum()
     flexibility = np.sum(spec.length / EA)
@@ -120,67 +120,49 @@ def line_facts(
         uplift_deg=angles[order[0]],
         lower_n=lower,
         upper_n=upper,
-        closed_lower_n=closed.lower,
-        closed_upper_n=closed.upper,
-        reserve_m=closed.reserve,
-        excess_m=closed.excess,
         axial_n_per_m=1.0 / flexibility,
-        horizontal_n_per_m=closed.stiffness,
         axial_period_s=2.0 * np.pi / rate,
         damping_ratio=0.5 * rate * np.mean(damping) * flexibility / length,
         link_damping_ratio=0.5 * fastest * (np.max(damping) / np.max(EA)),
+        **closed,
     )
-    return facts, closed.shape
+    return facts, shape
 
 
-class _ClosedForm(NamedTuple):
-    """A line by its closed form; None where that does not apply.
-
-    Attributes:
-        lower, upper: force on its lower and its upper end point [N].
-        reserve, excess, stiffness: `reserve_m`, `excess_m` and `horizontal_n_per_m` of `LineFacts`.
-        shape: forces of the form.
-    """
-
-    lower: float | None = None
-    upper: float | None = None
-    reserve: float | None = None
-    excess: float | None = None
-    stiffness: float | None = None
-    shape: Shape | None = None
-
-
-def _closed_form(hanging: Hanging | None, weight: float) -> _ClosedForm:
-    """The closed form of a line of this weight in water [N]; one that floats (below 0) hangs upside down."""
+def _closed_form(hanging: Hanging | None, weight: float) -> tuple[dict[str, float | None], Shape | None]:
+    """The fields of `LineFacts` that follow from the closed form of a line of this weight in water [N], None where it
+    does not apply, and its forces."""
+    found = dict.fromkeys(("closed_lower_n", "closed_upper_n", "reserve_m", "excess_m", "horizontal_n_per_m"))
     if hanging is None:
-        return _ClosedForm()
-    excess = hanging.length - hanging.span - hanging_length(hanging)
-    reserve = None
+        return found, None
+    found["excess_m"] = hanging.length - hanging.span - hanging_length(hanging)
     if hanging.on_bed:
-        reserve = offset_until_uplift(hanging)
+        found["reserve_m"] = offset_until_uplift(hanging)
     shape = solve(hanging)
     if shape is None:
-        return _ClosedForm(reserve=reserve, excess=excess)
-    lower = shape.lower
-    upper = shape.upper
-    if weight < 0.0:
-        lower, upper = upper, lower
-    stiffness = None
+        return found, None
+    ends = [shape.lower, shape.upper]
+    if weight < 0.0:  # a line that floats hangs upside down
+        ends.reverse()
+    found["closed_lower_n"], found["closed_upper_n"] = ends
     if shape.stiffness is not None:
-        stiffness = shape.stiffness[0, 0]
-    return _ClosedForm(lower, upper, reserve, excess, stiffness, shape)
+        found["horizontal_n_per_m"] = shape.stiffness[0, 0]
+    return found, shape
 
 
 def _hanging(
     scene: Scene, line: WholeLine, low: np.ndarray, high: np.ndarray, weight: float, on_bed: float
 ) -> Hanging | None:
-    """The line as a uniform one, if it is: no current, no point between its ends, all of it under water."""
+    """The line as a uniform one, if it is: no current, no point between its ends, all of it under water, what rests of
+    it on a level bed without friction at rest."""
     spec = line.spec
     along_line = [spec.length, spec.mass, stiffness_of(spec), spec.diameter]
     uniform = all(values is not None and np.ptp(values) <= 1e-6 * np.max(values) for values in along_line)
     still = scene.sea is not None and scene.sea.current is None and "bending" not in scene.effects
     simple = len(line.stops) == 2 and weight != 0.0 and spec.axial_law != "tabulated"
     if not (uniform and still and simple) or high[2] > 0.0:
+        return None
+    if on_bed > 0.0 and not _bed_is_smooth_and_level(scene, np.stack([low, high])):
         return None
     across, along, rise = high - low
     return Hanging(
@@ -191,6 +173,12 @@ def _hanging(
         EA=stiffness_of(spec)[0],
         on_bed=weight > 0.0 and on_bed > 0.0,
     )
+
+
+def _bed_is_smooth_and_level(scene: Scene, ends: np.ndarray) -> bool:
+    """Whether the seabed has one height under both ends (2, 3) [m] of a line, and no friction at rest."""
+    friction = scene.effects.get("seabed_friction", {"statics": "none"})
+    return friction["statics"] == "none" and np.ptp(bed_height(scene, ends)) == 0.0
 
 
 def _length_on_bed(scene: Scene, line: WholeLine, nodes: np.ndarray) -> float:

@@ -13,8 +13,8 @@ from jax import Array
 from dropper_jax.axial.force_table import tables_of
 from dropper_jax.base.read import Table
 from dropper_jax.explain.line_facts import stiffness_of
-from dropper_jax.run.build import build_model, equilibrium
-from dropper_jax.run.model_slopes import shift_model
+from dropper_jax.modelling.build import build_model, equilibrium
+from dropper_jax.modelling.model_slopes import shift_model
 from dropper_jax.scene import whole_lines
 from dropper_jax.statics.loads import release_loads
 from dropper_jax.statics.static_pose import settle

@@ -18,8 +18,8 @@ from dropper_jax.frequency.states import DRAG_TOLERANCE, solve_states
 from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.model import Model
 from dropper_jax.model.slots import Displacement
-from dropper_jax.run.build import SceneLike, build_model
-from dropper_jax.run.scene_model import static_pose
+from dropper_jax.modelling.build import SceneLike, build_model
+from dropper_jax.modelling.scene_model import static_pose
 from dropper_jax.run.simulate import simulate
 from dropper_jax.scene import WholeLine, whole_lines
 from dropper_jax.sea.make import make_current, waves_of
@@ -133,11 +133,7 @@ def frequency_response(
             that a current stops, a direction that is not finite, less than one frequency, a duration that is not
             positive.
     """
-    if frequencies < 1:
-        raise SceneError(f"frequencies: {frequencies} is out of range; allowed: 1 or more")
-    if direction is not None and not np.isfinite(direction):
-        raise SceneError(f"direction: {direction:g} is not finite; allowed: a finite angle")
-    require_positive("duration", duration, " s")
+    _check_request(direction, frequencies, duration)
     scene = load_scene(scene)
     sea = _sea_of(scene)
     model = build_model(scene, "float64")
@@ -149,15 +145,14 @@ def frequency_response(
     nodes = [model.geometry.node_of_point(i) for i, point in enumerate(scene.points) if point.is_free]
     solved, error = solve_states(still_model(model, pose.state), pose.state, waves, links, np.array(nodes, int))
     static = np.asarray(pose.tension)
-    mean = static + solved.shift
+    mean = static + np.asarray(solved.shift)
     omega = np.asarray(waves.omega)
-    deviation = solved.deviation[:, links]
+    deviation_of_all = np.asarray(solved.deviation)
+    deviation = deviation_of_all[:, links]
     rate = _root_mean_square(omega[:, :, None] * solved.tension)
     period = 2.0 * np.pi * deviation / np.maximum(rate, 1e-300)
-    upcrossings = np.maximum(duration / np.maximum(period, 1e-300), 1.0)
     lines = whole_lines(scene)
-    low = mean < TAUT_DEVIATIONS * solved.deviation
-    slack = np.stack([np.any(low[:, line.links], axis=1) for line in lines], axis=1)
+    slack = _lines_that_go_slack(lines, mean, deviation_of_all)
     linear = np.where(np.any(slack, axis=1), "not_linear", "ok")
     return FrequencyResponse(
         status=tuple(np.where(solved.change <= DRAG_TOLERANCE, linear, "not_converged").tolist()),
@@ -170,7 +165,7 @@ def frequency_response(
         mean_tension=mean[:, links],
         tension_deviation=deviation,
         tension_period=period,
-        maximum_tension=mean[:, links] + np.sqrt(2.0 * np.log(upcrossings)) * deviation,
+        maximum_tension=_most_probable_maximum(mean[:, links], deviation, period, duration),
         motion_deviation=_root_mean_square(solved.motion),
         tension=solved.tension,
         motion=solved.motion,
@@ -178,6 +173,26 @@ def frequency_response(
         basis_error=error,
         duration=duration,
     )
+
+
+def _check_request(direction: float | None, frequencies: int, duration: float) -> None:
+    if frequencies < 1:
+        raise SceneError(f"frequencies: {frequencies} is out of range; allowed: 1 or more")
+    if direction is not None and not np.isfinite(direction):
+        raise SceneError(f"direction: {direction:g} is not finite; allowed: a finite angle")
+    require_positive("duration", duration, " s")
+
+
+def _lines_that_go_slack(lines: Sequence[WholeLine], mean: np.ndarray, deviation: np.ndarray) -> np.ndarray:
+    """Whether lines go slack (states, lines), from means and standard deviations (states, n) [N] of all tensions."""
+    low = mean < TAUT_DEVIATIONS * deviation
+    return np.stack([np.any(low[:, line.links], axis=1) for line in lines], axis=1)
+
+
+def _most_probable_maximum(mean: np.ndarray, deviation: np.ndarray, period: np.ndarray, duration: float) -> np.ndarray:
+    """`T_mean + sigma sqrt(2 ln N)` with N = duration/T_z, at least 1."""
+    upcrossings = np.maximum(duration / np.maximum(period, 1e-300), 1.0)
+    return mean + np.sqrt(2.0 * np.log(upcrossings)) * deviation
 
 
 def _check_linear(model: Model, has_sea_states: bool) -> None:

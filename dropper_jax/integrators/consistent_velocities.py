@@ -140,10 +140,10 @@ def sawtooth_grows(model: Model) -> Array | None:
     Added mass of Morison's form turns with its link and contributes `1/2 v' M_a' v`. Such a velocity grew from rounding
     error to ten times all others within ten minutes of a regular wave, for any step.
     """
-    turning = [e for e in model.having(TurningMass) if e.turns]
+    turning = [e for e in model.having(TurningMass) if e.may_gain_energy]
     if model.line.axial.elastic or not turning:
         return None
-    return jnp.any(jnp.stack([e.gains() for e in turning]))
+    return jnp.any(jnp.stack([e.gains_energy() for e in turning]))
 
 
 def velocities_after_jump(k: Kinematics, end_acceleration: Array | None, h: Array) -> tuple[Array, Array]:

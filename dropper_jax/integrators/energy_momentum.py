@@ -26,7 +26,7 @@ from dropper_jax.integrators.consistent_velocities import (
 )
 from dropper_jax.integrators.stop_stuck import stop_stuck_joints, stop_stuck_nodes
 from dropper_jax.model import MOVING_ENDS, AddedMass, Ends, Kinematics, Model, State, Works, book_works, turning
-from dropper_jax.residual import Implicit, LocalError, NodeRows, PerLaw, StepProblem, Unknowns
+from dropper_jax.residual import DisplacementProblem, Implicit, LocalError, NodeRows, PerLaw, Unknowns
 
 
 @dataclass(frozen=True)
@@ -73,8 +73,8 @@ class EnergyMomentum(Implicit):
 RINGING_SPEED = 1e-3
 
 
-class MidpointProblem(StepProblem):
-    """Unknowns: x = r1 - r0 - h v0 (so that rounding stays relative to the acceleration), tensions, law unknowns.
+class MidpointProblem(DisplacementProblem):
+    """Unknowns: x = r1 - r0 - h v0, tensions, law unknowns.
 
     `alone` means that steps of equal length follow each other. The steps of a composition do not, and a smooth motion
     has a different rate of stretch at their ends.
@@ -86,11 +86,8 @@ class MidpointProblem(StepProblem):
         self.gamma = gamma
         self.alone = alone
         self.t_mid = s.t + gamma * h
-        ends0 = model.ends(s.t)
-        ends1 = model.ends(s.t + h)
-        self.ends0 = ends0
-        self.ends1 = ends1
-        self.links0 = model.links(s.r, ends0)
+        ends0 = self.ends0
+        ends1 = self.ends1
         self.ends = ends1
         self.end_acceleration = None
         if ends0.velocities is not None and ends1.velocities is not None:
@@ -133,9 +130,6 @@ class MidpointProblem(StepProblem):
         of_unknowns, rows = self._law_and_constraint_rows(middle, z)
         return force - of_unknowns, rows
 
-    def link_vectors(self, x: Array) -> Array:
-        return self.model.links(self.s.r + (self.h * self.s.v + x), self.ends1)
-
     def _directions(self, links1: Array) -> Array:
         """Directions (n, 3) of the tension forces over the step, whose end has the links (n, 3) [m]."""
         mean = (1 - self.gamma) * self.links0 + self.gamma * links1
@@ -163,7 +157,7 @@ class MidpointProblem(StepProblem):
 
     def finish(self, u: Unknowns) -> State:
         h = self.h
-        r1 = self.s.r + (h * self.s.v + u.x)
+        r1 = self.end_positions(u.x)
         v1, stopped = self._end_velocity(u, r1)
         v1, impulse, struck = self._after_jumps(r1, v1)
         tension = u.y
@@ -257,7 +251,7 @@ class MidpointProblem(StepProblem):
         h = self.h
         x = u.x
         before = model.kinematics(s.r, s.v, s.t, self.ends0)
-        after = model.kinematics(s.r + (h * s.v + x), s.v + x / (self.gamma * h), s.t + h, self.ends1)
+        after = model.kinematics(self.end_positions(x), s.v + x / (self.gamma * h), s.t + h, self.ends1)
         spent = h * jnp.sum(k.v * effect.inertia(k, x / (self.gamma * h**2)))
         return effect.kinetic(after) - effect.kinetic(before) - spent
 

@@ -24,7 +24,7 @@ from dropper_jax.base.numerics import safe_norm
 from dropper_jax.integrators.runge_kutta import accelerations, powers
 from dropper_jax.integrators.stop_stuck import stop_stuck_nodes
 from dropper_jax.model import Ends, Frozen, Kinematics, LengthOverTime, Model, State
-from dropper_jax.residual import Implicit, LocalError, NodeRows, PerLaw, StepProblem, Unknowns, couples_inertia
+from dropper_jax.residual import DisplacementProblem, Implicit, LocalError, NodeRows, PerLaw, Unknowns, couples_inertia
 
 
 class Coefficients(NamedTuple):
@@ -111,16 +111,13 @@ class GeneralizedAlpha(Implicit):
         return GeneralizedAlphaProblem(model, s, h, self.rho_infinity)
 
 
-class GeneralizedAlphaProblem(StepProblem):
+class GeneralizedAlphaProblem(DisplacementProblem):
     """Unknowns: x = r1 - r0 - h v0, and tensions at t_f."""
 
     def __init__(self, model: Model, s: State, h: Array, rho: float) -> None:
         super().__init__(model, s, h)
         self.new_a, self.new_f, self.gamma, self.beta, _ = Coefficients.of(rho)
         self.t_f = s.t + self.new_f * h
-        self.ends0 = model.ends(s.t)
-        self.ends1 = model.ends(s.t + h)
-        self.links0 = model.links(s.r, self.ends0)
         at_f = model.ends(self.t_f)
         # fixed ends on the straight line between their positions, as for all nodes, so that links are blends of links
         before = self.ends0.positions
@@ -169,9 +166,6 @@ class GeneralizedAlphaProblem(StepProblem):
         inertia = self.model.inertia(k, self._mean_acceleration(x), self.end_acceleration)
         return inertia - self.model.force(k) - force, laws
 
-    def link_vectors(self, x: Array) -> Array:
-        return self.model.links(self.s.r + (self.h * self.s.v + x), self.ends1)
-
     def link_rows(self, d: Array, y: Array) -> tuple[Array, Array]:
         line = self.model.line
         straight, straight_rate = self.straight
@@ -181,7 +175,7 @@ class GeneralizedAlphaProblem(StepProblem):
 
     def finish(self, u: Unknowns) -> State:
         h = self.h
-        r1 = self.s.r + (h * self.s.v + u.x)
+        r1 = self.end_positions(u.x)
         v1 = self._velocity(u.x)
         a1 = self._acceleration(u.x)
         v1, a1, stopped = self._stop_stuck(u, r1, v1, a1)

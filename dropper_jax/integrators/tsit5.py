@@ -1,7 +1,7 @@
 """Tsitouras' scheme of fifth order with an error estimate of fourth, for smooth, rigid lines.
 
 Coefficients: Tsitouras, Runge-Kutta pairs of order 5(4) satisfying only the first column simplifying assumption,
-Computers and Mathematics with Applications 62 (2011). The last stage is the first of the next step.
+Computers and Mathematics with Applications 62 (2011).
 """
 
 from __future__ import annotations
@@ -13,11 +13,12 @@ from dropper_jax.integrators.projected_runge_kutta import ProjectedRungeKutta
 
 @dataclass(frozen=True)
 class Tsit5(ProjectedRungeKutta):
-    """Six stages, fifth order."""
+    """Six stages, fifth order. The error estimate also uses the rate at the end of the step."""
 
     name = "tsit5"
     order = 5
     stable = 3.0
+    # stages at 0, 0.161, 0.327, 0.9, 0.98 and 1 of the step
     a = (
         (0.161,),
         (-0.008480655492356989, 0.335480655492357),
@@ -33,6 +34,7 @@ class Tsit5(ProjectedRungeKutta):
         -3.290069515436081,
         2.324710524099774,
     )
+    # b minus the weights of the solution of fourth order, in which the rate at the end of the step is the last
     errors = (
         (
             0.0017800110522257773,

@@ -1,7 +1,12 @@
-"""Which values of a traced function have members: those that depend on a mapped argument."""
+"""Which values of a traced function have members: those that depend on a mapped argument.
+
+Each function takes, for every input of an operation or a function, whether it has members, and returns the same for
+every output. Loops and branches are followed into their own traced functions.
+"""
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -14,10 +19,12 @@ from dropper_jax.lanes.parameters import Parameters, Unreadable
 Program = Any
 Operation = Any
 Atom = Any
+#: Whether each of several values has members.
+Mapped = list[bool]
 
 
 def split_constants(program: Program) -> tuple[Program, Sequence[Array]]:
-    """A traced function, and its constants: that of a call may have none."""
+    """A traced function and its constants; the function of a call may come without a list of them."""
     if hasattr(program, "consts"):
         return program.jaxpr, program.consts
     return program, ()
@@ -28,7 +35,7 @@ def is_literal(atom: Atom) -> bool:
     return hasattr(atom, "val")
 
 
-def _mapped_results(program: Program, has_members: Sequence[bool]) -> list[bool]:
+def _mapped_results(program: Program, has_members: Mapped) -> Mapped:
     """Which results of a traced function have members, given which of its arguments have them."""
     jaxpr, _ = split_constants(program)
     known = dict.fromkeys(jaxpr.constvars, False) | dict(zip(jaxpr.invars, has_members, strict=True))
@@ -42,7 +49,7 @@ def _mapped_results(program: Program, has_members: Sequence[bool]) -> list[bool]
     return [read(a) for a in jaxpr.outvars]
 
 
-def _mapped_outputs(eqn: Operation, has_members: list[bool]) -> list[bool]:
+def _mapped_outputs(eqn: Operation, has_members: Mapped) -> Mapped:
     """Which outputs of an operation have members, given which of its inputs have them."""
     name = eqn.primitive.name
     p = Parameters(eqn)
@@ -60,7 +67,7 @@ def _mapped_outputs(eqn: Operation, has_members: list[bool]) -> list[bool]:
 
 
 def scan_parts(p: Parameters) -> tuple[int, int]:
-    """Number of constants and of carried values among the inputs of a scan."""
+    """Numbers of constants and of carried values, the first inputs of a scan; its rows follow them."""
     if "num_consts" in p:
         return p["num_consts"], p["num_carry"]
     inputs = p["ft_in"]  # JAX 0.12
@@ -70,27 +77,34 @@ def scan_parts(p: Parameters) -> tuple[int, int]:
     return len(consts), len(carry)
 
 
-def _mapped_carry(carry: list[bool], next_carry: Callable[[list[bool]], list[bool]]) -> list[bool]:
-    """Which carried values have members: one that gets them in an iteration has them from the start."""
+def _grow_carry(carry: Mapped, next_carry: Callable[[Mapped], Mapped]) -> Mapped:
+    """Which carried values of a loop have members: one that gets them in an iteration has them from the start.
+
+    Args:
+        carry: which of them have members before the first iteration.
+        next_carry: which have them after an iteration that starts with these.
+    """
     while True:
-        grown = [a or b for a, b in zip(carry, next_carry(carry), strict=False)]
+        grown = list(map(operator.or_, carry, next_carry(carry)))
         if grown == carry:
             return carry
         carry = grown
 
 
-def mapped_by_scan(p: Parameters, has_members: list[bool]) -> list[bool]:
-    """Which values of the carry and which saved values of a scan have members."""
+def mapped_by_scan(p: Parameters, has_members: Mapped) -> Mapped:
+    """Which values of the carry, and after them which saved values, of a scan have members."""
     consts, carried = scan_parts(p)
+    bodies = has_members[:consts]
+    rows = has_members[consts + carried :]
 
-    def next_carry(carry: list[bool]) -> list[bool]:
-        return _mapped_results(p["jaxpr"], [*has_members[:consts], *carry, *has_members[consts + carried :]])
+    def outputs(carry: Mapped) -> Mapped:
+        return _mapped_results(p["jaxpr"], [*bodies, *carry, *rows])
 
-    carry = _mapped_carry(has_members[consts : consts + carried], next_carry)
-    return [*carry, *next_carry(carry)[carried:]]
+    carry = _grow_carry(has_members[consts : consts + carried], lambda carry: outputs(carry)[:carried])
+    return [*carry, *outputs(carry)[carried:]]
 
 
-def mapped_by_while(p: Parameters, has_members: list[bool]) -> tuple[list[bool], bool]:
+def mapped_by_while(p: Parameters, has_members: Mapped) -> tuple[Mapped, bool]:
     """Which values of the carry of a loop have members, and whether members disagree on when to stop.
 
     If they disagree, the whole carry has members.
@@ -98,19 +112,19 @@ def mapped_by_while(p: Parameters, has_members: list[bool]) -> tuple[list[bool],
     tests = p["cond_nconsts"]
     bodies = tests + p["body_nconsts"]
 
-    def stops(carry: list[bool]) -> bool:
+    def disagree(carry: Mapped) -> bool:
         return _mapped_results(p["cond_jaxpr"], [*has_members[:tests], *carry])[0]
 
-    def next_carry(carry: list[bool]) -> list[bool]:
-        if stops(carry):
+    def next_carry(carry: Mapped) -> Mapped:
+        if disagree(carry):
             return [True] * len(carry)
         return _mapped_results(p["body_jaxpr"], [*has_members[tests:bodies], *carry])
 
-    carry = _mapped_carry(has_members[bodies:], next_carry)
-    return carry, stops(carry)
+    carry = _grow_carry(has_members[bodies:], next_carry)
+    return carry, disagree(carry)
 
 
-def mapped_by_cond(p: Parameters, has_members: list[bool]) -> list[bool]:
+def mapped_by_cond(p: Parameters, has_members: Mapped) -> Mapped:
     """Which results of a branch on a shared index have members: those that have them in any branch."""
     branches = [_mapped_results(branch, has_members) for branch in p["branches"]]
-    return [any(found) for found in zip(*branches, strict=True)]
+    return [any(of_branches) for of_branches in zip(*branches, strict=True)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -12,7 +13,17 @@ from dropper_jax.base.records import by_name, names_of
 from dropper_jax.effects import EFFECTS
 from dropper_jax.load.checks_water import BELOW_BED, check_growth, check_water
 from dropper_jax.load.surface import bed_height
-from dropper_jax.scene import BodySpec, BuoySpec, LineSpec, PointSpec, SceneData, VesselSpec, check_anchors
+from dropper_jax.scene import (
+    BodySpec,
+    BuoySpec,
+    LineSpec,
+    PointSpec,
+    SceneData,
+    VesselSpec,
+    check_anchors,
+    sliced_lines,
+)
+from dropper_jax.scene.start import rows_of_pieces
 
 AT_LEAST_2 = "allowed: a whole number >= 2"
 
@@ -130,7 +141,7 @@ def check_span(scene: SceneData, index: int) -> float:
     """The distance [m] between the ends of a line that stay where they are, which its rigid links must be able to
     span."""
     line = scene.lines[index]
-    distance = float(np.linalg.norm(scene.point(line.end).position - scene.point(line.start).position))
+    distance = math.dist(scene.point(line.end).position, scene.point(line.start).position)
     if line.total <= distance:
         raise SceneError(
             f"line.{index}.length: the links are {line.total:g} m long in all, too short for the {distance:g} m "
@@ -178,21 +189,41 @@ def _check_system_effects(scene: SceneData) -> Iterator[Check]:
 
 @raises_first
 def check_bed(scene: SceneData, pose: tuple[str, np.ndarray] | None) -> Iterator[Check]:
-    """Check that no point, and no node of a given configuration (its path, and positions (n, 3) [m]), starts below the
-    seabed.
-
-    Nodes may be as deep in the seabed as the line is thick: a configuration taken from a run has a small penetration.
-    """
+    """Check that no point, and no node of a given configuration (its path, and positions (n, 3) [m] of the nodes of all
+    lines), starts below the seabed."""
     positions = np.array([point.position for point in scene.points])
     for i, bed in _below_bed(scene, positions, BELOW_BED):
         z = positions[i, 2]
         yield True, f"point.{i}.position: z = {z:g} m is below the seabed; allowed: >= {bed:g} m at its x and y"
-    diameter = scene.lines[0].diameter
-    if pose is not None and diameter is not None:
-        path, nodes = pose
-        for i, bed in _below_bed(scene, nodes, np.max(diameter)):
-            z = nodes[i, 2]
-            yield True, f"{path}: node {i} is at z = {z:g} m, below the seabed; allowed: >= {bed:g} m at its x and y"
+    if pose is None:
+        return
+    path, nodes = pose
+    rows = rows_of_pieces(scene.lines)
+    loaded = {point.name for point in scene.points if point.has_body} | {buoy.point for buoy in scene.buoys}
+    for line, where in sliced_lines(scene):
+        own = nodes[where.nodes]
+        ends = {0: line.start, line.links: line.end}
+        for i, bed in _below_bed(scene, own, _allowed_depth(scene, line)):
+            z = own[i, 2]
+            node = rows[where.nodes.start + i]
+            yield (
+                ends.get(i) not in loaded,  # a body presses its point into the seabed
+                f"{path}: node {node} is at z = {z:g} m, below the seabed; allowed: >= {bed:g} m at its x and y",
+            )
+
+
+#: Depth in the seabed of a node in motion, over that at which the seabed carries its weight.
+MAX_PRESSED = 10.0
+
+
+def _allowed_depth(scene: SceneData, line: LineSpec) -> float:
+    """Depth in the seabed [m] that a node may have in a configuration taken from a run: the thickness of its line, or
+    that to which its weight presses it."""
+    if line.diameter is None or "seabed" not in scene.effects:
+        return np.inf
+    weight = scene.gravity * line.mass
+    pressed = weight / (scene.effects["seabed"]["stiffness"] * line.diameter * line.length)
+    return float(np.max(np.maximum(line.diameter, MAX_PRESSED * pressed)))
 
 
 def _below_bed(scene: SceneData, positions: np.ndarray, margin: float) -> Iterator[tuple[int, float]]:

@@ -21,10 +21,9 @@ def check_water(effect: str, scene: SceneData) -> Iterator[Check]:
     sea = scene.sea
     if sea is None:
         raise SceneError(f"effects.{effect}: {NEEDS_WATER}")
-    yield (
-        effect in BY_MORISON and displaced_diameter(scene.line, scene) is None,
-        f"line.0.diameter: missing; effects.{effect} needs it, > 0 m",
-    )
+    if effect in BY_MORISON and displaced_diameter(scene.line, scene) is None:
+        bare = next((i for i, line in enumerate(scene.lines) if line.diameter is None), 0)
+        yield True, f"line.{bare}.diameter: missing; effects.{effect} needs it, > 0 m"
     if scene.effects.get("seabed", {}).get("bed_x") is not None:
         return  # a sloping seabed has a different depth everywhere, see `check_bed`
     lowest = -sea.depth

@@ -82,37 +82,50 @@ class OriginalLines:
                 taken.append((effect, key))
         return cls(plain(table["line_type"]), plain(table["line"]), made, tuple(taken))
 
-    def table(self, expanded: Values, keep_points: bool = False) -> Table:
+    def table(self, expanded: Values) -> Table:
         """Plain values of the scene in its original form, from those with one value per link."""
         effects = {}
         for name, values in expanded["effects"].items():
             effects[name] = {key: value for key, value in values.items() if (name, key) not in self.taken}
-        points = [p for p in expanded["point"] if keep_points or p["name"] not in self.made]
+        points = [p for p in expanded["point"] if p["name"] not in self.made]
         own = {"line_type": copy.deepcopy(self.line_type), "line": copy.deepcopy(self.line)}
         return {**expanded, **own, "point": points, "effects": effects}
 
     def with_changes(self, expanded: Table, values: Values) -> Table:
         """Plain values in their original form with some changed by path; changes of single links are applied last.
 
+        Points created by `attach` follow the ends of their line, except those with a changed value of their own.
+
         Args:
             expanded: plain values of the scene with one value per link.
         """
-        sections = {ScenePath(path).section for path in values}
-        table = self.table(expanded, keep_points="point" in sections)
+        table = self.table(expanded)
+        table["point"] = copy.deepcopy(expanded["point"])
         written = locate_written(table)
-        own = [path for path in values if is_written(table, path, written)]
-        single = {path: value for path, value in values.items() if path not in own and self._of_links(path)}
+        single = self.single_changes(expanded, values)
         for path, value in values.items():
-            if path in own:
+            if is_written(table, path, written):
                 set_value(table, path, value, written)
             elif path not in single:
                 set_value(table, path, value, candidates=written)
+        before = {point["name"]: point for point in expanded["point"] if point["name"] in self.made}
+        table["point"] = [point for point in table["point"] if point != before.get(point["name"])]
         if not single:
             return table
         table = expand(table)
         for path, value in single.items():
             set_value(table, path, value, candidates=written)
         return table
+
+    def single_changes(self, expanded: Values, values: Values) -> Table:
+        """Those changes by path that are of single links, which the original form cannot hold."""
+        table = self.table(expanded)
+        written = locate_written(table)
+        found = {}
+        for path, value in values.items():
+            if not is_written(table, path, written) and self._of_links(path):
+                found[path] = value
+        return found
 
     def warnings(self) -> Iterator[str]:
         """Warnings about values that the expanded lines do not have."""

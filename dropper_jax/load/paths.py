@@ -146,6 +146,9 @@ def _find_parent(
     for number in entries:
         if isinstance(branch, dict):
             items = branch.get(key)
+            if isinstance(items, float) and _is_per_link(steps[stem]):  # equal values are stored as one number
+                items = [items] * table["line"][parents[1]]["links"]
+                branch[str(key)] = items
         else:
             items = branch[key]
         if not isinstance(items, list):
@@ -157,6 +160,13 @@ def _find_parent(
         branch = items
         key = number
     return branch, key
+
+
+def _is_per_link(steps: Steps) -> bool:
+    """Whether a value may be a list of one number per link of its line."""
+    section, _, key, *_ = (*steps, "", "")
+    own = key == "axial" or describe(".".join(map(str, steps))).get("shape") == "link"
+    return section == "line" and own
 
 
 def path_as_given(error: SceneError, given: Iterable[str]) -> SceneError:

@@ -39,11 +39,14 @@ class Scene(SceneData):
     Attributes:
         written: line types, sections and attached points in their original form; None without any.
         template: parameters, repetitions and arrays in their original form; None without any.
+        before_links: the scene in its original form before values of single links were changed, and these changes by
+            path; None without any. Further changes start from it, so that `line.leg.length` remains that of the line.
     """
 
     run: RunSpec = part(partial(RunSpec.read, options=OPTIONS), needed="a table with `duration`")
     written: OriginalLines | None = None
     template: Template | None = None
+    before_links: tuple[Scene, Table] | None = None
 
     @classmethod
     def from_dict(cls, table: Values, name: str = "scene") -> Scene:
@@ -71,10 +74,10 @@ class Scene(SceneData):
         scene = replace(scene, start=start, effects=_read_effects(scene))
         check_scene(scene)
         scene = replace(scene, start=closed_start(scene))
-        pose = None
+        pose = given_pose(scene)
         if line is None:
             check_system_pose(scene)
-        elif pose := given_pose(scene):
+        elif pose is not None:
             check_pose(scene, line, *pose)
         check_bed(scene, pose)
         return with_suggestions(scene)
@@ -109,6 +112,9 @@ class Scene(SceneData):
         values = {path: copy.deepcopy(plain(value)) for path, value in values.items()}
         if self.template is not None:
             return self._from_template(self.template, values)
+        if self.before_links is not None:
+            base, changes = self.before_links
+            return base.with_values({**changes, **values})
         for path in values:
             if ScenePath(path).section == "parameters":
                 raise SceneError(f"{path}: the scene has no [parameters]. Use paths of its values")
@@ -126,9 +132,15 @@ class Scene(SceneData):
         if "run.integrator" in values and "run.accuracy" not in values:
             table["run"] = self._with_steps_for(table["run"])
         try:
-            return Scene.from_dict(table)
+            found = Scene.from_dict(table)
         except SceneError as error:
             raise path_as_given(error, values) from None
+        if self.written is None or found.written is not None:
+            return found
+        single = self.written.single_changes(self.to_dict(), values)
+        others = without_keys(values, single)
+        base = self.with_values(others) if others else self
+        return replace(found, before_links=(base, single))
 
     def _pair_gravities(self, values: Table) -> None:
         """Add to changed values the gravity of weights or of the water where the other one is changed: they have one.
@@ -143,6 +155,10 @@ class Scene(SceneData):
         may_be_weightless = self.sea.waves is not None and "buoyancy" not in self.effects
         if of_weight in values and not (may_be_weightless and values[of_weight] == 0.0):
             values[of_sea] = values[of_weight]
+
+    def sets_other_gravity(self, path: str) -> bool:
+        """Whether a change of the value at a path also changes the gravity of the water, or of the weights in it."""
+        return self.sea is not None and path in GRAVITIES
 
     def with_equal_steps(self) -> Scene:
         """The scene with equal steps of `run.step` in place of an accuracy, for studies that need them."""

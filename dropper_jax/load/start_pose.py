@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -21,7 +22,8 @@ MAX_STRETCH = 2.0
 
 
 def given_pose(scene: SceneData) -> tuple[str, np.ndarray] | None:
-    """The path of a given start of one line, and its nodes (n + 1, 3) [m]; None for a static start."""
+    """The path of a given start, and the nodes (n + 1, 3) [m] of the line, or those of all lines of a system; None for
+    a static start."""
     line = scene.lines[0]
     start = scene.start
     if start.positions is not None:
@@ -73,7 +75,7 @@ def check_pose(scene: SceneData, line: LineSpec, path: str, nodes: np.ndarray, b
         nodes: of the line (links + 1, 3) [m]; before: number of nodes of other lines before it in the list.
     """
     for i, point in ((0, scene.point(line.start)), (line.links, scene.point(line.end))):
-        away = float(np.linalg.norm(nodes[i] - point.position))
+        away = math.dist(nodes[i], point.position)
         yield (
             away > POSE_TOLERANCE * line.total and not point.is_free,
             f"{path}: node {before + i} is at {_point_text(nodes[i])} m; allowed: {_point_text(point.position)} m, "

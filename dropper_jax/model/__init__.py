@@ -2,9 +2,8 @@
 
 from dropper_jax.model.check_slots import check_slots
 from dropper_jax.model.effect import Effect, HeldMotion, HolonomicConstraint, Law, per_node
-from dropper_jax.model.geometry import Ends, Member
-from dropper_jax.model.graph import Graph, LinkEnd
-from dropper_jax.model.kinematics import Frozen, Kinematics, ModelView
+from dropper_jax.model.graph import Graph, LinkEnd, Member
+from dropper_jax.model.kinematics import Ends, Frozen, Kinematics, ModelView
 from dropper_jax.model.line import Failures, Line, Point
 from dropper_jax.model.model import MOVING_ENDS, Forces, Model
 from dropper_jax.model.slots import (

@@ -39,7 +39,7 @@ class Effect:
     #: Whether it acts only on corners of rigid bodies (see `HolonomicConstraint`).
     bodily: ClassVar[bool] = False
     #: Whether a part of its potential is lost when a link breaks (see `failure`).
-    parts: ClassVar[bool] = False
+    breaks_with_links: ClassVar[bool] = False
 
     @property
     def reach(self) -> int:
@@ -75,7 +75,7 @@ class Effect:
         """Whether `displace` moves the fixed point of that name, which the option `point` gives."""
         return name == getattr(self, "point", None)
 
-    def of(self, name: str) -> Effect:
+    def motion_of(self, name: str) -> Effect:
         """The effect whose `displace` moves the fixed point of that name: of a group of motions, the one for it."""
         return self
 

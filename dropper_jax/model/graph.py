@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import pairwise
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -20,7 +21,6 @@ import numpy as np
 from jax import Array
 
 from dropper_jax.base.indexed_sums import gather_sums, index_table
-from dropper_jax.model.geometry import Member, line_number
 
 #: Number of runs of consecutive indices up to which slices are joined in place of a gather.
 RUNS = 3
@@ -59,6 +59,28 @@ class LinkEnd:
     def at(self, nodal: Array) -> Array:
         """Values (nodes, ...) of the free nodes, one per row; those of fixed points are arbitrary."""
         return take(nodal, self._node)
+
+
+class Member(NamedTuple):
+    """One line of a graph.
+
+    Attributes:
+        name: of the line.
+        links: number of its links.
+        start, end: numbers of the points at its ends.
+        far: whether a link's mass and forces go to its far node, as in a path; otherwise half of them to each node.
+    """
+
+    name: str
+    links: int
+    start: int
+    end: int
+    far: bool = False
+
+    @property
+    def near_share(self) -> float:
+        """Fraction of a link's mass and forces at its first node."""
+        return 0.0 if self.far else 0.5
 
 
 @dataclass(frozen=True)
@@ -277,9 +299,18 @@ class Graph:
         Raises:
             ValueError: no such line or node, or the node is fixed.
         """
-        numbers = self.paths[line_number(line, [m.name for m in self.members])]
+        numbers = self.paths[_line_number(line, [m.name for m in self.members])]
         if not 0 <= j < len(numbers):
             raise ValueError(f"node: {j} is not a node of line {line!r}; allowed: 0 to {len(numbers) - 1}")
         if not 0 <= numbers[j] < self.free:
             raise ValueError(f"node: {j} of line {line!r} is fixed; allowed: a free node")
         return int(numbers[j])
+
+
+def _line_number(line: str | int, names: Sequence[str]) -> int:
+    """The number of a line, by name or number."""
+    if line in names:
+        return names.index(line)
+    if isinstance(line, int) and 0 <= line < len(names):
+        return line
+    raise ValueError(f"line: {line!r} is unknown; allowed: {', '.join(names)} or 0 to {len(names) - 1}")

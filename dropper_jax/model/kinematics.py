@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Protocol, TypeVar
+from typing import Any, NamedTuple, Protocol, TypeVar
 
 from jax import Array
 
 from dropper_jax.base.numerics import cross, safe_norm
-from dropper_jax.model.geometry import Ends
 from dropper_jax.model.graph import Graph
 from dropper_jax.model.line import Line, Point
 from dropper_jax.sea import Sea, Water
@@ -72,6 +71,30 @@ class Named(Protocol):
     @property
     def name(self) -> str:
         """Its key in `[effects.NAME]`."""
+
+
+class Ends(NamedTuple):
+    """The fixed points at one instant, in the order of `Graph.held_points`.
+
+    Attributes:
+        positions: (held, 3) [m].
+        velocities: (held, 3) [m/s]; None if no point moves.
+    """
+
+    positions: Array
+    velocities: Array | None = None
+
+    @property
+    def start(self) -> Array:
+        """Start point of a single line (3,) [m]."""
+        return self.positions[0]
+
+    @property
+    def end(self) -> Array | None:
+        """End point of a single line (3,) [m]; None if that end is free."""
+        if self.positions.shape[0] > 1:
+            return self.positions[1]
+        return None
 
 
 @dataclass(eq=False)

@@ -129,8 +129,8 @@ class Line:
         first, _, last = self.blocks()
         return self.geometry.at_ends(first, last)
 
-    def parts(self) -> tuple[LinkEnd, ...]:
-        """Which fraction of the links' water forces acts on which end (see `effects.submerged.wet_share`)."""
+    def link_ends(self) -> tuple[LinkEnd, ...]:
+        """The ends of links on which water forces act, with their shares (see `effects.submerged.wet_share`)."""
         near = self.near_share
         far = LinkEnd(self.geometry, True, 1.0 - near)
         if isinstance(near, float) and near == 0.0:

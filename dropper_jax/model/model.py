@@ -14,9 +14,8 @@ from jax.typing import DTypeLike
 from dropper_jax.axial import AxialLaw, ChangingLength
 from dropper_jax.base.fields import component
 from dropper_jax.model.effect import Effect, HolonomicConstraint, Law
-from dropper_jax.model.geometry import Ends
 from dropper_jax.model.graph import Graph
-from dropper_jax.model.kinematics import Frozen, Kinematics, Role
+from dropper_jax.model.kinematics import Ends, Frozen, Kinematics, Role
 from dropper_jax.model.line import Line, Point
 from dropper_jax.model.slots import (
     AddedMass,
@@ -170,7 +169,7 @@ class Model:
     def _position(self, index: int, t: Array) -> Array:
         """Position (3,) [m] of a fixed point at time t."""
         point = self.points[index]
-        moving = [e.of(point.name) for e in self.having(Displacement) if e.moves(point.name)]
+        moving = [e.motion_of(point.name) for e in self.having(Displacement) if e.moves(point.name)]
         return sum((self.displacement(e, t) for e in moving), point.position)
 
     def _held_positions(self, time: Array) -> Array:
@@ -378,7 +377,7 @@ class Model:
         return {**own, "water": self.sea.water(k.r, k.t, k.tangents, material, current)}
 
     def kinetic_energy(self, k: Kinematics) -> Array:
-        """Kinetic energy, scalar [J]; for moving ends including that of the link masses at them."""
+        """Kinetic energy, scalar [J]; of compound lines including that of the link masses at moving ends."""
         own = 0.5 * jnp.sum(k.v * self.nodal_inertia(k.v, k.ends.velocities))
         if self.line.compound and k.ends.velocities is not None:
             held = self.geometry.held_at_ends(*self.line.inertia_forces(k.v, k.ends.velocities))

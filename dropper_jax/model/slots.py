@@ -34,7 +34,7 @@ class Potential(Force, Protocol):
     """A conservative force: its energy is part of the balance; otherwise its work is."""
 
     @property
-    def parts(self) -> bool:
+    def breaks_with_links(self) -> bool:
         """Whether a part of its potential is lost when a link breaks."""
 
     def potential(self, k: Kinematics) -> Array:
@@ -83,10 +83,10 @@ class TurningMass(AddedMass, Protocol):
     """Added mass that turns with its link."""
 
     @property
-    def turns(self) -> bool:
-        """Whether it may gain energy by turning."""
+    def may_gain_energy(self) -> bool:
+        """Whether the form of its force may gain energy by turning."""
 
-    def gains(self) -> Array:
+    def gains_energy(self) -> Array:
         """Whether it actually does so, according to its coefficients, scalar."""
 
 
@@ -131,7 +131,7 @@ class Displacement(Protocol):
     def moves(self, name: str) -> bool:
         """Whether the fixed point of that name moves."""
 
-    def of(self, name: str) -> Displacement:
+    def motion_of(self, name: str) -> Displacement:
         """The effect that moves the fixed point of that name."""
 
     def displace(self, t: Array, *sea: Sea | None) -> Array:

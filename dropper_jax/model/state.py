@@ -7,20 +7,18 @@ names of their work, and return it as tables `{name: scalar}`. Schemes add these
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
 
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
-from dropper_jax.axial import LENGTH_IN_TIME
+from dropper_jax.axial import LENGTH_IN_TIME, Works, sum_works
 from dropper_jax.base.fields import component, option
 from dropper_jax.model.kinematics import Frozen
 from dropper_jax.model.model import MOVING_ENDS, Model
 from dropper_jax.model.slots import AddedMass, LengthOverTime
 
-Works = Mapping[str, Array]
 #: Name of the energy lost with broken links.
 BREAKING = "breaking"
 
@@ -53,12 +51,7 @@ def book_works(model: Model, *tables: Works) -> Array:
         ValueError: a table contains a name that is not in the ledger.
     """
     names = work_names(model)
-    found: dict[str, Array] = {}
-    for table in tables:
-        for name, work in table.items():
-            if name in found:
-                work = found[name] + work
-            found[name] = work
+    found = sum_works(tables)
     strangers = sorted(found.keys() - set(names))
     if strangers:
         raise ValueError(f"{strangers[0]!r} is not in the ledger of work; allowed: {', '.join(names) or 'nothing'}")

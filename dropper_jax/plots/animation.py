@@ -20,8 +20,9 @@ from matplotlib.lines import Line2D
 from mpl_toolkits.mplot3d import Axes3D, proj3d
 from PIL import Image
 
-from dropper_jax.base.errors import Progress, SceneError, silent
+from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import atomic_write, remove_leftovers, unfinished_folder
+from dropper_jax.base.progress import Progress, silent
 from dropper_jax.plots import figures, marks, style, surroundings, tension_colours, view
 from dropper_jax.plots.run import Run
 from dropper_jax.plots.style import ALERT, CYCLE, DARK, FAINT

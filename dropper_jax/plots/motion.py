@@ -23,9 +23,12 @@ def motion_history(run: Run, path: str | Path) -> Path:
     long record is drawn as its envelope, with a zoom.
     """
     names = list(tracked_nodes(run))
+    every = len(candidate_nodes(run))
     what = "motion"
     if len(names) == 1:
         what = f"motion of {names[0]}"
+    if len(names) < every:
+        what = f"motion of {len(names)} of {every} points (the largest)"
     return history(run, path, what, motion_panels(run))
 
 
@@ -58,18 +61,26 @@ def motion_panels(run: Run) -> list[Panel]:
     return found
 
 
+#: Maximum number of points in one picture.
+MAX_POINTS = 4
+
+
 def tracked_nodes(run: Run) -> dict[str, int]:
-    """Nodes to draw, by name: the buoys with the largest motion, else free points; of a single line its end and the
-    node that moves most."""
+    """Nodes to draw, by name: the candidates with the largest motion."""
     travelled = travel(run)
-    lively = int(np.argmax(travelled))
+    return dict(sorted(candidate_nodes(run).items(), key=lambda item: -travelled[item[1]])[:MAX_POINTS])
+
+
+def candidate_nodes(run: Run) -> dict[str, int]:
+    """Nodes with a motion of interest, by name: buoys, else free points; of a single line also the node that moves
+    most."""
+    lively = int(np.argmax(travel(run)))
     nodes = {name: node for name, node in run.point_names.items() if node in run.joints}
     buoys = {buoy.node for buoy in run.buoys}
     wanted = {name: node for name, node in nodes.items() if node in buoys} or nodes
     if not wanted or (len(run.lines) == 1 and lively not in wanted.values()):
         wanted[f"node {lively}"] = lively
-    # maximum number of points in one picture
-    return dict(sorted(wanted.items(), key=lambda item: -travelled[item[1]])[:4])
+    return wanted
 
 
 @style.with_style

@@ -13,8 +13,8 @@ from dropper_jax.load.scene import Scene
 from dropper_jax.load.surface import surface_over
 from dropper_jax.plots import view
 from dropper_jax.plots.body_shapes import Bodies, Shape
+from dropper_jax.quantities.variables import ARRAYS, SOME
 from dropper_jax.run.samples import Samples
-from dropper_jax.run.variables import ARRAYS, SOME
 from dropper_jax.scene import WholeLine, whole_lines
 from dropper_jax.scene.slices import first_nodes, link_differences, point_nodes
 from dropper_jax.sea.spec import SeaSpec

@@ -13,8 +13,8 @@ from dropper_jax.plots.run import TENSION_ROUNDING, Run
 from dropper_jax.plots.scales import force_unit
 from dropper_jax.plots.style import DARK
 from dropper_jax.plots.time_panels import Curve, Panel, history
-from dropper_jax.run.end_links import loaded_fixed_points
-from dropper_jax.run.step_extremes import LOADS
+from dropper_jax.quantities.end_links import loaded_fixed_points
+from dropper_jax.quantities.step_extremes import LOADS
 
 #: The total load of a fixed point among the components of its load.
 TOTAL = LOADS.index("total")
@@ -39,6 +39,10 @@ class ScaledTensions(NamedTuple):
     unit: str
     size: float
     samples: slice
+
+    def curve(self, name: str, link: int) -> Curve:
+        """The tension of a link, with its range."""
+        return Curve(name, self.t, self.tension[:, link], self.low[:, link], self.high[:, link])
 
 
 def scale_tensions(run: Run) -> ScaledTensions:
@@ -101,17 +105,13 @@ def ends_panel(run: Run, scaled: ScaledTensions) -> Panel:
     tops = np.nanmax(scaled.high, axis=0)
     lines = sorted(run.written_lines, key=lambda line: -tops[line.links].max())[:MAX_CURVES]
     what = "more loaded end of each line"
-    ends = []
-    for line in lines:
-        ends.append((line.name, max(line.links.start, line.links.stop - 1, key=lambda link: tops[link])))
+    ends = [(line.name, max(line.links.start, line.links.stop - 1, key=lambda link: tops[link])) for line in lines]
     if len(lines) == 1:
         what = "ends of the line"
         line = lines[0]
         start, *_, end = line.stops.values()  # the same point of a loop
         ends = [(f"at {start}", line.links.start), (f"at {end}", line.links.stop - 1)]
-    curves = []
-    for name, link in ends:
-        curves.append(Curve(name, scaled.t, scaled.tension[:, link], scaled.low[:, link], scaled.high[:, link]))
+    curves = [scaled.curve(name, link) for name, link in ends]
     title = _count_title(what, len(lines), len(run.written_lines))
     return Panel(f"tension [{scaled.unit}]", curves, title, zero=True)
 

@@ -16,11 +16,11 @@ from dropper_jax.plots.scales import force_unit
 from dropper_jax.plots.style import CYCLE, DARK, FAINT
 from dropper_jax.plots.surroundings import SURFACE, WATER
 from dropper_jax.plots.tension import scale_tensions
-from dropper_jax.run.bending import curvature
+from dropper_jax.quantities.bending import curvature
 from dropper_jax.scene import whole_lines
 
-#: Maximum number of lines in one picture.
-MAX_LINES = 8
+#: Maximum number of lines in one picture, each with its own colour.
+MAX_LINES = len(CYCLE)
 
 
 @style.plot_style()
@@ -32,11 +32,12 @@ def along_lines(scene: Scene, positions: np.ndarray, tension: np.ndarray, path: 
     """
     bent = curvature(scene, positions[None])[0]
     bent[bent == 0.0] = np.nan  # ends, and points that cut a line
-    lines = sorted(whole_lines(scene), key=lambda line: -tension[line.links].max())
+    every = whole_lines(scene)
+    lines = sorted(every, key=lambda line: -tension[line.links].max())[:MAX_LINES]
     unit, size = force_unit(tension)
     figure = figures.new_figure(7.5, 4.8)
     upper, lower = figure.subplots(2, 1, sharex=True)
-    for i, (colour, line) in enumerate(zip(CYCLE, lines[:MAX_LINES], strict=False)):
+    for i, (colour, line) in enumerate(zip(CYCLE, lines, strict=False)):
         dashes = "--" if i % 2 else "-"  # equal lines hide each other
         mark = {"marker": "o", "ms": 2.5, "color": colour, "ls": dashes}
         arc = np.concatenate([[0.0], np.cumsum(line.spec.length)])
@@ -45,6 +46,8 @@ def along_lines(scene: Scene, positions: np.ndarray, tension: np.ndarray, path: 
     upper.set_ylabel(f"tension [{unit}]")
     lower.set(xlabel="unstretched arc length [m]", ylabel="curvature [1/m]")
     figures.legend_above(upper, 4, "left", borderaxespad=0.2)
+    if len(lines) < len(every):
+        figures.title(figure, f"{scene.name}: the {len(lines)} most loaded lines of {len(every)}")
     return figures.save(figure, path)
 
 

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
+from dropper_jax.modelling.wakes import SceneWakes
 from dropper_jax.plots import figures, style
 from dropper_jax.plots.style import DARK
-from dropper_jax.run.wakes import SceneWakes
 
 
 @style.plot_style()

@@ -23,8 +23,13 @@ def regimes(waves: Sequence[tuple[str, float, float, float]], gravity: float, pa
     Args:
         waves: marked ones: label, height [m], period [s], depth [m].
     """
-    # drawn range of d/(g T^2)
-    depths = np.geomspace(4e-4, 0.3, 300)
+    marked = [
+        (label, depth / (gravity * period**2), height / (gravity * period**2)) for label, height, period, depth in waves
+    ]
+    # drawn range of d/(g T^2), in which the marked waves are
+    shallow = min([4e-4, *(0.5 * across for _, across, _ in marked)])
+    deep = max([0.3, *(2.0 * across for _, across, _ in marked)])
+    depths = np.geomspace(shallow, deep, 300)
     # of linear waves over g T^2
     length = 2.0 * np.pi / np.asarray(wave_number(jnp.full(depths.shape, 2.0 * np.pi), jnp.asarray(depths), 1.0))
     limit = np.vectorize(highest)(length, depths)
@@ -32,7 +37,8 @@ def regimes(waves: Sequence[tuple[str, float, float, float]], gravity: float, pa
     stokes = np.where(length < STOKES_MAX_LENGTH * depths, STOKES_MAX_HEIGHT * limit, linear)
     figure = figures.new_figure(7.6, 6.2)
     axes = figure.subplots()
-    low = min([1e-5, *(0.5 * h / (gravity * t**2) for _, h, t, _ in waves)])
+    low = min([1e-5, *(0.5 * up for _, _, up in marked)])
+    high = max([0.05, *(2.0 * up for _, _, up in marked)])
     axes.fill_between(depths, low, linear, color=CYCLE[5], alpha=0.25, label="linear", lw=0)
     axes.fill_between(depths, linear, stokes, color=CYCLE[2], alpha=0.25, label="Stokes V", lw=0)
     axes.fill_between(depths, stokes, limit, color=CYCLE[4], alpha=0.3, label="stream function", lw=0)
@@ -43,16 +49,15 @@ def regimes(waves: Sequence[tuple[str, float, float, float]], gravity: float, pa
         axes.axvline(at, color=FAINT, lw=0.9, ls="--")
         text = f"d/L = {share:g}, {name}"
         axes.annotate(text, (at, 0.03), (4, 0), ("data", "axes fraction"), "offset points", fontsize=8, rotation=90)
-    for i, (label, height, period, depth) in enumerate(waves):
-        scale = gravity * period**2
-        axes.plot(depth / scale, height / scale, "o", color=CYCLE[1 - i % 2], ms=8, label=label, zorder=5)
+    for i, (label, across, up) in enumerate(marked):
+        axes.plot(across, up, "o", color=CYCLE[1 - i % 2], ms=8, label=label, zorder=5)
     axes.set(
         xscale="log",
         yscale="log",
         xlabel="depth d/(g T²)",
         ylabel="height H/(g T²)",
         xlim=(depths[0], depths[-1]),
-        ylim=(low, 0.05),
+        ylim=(low, high),
     )
     figure.legend(loc="outside lower center", ncols=3)
     figures.title(figure, "theories of regular waves")

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from dropper_jax.base.errors import SceneError, first_failure
+from dropper_jax.base.numerics import spread
 from dropper_jax.base.read import Table
 from dropper_jax.base.records import column
 from dropper_jax.base.store import flat_items
@@ -16,11 +17,11 @@ from dropper_jax.evaluation.record import Record, record
 from dropper_jax.evaluation.settings import DEFAULTS, Settings
 from dropper_jax.evaluation.snaps import line_snaps
 from dropper_jax.evaluation.tension import anchors, line_tensions
+from dropper_jax.plausibility.line_weights import line_weights
 from dropper_jax.report.distance import line_distances
 from dropper_jax.report.lines import bed_contact, crops, flow_coefficients, line_bending, submergence
 from dropper_jax.report.motion import accelerations, body_motions, watch_circles
 from dropper_jax.report.parts import parts
-from dropper_jax.run.line_weights import line_weights
 from dropper_jax.run.simulate import Solution
 from dropper_jax.scene import whole_lines
 
@@ -136,14 +137,12 @@ def _spread(runs: list[Table]) -> Table:
             rows[f"equivalent range of {line['line']}"] = [max(f["equivalent_range_n"]) for f in own]
             if all(f["damage"] is not None for f in own):
                 rows[f"damage per year of {line['line']}"] = column(own, "damage_per_year")
-    values = {}
-    for name, v in rows.items():
-        values[name] = {"min": min(v), "mean": float(np.mean(v)), "max": max(v), "by_run": v}
+    statistics = {name: spread(np.array(v), ("min", "mean", "max")) | {"by_run": v} for name, v in rows.items()}
     return {
         "dt_s": column(runs, "dt_s"),
         "accuracy": column(runs, "accuracy"),
         "internal_damping_n_s": column(runs, "internal_damping_n_s"),
-        "values": values,
+        "values": statistics,
     }
 
 
@@ -165,9 +164,8 @@ def _extremes(runs: list[Table], differ: list[str], settings: Settings) -> Table
     durations = [run["to_s"] - run["from_s"] for run in runs]
     if len(runs) > 1 and np.ptp(durations) > 1e-3 * max(durations):
         return {"skipped": "the runs have different durations: their maxima are of different distributions"}
-    found = {}
-    for name, peaks in _peaks(runs).items():
-        found[name] = storm_extreme(np.array(peaks), durations[0], settings.storm, settings.confidence)
+    how = (durations[0], settings.storm, settings.confidence)
+    found = {name: storm_extreme(np.array(peaks), *how) for name, peaks in _peaks(runs).items()}
     why = {item.get("skipped") for item in found.values()}
     if len(why) == 1 and None not in why:
         return {"skipped": why.pop()}

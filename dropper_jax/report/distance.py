@@ -43,10 +43,10 @@ def line_distances(record: Record) -> list[Table] | dict[str, str]:
         near = _nearest(record, a, b)
         if near is None:
             continue
-        if a not in nearest or near.distance < nearest[a].distance:
-            nearest[a] = near
-        if b not in nearest or near.distance < nearest[b].distance:
-            nearest[b] = near._replace(other=a, link=near.other_link, other_link=near.link)
+        seen_from_b = near._replace(other=a, link=near.other_link, other_link=near.link)
+        for i, approach in ((a, near), (b, seen_from_b)):
+            if i not in nearest or approach.distance < nearest[i].distance:
+                nearest[i] = approach
     return [_describe_distance(record, line, nearest.get(i)) for i, line in enumerate(lines)]
 
 

@@ -10,11 +10,11 @@ from dropper_jax.evaluation.record import Record
 from dropper_jax.evaluation.settings import Settings
 from dropper_jax.load.scene import Scene
 from dropper_jax.load.surface import bed_height, surface_over
+from dropper_jax.modelling.flow_coefficients import flow_dependent_effects, flow_table
+from dropper_jax.modelling.growth import has_mussels, overgrown
+from dropper_jax.quantities.bending import bending_moment, bending_summary, curvature, has_bending
 from dropper_jax.report.motion import node_arc, node_rows
 from dropper_jax.report.tables import Rows
-from dropper_jax.run.bending import bending_moment, bending_summary, curvature, has_bending
-from dropper_jax.run.flow_coefficients import flow_dependent_effects, flow_table
-from dropper_jax.run.growth import has_mussels, overgrown
 from dropper_jax.scene import BuoySpec, sliced_lines
 from dropper_jax.scene.slices import point_nodes
 

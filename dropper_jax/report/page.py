@@ -21,6 +21,9 @@ from dropper_jax.run.simulate import Solution
 
 __all__ = ["pair_page", "view_page", "write_view"]
 
+#: Files of the program of a page, in the order of their dependencies.
+PROGRAM = ("run.js", "pick.js", "solid.js", "pair.js", "view.js")
+
 
 def write_view(solution: Solution, path: str | Path, other: Solution | None = None) -> Path:
     """Write the page of a solution, or of two side by side, atomically."""
@@ -49,24 +52,18 @@ def view_page(solution: Solution, limits: tuple[float, float] | None = None) -> 
     # `<` would let a scene's name end the script element
     data = json.dumps(page_data(run, limits or tension_colours.tension_limits(run.tension)), allow_nan=False)
     data = data.replace("<", "\\u003c")
+    script = "\n".join(map(_asset, PROGRAM))
     return _fill_page(
-        "view.html", TITLE=html.escape(run.scene.name), STYLE=_asset("view.css"), DATA=data, SCRIPT=_script()
+        "view.html", TITLE=html.escape(run.scene.name), STYLE=_asset("view.css"), DATA=data, SCRIPT=script
     )
 
 
 def _fill_page(name: str, **parts: str) -> str:
-    """A page with its marks `/*NAME*/` replaced once: the inserted text may contain such marks."""
+    """A page of the assets with each mark `/*NAME*/` replaced by the part of that name.
+
+    All are replaced in one pass, because an inserted text may contain such marks itself.
+    """
     return re.sub(r"/\*([A-Z]+)\*/", lambda mark: parts[mark[1]], _asset(name))
-
-
-#: The line of `view.js` before which the other files of the program belong.
-SAMPLES = "// --- samples between frames"
-
-
-def _script() -> str:
-    """The program of the page: its files in the order of their dependencies."""
-    head, body = _asset("view.js").split(SAMPLES, 1)
-    return "\n".join([head, _asset("pick.js"), _asset("solid.js"), _asset("pair.js"), SAMPLES + body])
 
 
 def _asset(name: str) -> str:

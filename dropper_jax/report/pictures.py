@@ -20,10 +20,10 @@ from dropper_jax.plots.scales import force_unit
 from dropper_jax.plots.style import ALERT, CYCLE, DARK, FAINT, FIRST, SECOND
 from dropper_jax.plots.tension_along import draw_bands
 from dropper_jax.plots.time_panels import Curve, line_style
+from dropper_jax.quantities.end_links import point_loads
+from dropper_jax.quantities.step_extremes import load_components
 from dropper_jax.report.sections import load_of_anchor
 from dropper_jax.report.tables import largest
-from dropper_jax.run.end_links import point_loads
-from dropper_jax.run.step_extremes import load_components
 
 #: Maximum number of lines, anchors or points in one picture, each with its own colour; of more, those with the largest
 #: load or motion.

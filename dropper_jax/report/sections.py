@@ -10,10 +10,10 @@ import numpy as np
 from dropper_jax.base.markdown import first_names, markdown_table
 from dropper_jax.base.read import Table
 from dropper_jax.base.table_cells import Columns, fill
+from dropper_jax.modelling.flow_coefficients import flow_cells
+from dropper_jax.plausibility.line_weights import weight_cells
+from dropper_jax.quantities.statistics import NOT_GAUSSIAN
 from dropper_jax.report.tables import SECTION_ROWS, largest, largest_table, table_of
-from dropper_jax.run.flow_coefficients import flow_cells
-from dropper_jax.run.line_weights import weight_cells
-from dropper_jax.run.statistics import NOT_GAUSSIAN
 
 #: What to do about a line without a breaking load.
 GIVE_LOAD = "give `breaking_load` in the scene, or --breaking-load"
@@ -263,8 +263,15 @@ DISTANCE: Columns = {
 }
 
 
+def _nearness(line: Table) -> float:
+    """Minus the distance to the nearest line [m]."""
+    if line["nearest"] is None:
+        return -math.inf
+    return -line["least_distance_m"]
+
+
 def distance(lines: list[Table]) -> str:
-    return largest_table(lines, lambda line: -(line["least_distance_m"] or math.inf), DISTANCE, "nearest")
+    return largest_table(lines, _nearness, DISTANCE, "nearest")
 
 
 SEABED: Columns = {

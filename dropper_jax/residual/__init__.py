@@ -2,6 +2,7 @@
 
 from dropper_jax.residual.problem import (
     GRAVITY_SCALE,
+    DisplacementProblem,
     NodeRows,
     PerLaw,
     SpeedProblem,
@@ -33,6 +34,7 @@ from dropper_jax.residual.step import (
 )
 
 __all__ = [
+    "DisplacementProblem",
     "Embedded",
     "Explicit",
     "Filter",

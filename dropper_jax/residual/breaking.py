@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 
 from dropper_jax.model import BREAKING, Failures, Model, Parted, Potential, State, as_parted, book_works
@@ -46,17 +47,23 @@ def _link_energy(model: Model, s: State) -> Array:
     k = model.kinematics(s.r, s.v, s.t)
     line = model.with_lengths(s.t).line
     own = line.axial.energy(k.links, line.length)
-    return sum((e.potential(k) for e in model.having(Potential) if e.parts), own)
+    return sum((e.potential(k) for e in model.having(Potential) if e.breaks_with_links), own)
 
 
 def _part(failures: Failures, parted: Parted, s1: State) -> Parted:
-    """The broken links after a step: each entry acts once, and which link breaks and when has no derivative."""
+    """The broken links after a step: each entry acts once and each link breaks once; which and when has no derivative.
+
+    Of several entries that are due at one link the first acts; the others may break another link later.
+    """
     tension, t = jax.lax.stop_gradient((s1.tension, s1.t))
     share = tension / failures.load
     named = jnp.asarray(failures.named, jnp.int32)
     link = jnp.where(named >= 0, named, jnp.argmax(share, axis=1))
     due = (jnp.max(share, axis=1) >= 1.0) | (t >= failures.time * (1.0 - SAME_TIME))
     now = due & (parted.link < 0)
+    same = link[:, None] == link
+    earlier = np.tri(len(named), k=-1, dtype=bool)
+    now = now & ~jnp.any(same & now & earlier, axis=1) & ~jnp.any(link[:, None] == parted.link, axis=1)
     return Parted(
         jnp.where(now, link, parted.link).astype(jnp.int32),
         jnp.where(now, t, parted.t),

@@ -170,6 +170,23 @@ class StepProblem:
         return self.model.node_length[:, None]
 
 
+class DisplacementProblem(StepProblem):
+    """Equations whose unknown is x = r1 - r0 - h v0, so that rounding stays relative to the acceleration."""
+
+    def __init__(self, model: Model, s: State, h: Array) -> None:
+        super().__init__(model, s, h)
+        self.ends0 = self.model.ends(s.t)
+        self.ends1 = self.model.ends(s.t + h)
+        self.links0 = self.model.links(s.r, self.ends0)
+
+    def end_positions(self, x: Array) -> Array:
+        """Positions (nodes, 3) [m] at the end of the step."""
+        return self.s.r + (self.h * self.s.v + x)
+
+    def link_vectors(self, x: Array) -> Array:
+        return self.model.links(self.end_positions(x), self.ends1)
+
+
 class SpeedProblem(StepProblem):
     """Equations of rigid links between point masses whose unknown x is a speed, with tensions along the first links."""
 

@@ -1,1 +1,1 @@
-"""Run a scene to a solution, and store it."""
+"""A run: steps to saved states, their work, warnings and errors, and its files."""

@@ -15,21 +15,21 @@ from dropper_jax.integrators import OPTIONS
 from dropper_jax.load.scene import Scene
 from dropper_jax.load.sea_warnings import sea_warnings
 from dropper_jax.model import Frozen, Model, work_names
+from dropper_jax.plausibility.plausibility import scene_warnings
+from dropper_jax.plausibility.pose_remarks import pose_remarks
+from dropper_jax.quantities.bending import crushed_links
+from dropper_jax.quantities.end_links import Motion
+from dropper_jax.quantities.step_extremes import extremes_by_signal, saved_signal
+from dropper_jax.quantities.twist import twist_warnings
+from dropper_jax.quantities.variables import EXTREMES
 from dropper_jax.residual import TOO_FAR, Embedded, Stepper
-from dropper_jax.run.bending import crushed_links
 from dropper_jax.run.chunks import RunOutcome
 from dropper_jax.run.damping_limit import damping_warnings
-from dropper_jax.run.end_links import Motion
 from dropper_jax.run.end_of_run import Last, last_row, name_leaves, trajectory_rows
 from dropper_jax.run.observation import SavedStates, break_in_words, breaks, observe_states
-from dropper_jax.run.plausibility import scene_warnings
-from dropper_jax.run.pose_remarks import pose_remarks
 from dropper_jax.run.quality_checks import with_quality_checks
 from dropper_jax.run.row_store import InMemory
 from dropper_jax.run.samples import Kind
-from dropper_jax.run.step_extremes import extremes_by_signal, saved_signal
-from dropper_jax.run.twist import twist_warnings
-from dropper_jax.run.variables import EXTREMES
 from dropper_jax.scene import RunSpec, sliced_lines
 from dropper_jax.stepping.extremes import Extremes
 from dropper_jax.stepping.halving import DRIFT_LIMIT

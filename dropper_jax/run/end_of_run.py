@@ -35,7 +35,7 @@ COUNTS = ("refused", "shortest", "changed")
 #: Name of the run in error messages.
 RUN = "the run to continue"
 #: Keys of `[run]` that may change when a run continues.
-MAY_CHANGE = ("dt", "duration", "save_every", "solver", "accuracy")
+MAY_CHANGE = ("dt", "duration", "save_every", "save_interval", "source_dt", "solver", "accuracy")
 #: Keys of a scene that do not affect the motion.
 DESCRIPTIVE = ("name", "description", "notes")
 
@@ -131,7 +131,8 @@ def _present_name(name: str) -> str:
 
 
 def same_scene(scene: Scene, before: Scene) -> None:
-    """Reject a scene that differs from that of the run, with the first key that differs.
+    """Reject a scene that differs from that of the run, with the first key that differs, or that chooses its steps in
+    another way.
 
     Raises:
         SceneError: one line.
@@ -141,6 +142,10 @@ def same_scene(scene: Scene, before: Scene) -> None:
         what = f"is of another scene, {before.name!r}, which differs from {scene.name!r} in {found[0]}"
         may_change = ", ".join(f"run.{name}" for name in MAY_CHANGE)
         raise SceneError(f"{RUN} {what}. Use the same scene; only {may_change} may change")
+    there = before.run.steps_in_words
+    here = scene.run.steps_in_words
+    if (before.run.accuracy is None) != (scene.run.accuracy is None):
+        raise SceneError(f"{RUN} was saved with {there}; allowed: one with {here}. Use {there}")
 
 
 def _values_of_motion(scene: Scene) -> dict[str, Plain]:

@@ -11,9 +11,9 @@ from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.records import names_of
 from dropper_jax.load.scene import Scene
 from dropper_jax.load.surface import surface_over
-from dropper_jax.run.end_links import load_vectors, loaded_fixed_points
+from dropper_jax.quantities.end_links import load_vectors, loaded_fixed_points
+from dropper_jax.quantities.step_extremes import LOADS
 from dropper_jax.run.samples import Samples
-from dropper_jax.run.step_extremes import LOADS
 from dropper_jax.scene import whole_lines
 
 if TYPE_CHECKING:

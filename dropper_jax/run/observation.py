@@ -29,32 +29,30 @@ class SavedStates(NamedTuple):
 
 
 def observe_states(model: Model, states: SavedStates, rows: InMemory) -> Table:
-    """Observed quantities of states by name, of the lines as in `Observed` and of the bodies."""
-    found = _observe_blocks(model, states, rows)
+    """Observed quantities of states by name, of the lines as in `Observed` and of the bodies.
+
+    Many states are observed in blocks of equal length, which share a program and are never all in memory.
+    """
+    count = len(states.t)
+    found = {}
+    if count <= BLOCK_STATES:
+        found = _observe_block(model, states)
+    else:
+        for first in range(0, count, BLOCK_STATES):
+            at = np.arange(first, first + BLOCK_STATES).clip(max=count - 1)
+            block = jax.tree.map(itemgetter(at), states)
+            for name, part in _observe_block(model, block).items():
+                if first == 0:
+                    found[name] = rows.empty((count, *part.shape[1:]), part.dtype)
+                found[name][first : first + BLOCK_STATES] = part[: count - first]
+            release_pages([*jax.tree.leaves(states), *found.values()])
     if "body_attitude" in found:  # a turn may continue from one block to the next
         unwrap_attitude(found["body_attitude"])
     return found
 
 
-def _observe_blocks(model: Model, states: SavedStates, rows: InMemory) -> Table:
-    """Observed quantities of many states, in blocks of equal length, which share a program and are never all in
-    memory."""
-    count = len(states.t)
-    if count <= BLOCK_STATES:
-        return _observe_block(model, states)
-    found = {}
-    for first in range(0, count, BLOCK_STATES):
-        at = np.arange(first, first + BLOCK_STATES).clip(max=count - 1)
-        block = jax.tree.map(itemgetter(at), states)
-        for name, part in _observe_block(model, block).items():
-            if first == 0:
-                found[name] = rows.empty((count, *part.shape[1:]), part.dtype)
-            found[name][first : first + BLOCK_STATES] = part[: count - first]
-        release_pages([*jax.tree.leaves(states), *found.values()])
-    return found
-
-
 def _observe_block(model: Model, states: SavedStates) -> Table:
+    """Observed quantities of some states by name."""
     states = jax.device_put(states)  # `jnp.asarray` would compile a program for each shape
     observed = jax.tree.map(np.asarray, _observe(model, *states)._asdict())
     return observed | body_motion(model, states.r, states.v)

@@ -1,7 +1,8 @@
-"""Quality checks of a run: its energy balance, axial vibrations that the steps do not resolve, faults of tensions."""
+"""Quality checks of a run: its energy balance, unresolved axial vibrations, faults of tensions, rounded times."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -22,6 +23,10 @@ RESTING_ERROR = 1e-6
 RINGING_WARNED = 0.1
 #: ... and above which the steps are too long: they are then 10 % too low.
 RINGING_UNUSABLE = 0.5
+#: Rounding of the times of a run over its step above which it is warned of.
+CLOCK_ERROR = 1e-3
+#: First words of the warning of the energy balance.
+BALANCE_ERROR = "energy balance error"
 
 
 def with_quality_checks(solution: Kind) -> Kind:
@@ -30,7 +35,7 @@ def with_quality_checks(solution: Kind) -> Kind:
     line = solution.scene.line
     negligible = RESTING_ERROR * GRAVITY * float(np.sum(line.mass)) * float(np.sum(line.length))
     scale = max(solution.energy_scale, negligible)
-    faults = [*tension_warnings(solution), *winch_warnings(solution)]
+    faults = [*tension_warnings(solution), *winch_warnings(solution), *_clock_warnings(solution)]
     status = solution.status
     warnings = list(solution.warnings)
     for verdict, found in (_check_balance(solution, scale), ("ok", faults), _check_ringing(solution, scale)):
@@ -40,12 +45,27 @@ def with_quality_checks(solution: Kind) -> Kind:
     return replace(solution, status=status, warnings=tuple(warnings))
 
 
+def _clock_warnings(solution: Samples) -> Iterator[str]:
+    """A warning if the times of a run, sums of its steps, are rounded so coarsely that they drift."""
+    used = solution.settings
+    step = used["dt"]
+    if "refused_steps" in used:  # with an accuracy dt is the interval between saved times
+        step = float(solution.t[-1] - solution.t[0]) / max(used["steps"], 1)
+    end = float(solution.t[-1])
+    rounding = float(np.spacing(np.asarray(end, used["dtype"])))
+    if 0.0 < CLOCK_ERROR * step < 0.5 * rounding:  # no step: the first one failed
+        yield (
+            f"run.dtype: {used['dtype']} rounds times near {end:.4g} s to {rounding:.2g} s: sums of steps of "
+            f"{step:.2g} s drift by up to {0.5 * rounding / step:.1%}. Use float64"
+        )
+
+
 def _check_balance(solution: Samples, scale: float) -> tuple[str, list[str]]:
     """Status and warnings by the error of the energy balance, against the energy scale [J]."""
     drift = solution.energy_drift
     if not (solution.settings.get("track_work", True) and drift > ENERGY_ERROR * scale):
         return "ok", []
-    warnings = [f"energy balance error {drift:.3g} J (reference {scale:.3g} J). Use a smaller step"]
+    warnings = [f"{BALANCE_ERROR} {drift:.3g} J (reference {scale:.3g} J). Use a smaller step"]
     # a scheme with numerical damping (implicit Euler: 90 % of a lab dropper's energy) warns; it fails if it gains
     # as much, from any time to a later one, or loses more than the energy scale
     gain = np.max(solution.balance - np.minimum.accumulate(solution.balance))

@@ -13,7 +13,7 @@ import jax
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import leftovers, remove
 from dropper_jax.load.scene import Scene
-from dropper_jax.run.build import build_model, stepper_of
+from dropper_jax.modelling.build import build_model, stepper_of
 from dropper_jax.run.build_solution import PreparedRun, TimeOrigin, build_solution
 from dropper_jax.run.chunks import RunOutcome
 from dropper_jax.run.row_store import OnDisk, read_mark

@@ -14,10 +14,10 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.machine import available_memory, in_words
 from dropper_jax.base.read import Plain, Table, Values
 from dropper_jax.load.scene import Scene
-from dropper_jax.run.end_links import loaded_fixed_points
+from dropper_jax.quantities.end_links import loaded_fixed_points
+from dropper_jax.quantities.step_extremes import LOADS
+from dropper_jax.quantities.variables import SOME, VARIABLES
 from dropper_jax.run.samples import RUN_FORMAT, Kind, Samples
-from dropper_jax.run.step_extremes import LOADS
-from dropper_jax.run.variables import SOME, VARIABLES
 from dropper_jax.scene import line_slices, whole_lines
 
 NUMBER = (int, float)

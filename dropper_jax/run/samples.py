@@ -17,13 +17,13 @@ from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.read import Table
 from dropper_jax.base.records import names_of
 from dropper_jax.load.scene import Scene
-from dropper_jax.run.bending import bending_moment, curvature, has_bending
-from dropper_jax.run.end_forces import end_angles
-from dropper_jax.run.end_links import Motion
+from dropper_jax.quantities.bending import bending_moment, curvature, has_bending
+from dropper_jax.quantities.end_forces import end_angles
+from dropper_jax.quantities.end_links import Motion
+from dropper_jax.quantities.step_extremes import saved_signal
+from dropper_jax.quantities.twist import torque
+from dropper_jax.quantities.variables import ARRAYS, BODIES, EXTREMES, SOME
 from dropper_jax.run.row_store import BLOCK_STATES, release_pages
-from dropper_jax.run.step_extremes import saved_signal
-from dropper_jax.run.twist import torque
-from dropper_jax.run.variables import ARRAYS, BODIES, EXTREMES, SOME
 from dropper_jax.scene import LineSlice, line_slices, whole_lines
 from dropper_jax.scene.slices import point_nodes
 from dropper_jax.stepping.extremes import Extremes
@@ -201,7 +201,7 @@ class Samples:
 
     @cached_property
     def curvature(self) -> np.ndarray | None:
-        """Curvature (k, nodes) [1/m] if lines have bending stiffness (see `run.bending`); else None."""
+        """Curvature (k, nodes) [1/m] if lines have bending stiffness (see `quantities.bending`); else None."""
         if has_bending(self.scene):
             return curvature(self.scene, self.positions, self.t)
         return None
@@ -223,7 +223,7 @@ class Samples:
         """Torque (k, n) [N m] of links if lines have torsion; else None."""
         if self.twist is None:
             return None
-        return torque(self.scene, self.positions, self.twist, self.own["torsion.1"])
+        return torque(self.scene, self.positions, self.twist, self.own["torsion.1"], self.t, self.broken)
 
     @property
     def us_per_step(self) -> float:

@@ -9,13 +9,15 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dropper_jax.base.errors import Progress, SceneError, SimulationError, silent
+from dropper_jax.base.errors import SceneError, SimulationError
 from dropper_jax.base.html_table import html_table
+from dropper_jax.base.progress import Progress, silent
 from dropper_jax.base.read import Table
 from dropper_jax.integrators import OPTIONS
 from dropper_jax.load.checks_system import check_changing_lengths_until
 from dropper_jax.load.scene import Scene, load_scene
-from dropper_jax.run.build import SceneLike, build_model, stepper_of
+from dropper_jax.modelling.build import SceneLike, build_model, stepper_of
+from dropper_jax.quantities.step_extremes import step_signals
 from dropper_jax.run.build_solution import PreparedRun, build_solution
 from dropper_jax.run.chunks import compile_run, run_chunks
 from dropper_jax.run.companion import with_stated_errors
@@ -24,7 +26,6 @@ from dropper_jax.run.memory_check import check_memory
 from dropper_jax.run.row_store import InMemory, OnDisk
 from dropper_jax.run.samples import Samples, is_finished
 from dropper_jax.run.start_of_run import initial_carry, stepper_fields
-from dropper_jax.run.step_extremes import step_signals
 from dropper_jax.run.summary import summary
 from dropper_jax.stepping.stepper import check_settings, stepper_settings
 
@@ -136,12 +137,14 @@ class Solution(Samples):
     def continued(self, duration: float | None = None, **kwargs: Any) -> Solution:
         """Continue from the last state: the further run, with times that continue.
 
-        Two runs of 5 s are bit-identical to one of 10 s on the same machine. The first row is the last one of this run.
+        Two runs of 5 s are bit-identical to one of 10 s with the same saved times, on the same machine. The first row
+        is the last one of this run.
 
         Args:
             duration: further time [s]; default: the remaining time of an interrupted run, else the duration of this
             run.
-            **kwargs: of `simulate`: `dt`, `save_every`, `progress` and others.
+            **kwargs: of `simulate`: `dt`, `save_every`, `progress` and others. With an accuracy the time between saved
+                states is that of this run, unless the scene or `save_interval` gives it.
 
         Raises:
             SceneError: this run failed, or has no final state.
@@ -239,6 +242,7 @@ def simulate(
         scene = scene.with_values(changed)
     _check_skip(skip, errors, scene.run.duration)
     if start is not None:
+        scene = _with_interval_of(scene, start)
         _check_continued(scene, start, errors)
     say = progress or silent
     prepared = _prepare(scene, settings, start, scratch, say)
@@ -259,6 +263,16 @@ def simulate(
     if throw and solution.status != "ok":
         raise SimulationError(solution.failure, solution)
     return solution
+
+
+def _with_interval_of(scene: Scene, start: Solution) -> Scene:
+    """The scene with the saved times of a run that it continues, if it gives none: those that a scene suggests depend
+    on its duration, and steps end at saved times."""
+    run = scene.run
+    both_follow = run.accuracy is not None and start.scene.run.accuracy is not None
+    if both_follow and run.save_interval is None and start.settings["dt"] <= run.duration:
+        return scene.with_values({"run.save_interval": start.settings["dt"]})
+    return scene
 
 
 def _check_continued(scene: Scene, start: Solution, errors: bool) -> None:
@@ -289,6 +303,8 @@ def _prepare(
     say(0.0, "finding the start")
     first, origin = initial_carry(stepper, model, scene, start)
     folder = None if scratch is None else Path(scratch)
+    if folder is not None and not folder.is_dir():
+        raise SceneError(f"scratch: {folder} is not a folder; needed: an empty folder")
     check_memory(model, first.row, scene.run, folder)
     rows = InMemory()
     if folder is not None:

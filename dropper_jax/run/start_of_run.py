@@ -10,13 +10,13 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import Table
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model, State, state
+from dropper_jax.modelling.build import initial_state
+from dropper_jax.plausibility.plausibility import with_cause
+from dropper_jax.plausibility.pose_remarks import check_stretch
 from dropper_jax.residual import Stepper
-from dropper_jax.run.build import initial_state
 from dropper_jax.run.build_solution import TimeOrigin, run_work_names
 from dropper_jax.run.chunks import first_carry
 from dropper_jax.run.end_of_run import Last, first_row, restore_carry
-from dropper_jax.run.plausibility import with_cause
-from dropper_jax.run.pose_remarks import check_stretch
 from dropper_jax.run.samples import Samples
 from dropper_jax.scene import RunSpec
 from dropper_jax.statics.search import node_positions

@@ -17,6 +17,8 @@ UNUSABLE = 0.1
 WARNED = 0.03
 #: Stated errors above this multiple of the accuracy are warned of.
 MISSED = 3.0
+#: Words in every warning of a stated error.
+OFF_BY = "may be off by"
 
 
 @dataclass(frozen=True)
@@ -83,7 +85,7 @@ def error_warnings(found: StatedErrors, solution: Samples) -> Iterator[str]:
             worst[what] = (line, size)
     for what, (line, size) in worst.items():
         of = f"of {line} " if line else ""
-        yield f"{what} {of}may be off by {100.0 * size:.2g} %. {_advice(solution)}"
+        yield f"{what} {of}{OFF_BY} {100.0 * size:.2g} %. {_advice(solution)}"
 
 
 def _advice(solution: Samples) -> str:

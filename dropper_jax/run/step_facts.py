@@ -6,6 +6,7 @@ import numpy as np
 
 from dropper_jax.base.numerics import unit_vectors
 from dropper_jax.load.periods import periods
+from dropper_jax.modelling.growth import overgrown
 from dropper_jax.run.samples import Samples
 from dropper_jax.scene.slices import link_differences
 
@@ -27,7 +28,7 @@ def step_facts(solution: Samples) -> dict[str, float | int | None]:
     used = solution.settings
     keys = ("axial_period_s", "steps_per_axial_period", "axial_step_s", "largest_turn_rad")
     facts = dict.fromkeys((*keys, "slack_to_taut_steps", "compression_to_tension_steps"))
-    period = periods(solution.scene).get("axial")
+    period = periods(overgrown(solution.scene)).get("axial")  # mussels are mass of their links
     if period is not None:
         facts["axial_period_s"] = period
         facts["axial_step_s"] = period / STEPS_PER_PERIOD

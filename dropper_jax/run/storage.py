@@ -31,12 +31,12 @@ from dropper_jax.base.files import (
 from dropper_jax.base.read import Plain, Table
 from dropper_jax.base.records import without_none
 from dropper_jax.base.store import read_archive, write_archive
+from dropper_jax.quantities.variables import ARRAYS, DERIVED, SOME, VARIABLES
 from dropper_jax.run import labelled
 from dropper_jax.run.end_of_run import LAST, units
 from dropper_jax.run.reopen import check_archive, reopen_run
 from dropper_jax.run.row_store import release_pages
 from dropper_jax.run.samples import Kind, Samples
-from dropper_jax.run.variables import ARRAYS, DERIVED, SOME, VARIABLES
 
 if TYPE_CHECKING:
     import xarray

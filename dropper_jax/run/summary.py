@@ -17,8 +17,8 @@ from dropper_jax.base.files import atomic_write
 from dropper_jax.base.json_values import SCHEMA, jsonable
 from dropper_jax.base.read import Table
 from dropper_jax.integrators import OPTIONS
-from dropper_jax.run.bending import bending_summary
-from dropper_jax.run.line_weights import line_weights
+from dropper_jax.plausibility.line_weights import line_weights
+from dropper_jax.quantities.bending import bending_summary
 from dropper_jax.run.samples import Samples
 from dropper_jax.run.step_facts import step_facts
 from dropper_jax.scene import line_offsets

@@ -120,6 +120,6 @@ class Current:
         return jax.jvp(self.scale, (t,), (jnp.ones_like(t),))[1] * self.profile(z, depth)
 
     def along(self, z: Array, direction: Array, depth: Scalar) -> Array:
-        """Speed along directions (c,) [rad] at heights z (c, points), for waves on the current."""
+        """Speed [m/s] along directions (c,) [rad] at heights z (c, points), for waves on the current; before s(t)."""
         u = self.profile(z, depth)
         return u[..., 0] * jnp.cos(direction)[:, None] + u[..., 1] * jnp.sin(direction)[:, None]

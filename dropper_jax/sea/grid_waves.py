@@ -27,7 +27,8 @@ class GridWaves(Waves):
     """The same water, from shapes on a grid; gradients go to the nodes, not to the sea's parameters.
 
     Other values are computed from the components: gradients of the velocity are not interpolated, and fixed points may
-    be outside the grid.
+    be outside the grid. Free nodes that leave the grid, such as those of a line that breaks and drifts away, have the
+    water at its edge.
 
     Attributes:
         origin, step: of the grid in s and z, (2,) [m].
@@ -141,11 +142,12 @@ def on_grid(waves: Waves, depth: float, low: np.ndarray, high: np.ndarray) -> Gr
 def _component_fields(waves: Waves, depth: float, s: np.ndarray, z: np.ndarray) -> np.ndarray:
     """u and w of each component over the grid of s and z, then its elevation over s, (2 ns nz + ns, c).
 
-    Complex: a field F has the real part `Re F cos(e - w t) - Im F sin(e - w t)`.
+    Complex: a field F has the real part `Re F cos(e - w t) - Im F sin(e - w t)`. Grid points below the seabed have the
+    values of the same formulas there, so that cubics next to the seabed are smooth.
     """
     turn = np.exp(1j * np.outer(s, np.asarray(waves.wave_number, float)))
     speed = np.asarray(waves.speeds, float)
-    across, upright = (np.asarray(a, float) for a in waves.profiles(jnp.asarray(np.clip(z, -depth, None)), depth))
+    across, upright = (np.asarray(a, float) for a in waves.profiles(jnp.asarray(z), depth))
     level = turn[:, None] * (speed * across)
     rising = -1j * turn[:, None] * (speed * upright)
     surface = turn * np.asarray(waves.amplitude, float)

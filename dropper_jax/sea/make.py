@@ -11,7 +11,7 @@ import numpy as np
 from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import Table
-from dropper_jax.sea.bound_waves import bound_waves
+from dropper_jax.sea.bound_waves import RESTING_DRIFT, bound_waves
 from dropper_jax.sea.current import Current, Level, Scalar
 from dropper_jax.sea.current_spec import CurrentSpec, LevelSpec
 from dropper_jax.sea.dispersion import (
@@ -27,7 +27,7 @@ from dropper_jax.sea.spec import SeaSpec
 from dropper_jax.sea.spectrum import Components, components
 from dropper_jax.sea.steady import GivenWave, SteadyWave, fitting_theory, highest
 from dropper_jax.sea.stokes5 import stokes5
-from dropper_jax.sea.stream_function import NotSolved, stream_function
+from dropper_jax.sea.stream_function import Inaccurate, NotSolved, stream_function
 from dropper_jax.sea.water import Sea
 from dropper_jax.sea.wave_spec import WaveSpec
 from dropper_jax.sea.waves import Waves
@@ -56,17 +56,22 @@ def _make_waves(spec: SeaSpec, current: Current | None, reach: tuple[np.ndarray,
         along = _along(spec, given, current, wave.wave_number)
         return bound_waves(wave, float(given.phase), float(given.direction), along, spec.ramp)
     waves = dataclasses.replace(waves_of(spec, given, current), stretching=spec.stretching, ramp=spec.ramp)
-    _refuse_blocked(waves)
-    if spec.interpolation == "grid" and reach is not None:
+    _refuse_blocked(waves, given.length)
+    if spec.interpolation == "grid" and reach is not None and np.any(waves.amplitude):
         return _interpolate_waves(spec, waves, *reach)
     return waves
+
+
+#: Rounds in which the current that acts on a wave of finite height and its length are found; each leaves about 1 % of
+#: the error, and a current that is uniform over depth needs one.
+CURRENT_ROUNDS = 12
 
 
 def finite_wave(spec: SeaSpec, current: Current | None = None) -> SteadyWave | None:
     """The solved wave of a sea; None if linear theory is requested or, with `auto`, is valid.
 
-    If `wave_current` is `doppler` the current is the mean velocity of the water along the wave, else it is not
-    included.
+    If `wave_current` is `doppler` the current that acts on this wave is the mean velocity of the water along it, else
+    it is not included.
 
     Raises:
         SceneError: a wave beyond breaking, or one that cannot be solved.
@@ -76,30 +81,39 @@ def finite_wave(spec: SeaSpec, current: Current | None = None) -> SteadyWave | N
         return None
     if current is None and spec.current is not None:
         current = make_current(spec.current)
-    mean = 0.0
-    if spec.wave_current == "doppler":
-        omega = wave_components(given, spec.depth, spec.gravity).omega
-        mean = _along(spec, given, current, wave_number(omega, jnp.asarray(spec.depth), spec.gravity))
     period = given.period
     if period is not None:
         period = float(np.max(period))
     height = float(2.0 * np.max(given.size))
-    wave = GivenWave(height, spec.depth, spec.gravity, period, given.length, mean, given.current_criterion)
-    return _solve_wave(given.theory, wave, given.order)
+    mean = 0.0
+    if spec.wave_current != "none":
+        omega = wave_components(given, spec.depth, spec.gravity).omega
+        mean = _along(spec, given, current, wave_number(omega, jnp.asarray(spec.depth), spec.gravity))
+    wave = None
+    for _ in range(CURRENT_ROUNDS):
+        condition = GivenWave(height, spec.depth, spec.gravity, period, given.length, mean, given.current_criterion)
+        wave = _solve_wave(given.theory, condition, given.order)
+        if wave is None:
+            break
+        before = mean
+        mean = _along(spec, given, current, wave.wave_number)
+        if abs(mean - before) < RESTING_DRIFT:
+            break
+    return wave
 
 
 def main_period(spec: SeaSpec, waves: WaveSpec) -> float:
     """Period [s] of the regular waves of a sea, for every form of input."""
     wave = finite_wave(spec)
-    omega = wave_components(waves, spec.depth, spec.gravity).omega
-    if wave is None:
-        return float(2.0 * np.pi / omega[0])
-    return wave.period
+    if wave is not None:
+        return wave.period
+    current = make_current(spec.current) if spec.current else None
+    return float(2.0 * np.pi / waves_of(spec, waves, current).omega[0])
 
 
 def _along(spec: SeaSpec, given: WaveSpec, current: Current | None, k: Scalar) -> float:
     """The current that carries waves of number k [rad/m] along their direction [m/s]; zero without `wave_current`."""
-    if current is None or spec.wave_current != "doppler":
+    if current is None or spec.wave_current == "none":
         return 0.0
     depth = jnp.asarray(spec.depth)
     profile = partial(current.along, direction=jnp.atleast_1d(given.direction), depth=depth)
@@ -114,6 +128,11 @@ def _solve_wave(theory: str, given: GivenWave, order: int | None) -> SteadyWave 
     try:
         wave = stream_function(given, order)
         limit = wave.highest
+    except Inaccurate as error:
+        raise SceneError(
+            f"sea.waves.height: {height:.4g} m is too steep for a wave of {error.length / depth:.3g} depths: {error}; "
+            "allowed: a lower wave"
+        ) from None
     except NotSolved as error:
         limit = highest(error.length, depth)
         if error.few and height < limit:
@@ -175,12 +194,13 @@ def _interpolate_waves(spec: SeaSpec, waves: Waves, middle: np.ndarray, radius: 
     direction = float(waves.direction)
     along = float(middle[:2] @ [np.cos(direction), np.sin(direction)])
     radius = GRID_MARGIN * radius
-    low = np.array([along - radius, middle[2] - radius])
+    low = np.array([along - radius, min(middle[2] - radius, 0.0)])
     return on_grid(waves, spec.depth, low, np.array([along + radius, 0.0]))
 
 
 def wave_components(spec: WaveSpec, depth: Scalar, gravity: Scalar) -> Components:
-    """Amplitudes, frequencies, phases and directions of `[sea.waves]`."""
+    """Amplitudes, frequencies, phases and directions of `[sea.waves]`; of a given length the frequency in still
+    water."""
     if spec.hs is not None and spec.tp is not None:
         return components(
             spec.hs,
@@ -210,11 +230,16 @@ def wave_components(spec: WaveSpec, depth: Scalar, gravity: Scalar) -> Component
 
 
 def waves_of(spec: SeaSpec, given: WaveSpec, current: Current | None) -> Waves:
-    """Linear waves in the water of a sea, on its current if that changes them."""
+    """Linear waves in the water of a sea, on its current if that changes them; a given length is that on the
+    current."""
     if spec.wave_current == "none":
         current = None
+    drawn = wave_components(given, spec.depth, spec.gravity)
+    if given.length is not None:
+        number = 2.0 * np.pi / given.length
+        drawn = drawn._replace(omega=drawn.omega + number * _along(spec, given, current, number))
     return waves_on(
-        wave_components(given, spec.depth, spec.gravity),
+        drawn,
         spec.depth,
         spec.gravity,
         current=current,
@@ -268,8 +293,20 @@ def waves_on(
     )
 
 
-def _refuse_blocked(waves: Waves) -> None:
-    """Reject waves of which the current stops a component."""
+#: Relative error of a given length that a wave on a current may have.
+SAME_LENGTH = 1e-6
+
+
+def _refuse_blocked(waves: Waves, length: float | None) -> None:
+    """Reject waves of which the current stops a component, also those that could only have their `length` [m] if they
+    were carried back."""
+    if length is not None and waves.intrinsic is not None:
+        found = 2.0 * np.pi / float(waves.wave_number[0])
+        if not abs(found / length - 1.0) < SAME_LENGTH:
+            raise SceneError(
+                f"sea.wave_current: the current stops waves of {length:.4g} m. Use a weaker opposing current or longer "
+                "waves"
+            )
     stopped = np.flatnonzero(~np.isfinite(np.asarray(waves.wave_number)))
     if stopped.size:
         period = 2 * np.pi / float(waves.omega[stopped[0]])

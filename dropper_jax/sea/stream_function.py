@@ -34,6 +34,14 @@ ITERATIONS = 25
 COMPLEX_STEP = 1e-30
 
 
+class Inaccurate(ValueError):
+    """The surface of a wave is not accurate with the largest number of harmonics; its length [m]."""
+
+    def __init__(self, length: float) -> None:
+        super().__init__(f"the surface has an error above {MAX_ERROR:g} of the height with {ORDERS[-1]} harmonics")
+        self.length = length
+
+
 class NotSolved(ValueError):
     """No wave was found; `reached` [m] is the maximum solved height, at a length [m].
 
@@ -55,6 +63,7 @@ def stream_function(given: GivenWave, order: int | None = None) -> SteadyWave:
 
     Raises:
         NotSolved: above the highest wave, or close to it.
+        Inaccurate: the wave needs more harmonics than there are.
     """
     height, depth, gravity, period, length, *_ = given
     speed = np.sqrt(gravity * depth)
@@ -91,7 +100,8 @@ def _solve(problem: _Problem, order: int | None) -> np.ndarray:
     """The unknowns of a wave with `order` harmonics, or as many as its surface needs.
 
     Raises:
-        NotSolved: the error is too large, or Newton's method fails with the given harmonics.
+        NotSolved: Newton's method fails with the given harmonics.
+        Inaccurate: the error is too large.
     """
     orders = ORDERS
     if order is not None:
@@ -105,12 +115,11 @@ def _solve(problem: _Problem, order: int | None) -> np.ndarray:
         finer = _newton(problem, _refine_harmonics(found, n), problem.given.height)
         if finer is not None:
             found = finer
-    if order is None:
-        failed = problem.between(found) > MAX_ERROR
-    else:
-        failed = _order(found) < order
-    if failed:
-        raise problem.not_solved(problem.given.height, _name_unknowns(found).number)
+    number = _name_unknowns(found).number
+    if order is not None and _order(found) < order:
+        raise problem.not_solved(problem.given.height, number)
+    if order is None and problem.between(found) > MAX_ERROR:
+        raise Inaccurate(problem.length_of(number))
     return found
 
 
@@ -149,7 +158,11 @@ class _Problem(NamedTuple):
 
     def not_solved(self, reached: float, number: float | np.ndarray) -> NotSolved:
         """The error, in metres, with the maximum solved height and a wave number."""
-        return NotSolved(self.depth * reached, self.depth * 2.0 * np.pi / float(number), self.depth)
+        return NotSolved(self.depth * reached, self.length_of(number), self.depth)
+
+    def length_of(self, number: float | np.ndarray) -> float:
+        """The length [m] of a wave number."""
+        return self.depth * 2.0 * np.pi / float(number)
 
     def surface(self, x: np.ndarray, eta: np.ndarray, angle: np.ndarray) -> np.ndarray:
         """Residual of both conditions (2, m, ...) at phases (m,) with the surface at eta (m, ...)."""

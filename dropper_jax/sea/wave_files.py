@@ -97,7 +97,7 @@ def from_wavespectra(dataset: Any, seed: int = 0) -> Table:
     per bin, phases from the seed. Only the dataset itself needs xarray (extra `io`). Select one time and site first.
 
     Raises:
-        SceneError: a variable is missing, other dimensions, or densities without waves.
+        SceneError: a variable is missing, other dimensions, directions of several spacings, or densities without waves.
     """
     for name in ("efth", "freq", "dir"):
         if name not in dataset:
@@ -112,8 +112,7 @@ def from_wavespectra(dataset: Any, seed: int = 0) -> Table:
     spacings = np.diff(frequency)
     if not (np.all(frequency >= 0.0) and (np.all(spacings > 0.0) or np.all(spacings < 0.0))):
         raise SceneError("dataset.freq: allowed: frequencies of at least 0 Hz, all rising or all falling")
-    # directions have one spacing, but need not go all round
-    spacing = np.min(np.abs(np.diff(coming)))
+    spacing = _direction_spacing(coming)
     energy = np.asarray(density.transpose("freq", "dir"), float) * np.abs(np.gradient(frequency))[:, None] * spacing
     counts = energy > SMALLEST * energy.max()
     possible = np.all(np.isfinite(energy)) and np.all(energy >= 0.0) and np.any(counts)
@@ -123,9 +122,18 @@ def from_wavespectra(dataset: Any, seed: int = 0) -> Table:
         "kind": "components",
         "amplitude": np.sqrt(2.0 * energy[counts]),
         "period": 1.0 / np.broadcast_to(frequency[:, None], energy.shape)[counts],
-        "direction": np.broadcast_to(np.deg2rad(270.0 - coming), energy.shape)[counts],
+        "direction": np.broadcast_to(np.deg2rad(np.mod(270.0 - coming, 360.0)), energy.shape)[counts],
         "phase": np.random.default_rng(seed).uniform(0.0, 2 * np.pi, int(counts.sum())),
     }
+
+
+def _direction_spacing(coming: np.ndarray) -> float:
+    """The one spacing of directions (d,) [degree], which need not go all round: the widest gap is left out."""
+    turns = np.sort(np.mod(coming, 360.0))
+    gaps = np.sort(np.diff(turns, append=turns[0] + 360.0))
+    if not (gaps[0] > 0.0 and np.allclose(gaps[:-1], gaps[0], rtol=1e-2)):
+        raise SceneError("dataset.dir: allowed: directions of one spacing, each once (0 and 360 degrees are the same)")
+    return float(gaps[0])
 
 
 def _read_csv(file: str | Path, path: str) -> tuple[list[str], np.ndarray]:

@@ -22,6 +22,9 @@ from dropper_jax.sea.sincos import sincos
 
 #: Extrapolation of kinematics above the mean surface, where linear theory is not defined.
 STRETCHING = ("none", "constant", "wheeler")
+#: Maximum k z at which unstretched kinematics are evaluated, six wavelengths above the surface: velocities of nodes in
+#: the air, which carry no force, are finite in float32 too, and so are their squares.
+MAX_RISE = 40.0
 
 
 class Motion(NamedTuple):
@@ -111,7 +114,7 @@ class Waves:
     def profiles(self, z: Array, depth: Scalar) -> tuple[Array, Array]:
         """C and S of each component at heights z (n,): (n, c) each."""
         k = self.wave_number
-        up = jnp.exp(k * z[:, None])
+        up = jnp.exp(jnp.minimum(k * z[:, None], MAX_RISE))
         down = jnp.exp(-k * (z[:, None] + 2.0 * depth))
         scale = -1.0 / jnp.expm1(-2.0 * k * depth)
         return (up + down) * scale, (up - down) * scale

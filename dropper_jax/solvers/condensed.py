@@ -1,4 +1,4 @@
-"""Nodes are eliminated first, each by itself, which leaves a tridiagonal system for the tensions. Linear cost.
+"""Nodes are eliminated first, one by one, which leaves a tridiagonal system for the tensions. Linear cost.
 
     K dx + D' G dy = r_x,    g . D dx + c dy = r_y    ->    (g D K^-1 D' G - c) dy = g D K^-1 r_x - r_y
 

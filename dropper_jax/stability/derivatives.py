@@ -11,8 +11,8 @@ import numpy as np
 from jax import Array
 
 from dropper_jax.model import Effect, Model, State
+from dropper_jax.modelling.build import build
 from dropper_jax.residual import Stepper
-from dropper_jax.run.build import build
 from dropper_jax.stability.case import Case, Outcome, scene_of, status_of
 from dropper_jax.stepping.integrate import integrate
 from dropper_jax.stepping.stepper import make_stepper

@@ -13,7 +13,7 @@ from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import Table
 from dropper_jax.load.scene import Scene
-from dropper_jax.run.build import build
+from dropper_jax.modelling.build import build
 from dropper_jax.stability.case import Case, scene_of
 from dropper_jax.study.march import GridRun, grid_run
 from dropper_jax.study.schemes import Scheme

@@ -13,10 +13,10 @@ import numpy as np
 from jax import Array
 
 from dropper_jax.base.interpolation import interpolate_rows
-from dropper_jax.run.build import build
+from dropper_jax.modelling.build import build
+from dropper_jax.modelling.wake_model import depth_quadrature
+from dropper_jax.modelling.wakes import scene_wakes
 from dropper_jax.run.simulate import Solution, simulate
-from dropper_jax.run.wake_model import depth_quadrature
-from dropper_jax.run.wakes import scene_wakes
 from dropper_jax.stability import derivatives
 from dropper_jax.stability.case import Case, Outcome, scene_of, status_of
 from dropper_jax.stability.march import CaseRun, run_named

@@ -18,7 +18,9 @@ from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.numerics import trace_once
 from dropper_jax.base.records import names_of
+from dropper_jax.effects.point_bodies import PointBodies
 from dropper_jax.effects.seabed import Seabed
+from dropper_jax.effects.spar_buoys import SparBuoys
 from dropper_jax.model import Kinematics, Law, Model, State, state
 from dropper_jax.residual import GRAVITY_SCALE, Newton, Solver, StepProblem, Unknowns, largest_row, newton, subtract
 from dropper_jax.solvers import SOLVERS, Dense
@@ -112,8 +114,8 @@ ROUNDING_UNITS = 1e4
 def rest_tolerance(model: Model, xp: ModuleType = jnp) -> Array:
     """Maximum scaled row (forces by m g, elongations by L) of a converged equilibrium, a scalar.
 
-    It is 1e-10, or 1e-9 with bodies, whose buoyancies are large, or the rounding error of stiff lines. NumPy on the
-    host.
+    It is 1e-10, or 1e-9 with bodies, whose buoyancies are large, or the rounding error of stiff lines or of the weight
+    of points. NumPy on the host.
     """
     tolerance = 1e-9 if model.constraints else 1e-10
     line = model.line
@@ -126,7 +128,11 @@ def rest_tolerance(model: Model, xp: ModuleType = jnp) -> Array:
         contact = xp.max(xp.asarray(bed.stiffness)) * xp.max(xp.asarray(line.diameter) * length)
         stiffness = xp.maximum(stiffness, contact)
     extent = xp.max(xp.abs(xp.stack([xp.asarray(p.position) for p in model.points]))) + xp.max(length)
-    units = xp.maximum(ROUNDING_UNITS, 10.0 * stiffness * extent / force_scale(model, xp))
+    largest = stiffness * extent
+    for effect in model.effects:
+        if isinstance(effect, PointBodies | SparBuoys):
+            largest = xp.maximum(largest, GRAVITY_SCALE * xp.max(xp.asarray(effect.mass)))
+    units = xp.maximum(ROUNDING_UNITS, 10.0 * largest / force_scale(model, xp))
     return xp.maximum(tolerance, jnp.finfo(model.dtype).eps * units)
 
 

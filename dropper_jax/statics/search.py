@@ -16,6 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from dropper_jax.axial import Rope
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import SceneError
 from dropper_jax.effects.seabed_friction import SeabedFriction
@@ -62,6 +63,10 @@ class Equilibrium:
     state: State = field(repr=False)
 
 
+#: Message of an equilibrium that a small displacement ends.
+UNSTABLE = "the equilibrium found is not stable: a small displacement lowers the potential energy"
+
+
 def given_loads(model: Model, loads: Array | None) -> Array:
     """Loads (free nodes, 3) [N] of the nodes; zero without any."""
     if loads is None:
@@ -94,7 +99,7 @@ def search(model: Model, loads: Array | None, t: float, near: State | None = Non
     if share < 1.0 or not residual <= tolerance:
         message = describe_unbalance(model, s, share * loads, residual, f"beyond {share:.1%} of the loads")
     elif not is_stable(model, s):
-        message = "the equilibrium found is not stable: a small displacement lowers the potential energy"
+        message = UNSTABLE
     if message and not model.line.compound:  # slack links, seabed or surface during the search
         lower = _by_descent(full, model, loads, t)
         better = is_stable_or_planar(model, lower.state) if lower.status == "ok" else lower.residual < residual
@@ -114,12 +119,11 @@ def _by_descent(full: Model, model: Model, loads: Array, t: float, near: State |
     s, residual = find_rest(model, near or straight, loads, tolerance)
     if not residual <= tolerance:
         s, residual = min((s, residual), find_softened(model, straight, loads, tolerance), key=itemgetter(1))
-    current = model.sea is not None and model.sea.current is not None
-    drifting = current and not model.constraints and bool(np.any(np.asarray(s.tension) <= 0.0))
-    if residual <= tolerance and drifting:
-        s, residual = escape_unstable_equilibrium(
-            model, s, residual, tolerance, lambda at, _: find_rest(model, at, loads, tolerance)
-        )
+    message = ""
+    if residual <= tolerance and _may_be_unstable(model, s):
+        s, residual = _find_stable(model, s, residual, loads, tolerance)
+        if _pushes(s) and not is_stable(model, s):
+            message = UNSTABLE
     friction = outward(full)
     if residual <= tolerance and friction is not None:
         model, rounding = with_static_seabed_friction(model, s, friction.kinetic)
@@ -127,12 +131,42 @@ def _by_descent(full: Model, model: Model, loads: Array, t: float, near: State |
         s, residual = find_rest(model, s, loads, tolerance)
     if not residual <= tolerance:
         return _result(full, s, residual, describe_unbalance(model, s, loads, residual, "by descent"))
-    message = ""
     if is_rigid:
         s, residual = _find_rigid(replace(model, lines=(line,)), s, loads, tolerance)
         if not residual <= tolerance:
             message = f"no equilibrium of the rigid links found: maximum scaled row {residual:.1e}"
     return _result(full, s, residual, message)
+
+
+def _may_be_unstable(model: Model, s: State) -> bool:
+    """Whether the result of a descent needs a check: links that push may buckle, slack ones drift in a current."""
+    current = model.sea is not None and model.sea.current is not None
+    is_slack = bool(np.any(np.asarray(s.tension) <= 0.0))
+    return not model.constraints and (_pushes(s) or (current and is_slack))
+
+
+def _pushes(s: State) -> bool:
+    return bool(np.any(np.asarray(s.tension) < 0.0))
+
+
+def _find_stable(model: Model, s: State, residual: float, loads: Array, tolerance: float) -> tuple[State, float]:
+    """A stable equilibrium from the result of a descent; the same result if none is found.
+
+    Straight lines of links that push are columns, which the descent from straight lines may keep: ropes in their place
+    hang.
+    """
+
+    def find(at: State, _: float) -> tuple[State, float]:
+        return find_rest(model, at, loads, tolerance)
+
+    if _pushes(s) and not is_stable(model, s):
+        ropes = model.with_axial(Rope(EA=model.line.axial.axial_stiffness()))
+        hung, _ = find_rest(ropes, s, loads, tolerance)
+        hung, size = find(hung, 0.0)
+        if size <= tolerance:
+            s = hung
+            residual = size
+    return escape_unstable_equilibrium(model, s, residual, tolerance, find)
 
 
 def _find_rigid(model: Model, near: State, loads: Array, tolerance: float) -> tuple[State, float]:

@@ -4,8 +4,8 @@
 
 K is exact: it includes drag that turns with the links, contact and wetted fractions. Its blocks come from a handful of
 directional derivatives (`Tangent.seeds`) and are eliminated in rounds (`solvers.elimination`) in O(n). If a node can
-move freely K is singular: `K + kappa` is eliminated, and the solution is refined with K itself. This gives the shortest
-solution, or NaN if the system has no solution.
+move freely K is singular: `K + kappa` is eliminated, and the solution is refined with K itself. This gives a
+solution, the shortest one if K is symmetric, or NaN if the system has none.
 """
 
 from __future__ import annotations
@@ -158,7 +158,7 @@ def _solve_factored(linear: Linear, factor: Solve, right: Array) -> Array:
 
 
 def refine_solution(matrix: Linear, apply: Linear, b: Array) -> Array:
-    """x of `matrix(x) = b` by `x <- x + apply(b - matrix(x))`, until the residual no longer decreases."""
+    """x of `matrix(x) = b` by `x <- x + apply(b - matrix(x))`, until corrections no longer halve, or are rounding."""
     enough = 1e2 * jnp.finfo(b.dtype).eps
 
     def keep_iterating(carry: tuple[Array, ...]) -> Array:

@@ -67,18 +67,8 @@ def follow_and_save(
 
     The saved tension is the mean over the interval; signals of `watch` have their extremes over all steps.
     """
-    s = progress.state
-    no_steps = jnp.zeros((), jnp.int32)
-    end = s.t + dt
-    no_tension = jnp.zeros_like(s.tension)
-    start = _IntervalProgress(
-        progress=progress,
-        within=TensionMeans(no_tension, no_tension, no_steps),
-        residual=jnp.zeros((), model.dtype),
-        retried=no_steps,
-        failed=no_steps,
-        extremes=no_extremes(watch, model, s),
-    )
+    end = progress.t + dt
+    start = _start_of_interval(progress, no_extremes(watch, model, progress.state))
 
     def before_end(done: _IntervalProgress) -> Array:
         return done.progress.t < end - ROUNDING * dt
@@ -86,7 +76,7 @@ def follow_and_save(
     def attempt(done: _IntervalProgress) -> _IntervalProgress:
         tried = _try_step(stepper, model, done.progress, end, dt, accuracy)
         within = done.within
-        tension = _midstep_tension(stepper, done.progress.state, tried.progress.state)
+        tension = midstep_tension(stepper, done.progress.state.tension, tried.progress.state.tension)
         taken = done._replace(
             within=TensionMeans(
                 within.mean + tried.h / dt * tension,
@@ -103,11 +93,30 @@ def follow_and_save(
 
     done = jax.lax.while_loop(before_end, attempt, start)
     progress = done.progress._replace(done=done.progress.done + 1)
-    s = progress.state
+    return progress, _row_of_interval(stepper, model, done)
+
+
+def _start_of_interval(progress: Progress, extremes: Extremes | None) -> _IntervalProgress:
+    """The loop before its first step."""
+    no_steps = jnp.zeros((), jnp.int32)
+    no_tension = jnp.zeros_like(progress.state.tension)
+    return _IntervalProgress(
+        progress=progress,
+        within=TensionMeans(no_tension, no_tension, no_steps),
+        residual=jnp.zeros((), progress.state.r.dtype),
+        retried=no_steps,
+        failed=no_steps,
+        extremes=extremes,
+    )
+
+
+def _row_of_interval(stepper: Stepper, model: Model, done: _IntervalProgress) -> Trajectory:
+    """What is saved after the last step of an interval."""
+    s = done.progress.state
     work = s.work
     if books_changes(stepper, model):
-        work = jnp.append(work, control_of(progress).changed)
-    row = Trajectory(
+        work = jnp.append(work, control_of(done.progress).changed)
+    return Trajectory(
         r=s.r,
         v=s.v,
         tension=done.within.mean,
@@ -115,13 +124,12 @@ def follow_and_save(
         residual=done.residual,
         retried=done.retried,
         failed=done.failed,
-        first_bad=progress.first_bad,
+        first_bad=done.progress.first_bad,
         parted=s.parted,
         own=s.own,
         extremes=done.extremes,
         within=done.within,
     )
-    return progress, row
 
 
 def control_of(progress: Progress) -> Control:
@@ -139,7 +147,15 @@ def accepted_steps(run: Trajectory) -> Array:
 
 
 class _Tried(NamedTuple):
-    """What follows a trial step: the run, with the step if it is accepted; its length, largest scaled row and fate."""
+    """A step that was tried.
+
+    Attributes:
+        progress: the run after it, or before it with a shorter step wanted if it is not accepted.
+        h: its length [s].
+        row: its largest scaled row.
+        failed: whether it did not converge, or gave values that are not finite.
+        accepted: whether it is a step of the run.
+    """
 
     progress: Progress
     h: Array
@@ -149,6 +165,7 @@ class _Tried(NamedTuple):
 
 
 def _try_step(stepper: Stepper, model: Model, progress: Progress, end: Array, dt: Array, accuracy: Array) -> _Tried:
+    """Try the next step of an interval of dt [s] that ends at `end` [s]."""
     s = progress.state
     first_bad = progress.first_bad
     record = progress.record
@@ -211,12 +228,12 @@ def _choose_length(
     return record.next_length(control, h), stop, record.repeats
 
 
-def _midstep_tension(stepper: Stepper, s: State, s1: State) -> Array:
-    """Tensions (n,) [N] in the middle of a step, from those reported in this and the last one."""
+def midstep_tension(stepper: Stepper, before: Array, after: Array) -> Array:
+    """Tensions (..., n) [N] in the middle of a step, from those that the last step and this one report."""
     late = stepper.integrator.tension_time - 0.5
     if not late:
-        return s1.tension
-    return (1.0 - late) * s1.tension + late * s.tension
+        return after
+    return (1.0 - late) * after + late * before
 
 
 def _next_stop(model: Model, t: Array, end: Array, dt: Array) -> Array:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import jax
 import jax.numpy as jnp
 from jax import Array
@@ -12,6 +14,29 @@ from dropper_jax.stepping.extremes import Extremes, Watch, no_extremes, with_ste
 from dropper_jax.stepping.halving import Interval, advance_over
 from dropper_jax.stepping.progress import Progress, Trajectory
 from dropper_jax.stepping.step_change import with_step_changed
+
+
+class _Lengths(NamedTuple):
+    """Lengths (save_every,) [s] of the steps to the next saved time, and of the step before each, 0 for none; None
+    where all are equal."""
+
+    step: Array | None
+    before: Array | None
+
+
+class _Reached(NamedTuple):
+    """The run after some of these steps, and the extremes of its watched signals over them."""
+
+    progress: Progress
+    extremes: Extremes | None
+
+
+class _StepQuality(NamedTuple):
+    """Largest scaled row of a step, whether it was repeated in parts, and whether it failed."""
+
+    row: Array
+    retried: Array
+    failed: Array
 
 
 def next_progress(stepper: Stepper, model: Model, progress: Progress, dt: Array) -> tuple[Progress, Interval]:
@@ -36,31 +61,34 @@ def advance_and_save(
         before: the step before each of them (save_every,) [s], 0 for none; None if all are equal.
     """
 
-    def one(
-        both: tuple[Progress, Extremes | None], sizes: tuple[Array | None, Array | None]
-    ) -> tuple[tuple[Progress, Extremes | None], tuple[Array, ...]]:
-        carry, extremes = both
-        size, last = sizes
-        if size is None:
-            size = dt
-        if last is not None:
-            s, _ = with_step_changed(stepper, model, carry.state, last, size)
-            carry = carry._replace(state=s)
-        after, taken = next_progress(stepper, model, carry, size)
-        extremes = with_step(extremes, watch, model, carry.state, after.state)
-        return (after, extremes), (taken.row, taken.retried, taken.failed)
+    def take_step(reached: _Reached, length: _Lengths) -> tuple[_Reached, _StepQuality]:
+        progress = reached.progress
+        own = dt if length.step is None else length.step
+        if length.before is not None:
+            s, _ = with_step_changed(stepper, model, progress.state, length.before, own)
+            progress = progress._replace(state=s)
+        after, taken = next_progress(stepper, model, progress, own)
+        extremes = with_step(reached.extremes, watch, model, progress.state, after.state)
+        return _Reached(after, extremes), _StepQuality(taken.row, taken.retried, taken.failed)
 
-    sizes = (dt if jnp.ndim(dt) else None), before
-    both = carry, no_extremes(watch, model, carry.state)
+    lengths = _Lengths(dt if jnp.ndim(dt) else None, before)
+    start = _Reached(carry, no_extremes(watch, model, carry.state))
     if save_every == 1:
-        (carry, extremes), (residual, retried, bad) = one(both, jax.tree.map(lambda a: a[0], sizes))
-        retried = retried.astype(jnp.int32)
-        bad = bad.astype(jnp.int32)
+        end, quality = take_step(start, jax.tree.map(lambda a: a[0], lengths))
     else:
-        (carry, extremes), (residual, retried, bad) = jax.lax.scan(one, both, sizes, length=save_every)
-        residual = jnp.max(residual)
-        retried = jnp.sum(retried, dtype=jnp.int32)
-        bad = jnp.sum(bad, dtype=jnp.int32)
-    s = carry.state
-    counts = residual, retried, bad, carry.first_bad
-    return carry, Trajectory(s.r, s.v, s.tension, s.work, *counts, s.parted, s.own, extremes)
+        end, quality = jax.lax.scan(take_step, start, lengths, length=save_every)
+    s = end.progress.state
+    row = Trajectory(
+        r=s.r,
+        v=s.v,
+        tension=s.tension,
+        work=s.work,
+        residual=jnp.max(quality.row),
+        retried=jnp.sum(quality.retried, dtype=jnp.int32),
+        failed=jnp.sum(quality.failed, dtype=jnp.int32),
+        first_bad=end.progress.first_bad,
+        parted=s.parted,
+        own=s.own,
+        extremes=end.extremes,
+    )
+    return end.progress, row

@@ -15,7 +15,7 @@ from jax import Array
 from dropper_jax.backend.one_kernel import forbids_callbacks
 from dropper_jax.model import Model, State
 from dropper_jax.residual import Stepper, step
-from dropper_jax.stepping.adaptive import find_lengths, follow_and_save, interval_ends
+from dropper_jax.stepping.adaptive import find_lengths, follow_and_save, interval_ends, midstep_tension
 from dropper_jax.stepping.equal_steps import advance_and_save
 from dropper_jax.stepping.extremes import Watch
 from dropper_jax.stepping.growth_watch import SEGMENTS, start_meter, watch
@@ -225,10 +225,10 @@ def integrate(
         The last state, and the saved ones.
 
     Raises:
-        ValueError: steps or `save_every` that are not whole numbers >= 1, `save_every` that does not divide them, or
-            is given together with an accuracy, another shape of dt.
+        ValueError: steps, `save_every` or `most` that are not whole numbers >= 1, `save_every` that does not divide
+            the steps, or is given together with an accuracy, another shape of dt.
     """
-    for name, number in (("steps", steps), ("save_every", save_every)):
+    for name, number in (("steps", steps), ("save_every", save_every), ("most", 1 if most is None else most)):
         if not isinstance(number, int | np.integer) or number < 1:
             raise ValueError(f"{name}: {number!r} is not a number of steps; allowed: a whole number >= 1")
     if steps % save_every:
@@ -341,22 +341,32 @@ def along_accepted_steps(
         before = jnp.append(0.0, found.length[:-1])
     rows = found.length, before, _measured(jnp.arange(1, len(found.length) + 1), found.ends[-1])
     (last, _), states = _scan(take, (first, meter), rows, checkpoint)
-    at = jax.tree.map(lambda a: a[found.ends[save_every - 1 :: save_every] - 1], states)
-    number = jnp.where(found.failed, jnp.arange(len(found.failed), dtype=jnp.int32), len(found.failed))
-    first_bad = jax.lax.associative_scan(jnp.minimum, number)[save_every - 1 :: save_every]
-    trajectory = Trajectory(
-        at.r,
-        at.v,
-        _interval_means(found, states.tension) if follows else at.tension,
-        at.work,
-        jnp.max(found.residual.reshape(-1, save_every), axis=1),
-        jnp.sum(found.retried.reshape(-1, save_every), axis=1, dtype=jnp.int32),
-        jnp.sum(found.failed.reshape(-1, save_every), axis=1, dtype=jnp.int32),
-        jnp.where(first_bad < len(found.failed), first_bad, -1),
-        at.parted,
-        at.own,
-    )
+    trajectory = _saved_rows(found, states, save_every)
+    if follows:
+        before_each = jnp.concatenate([first.tension[None], states.tension[:-1]])
+        means = _interval_means(found, midstep_tension(stepper, before_each, states.tension))
+        trajectory = trajectory._replace(tension=means)
     return last, trajectory
+
+
+def _saved_rows(found: Steps, states: State, save_every: int) -> Trajectory:
+    """The rows of a run along known steps, of which `states` are the states after each (most, ...)."""
+    at = jax.tree.map(lambda a: a[found.ends[save_every - 1 :: save_every] - 1], states)
+    intervals = len(found.failed)
+    number = jnp.where(found.failed, jnp.arange(intervals, dtype=jnp.int32), intervals)
+    first_bad = jax.lax.associative_scan(jnp.minimum, number)[save_every - 1 :: save_every]
+    return Trajectory(
+        r=at.r,
+        v=at.v,
+        tension=at.tension,
+        work=at.work,
+        residual=jnp.max(found.residual.reshape(-1, save_every), axis=1),
+        retried=jnp.sum(found.retried.reshape(-1, save_every), axis=1, dtype=jnp.int32),
+        failed=jnp.sum(found.failed.reshape(-1, save_every), axis=1, dtype=jnp.int32),
+        first_bad=jnp.where(first_bad < intervals, first_bad, -1),
+        parted=at.parted,
+        own=at.own,
+    )
 
 
 def _interval_means(found: Steps, tension: Array) -> Array:

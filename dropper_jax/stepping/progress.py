@@ -12,8 +12,8 @@ from jax import Array
 from dropper_jax.model import Frozen, Model, Parted, State
 from dropper_jax.residual import Stepper
 from dropper_jax.stepping.extremes import Extremes
-from dropper_jax.stepping.record import Record
 from dropper_jax.stepping.step_control import Control, start_control
+from dropper_jax.stepping.step_record import StepRecord
 
 
 class TensionMeans(NamedTuple):
@@ -63,14 +63,14 @@ class Progress(NamedTuple):
         done: steps done; of a run that follows an accuracy the intervals between saved times.
         first_bad: the first of these in which a step failed, -1 without a failure.
         control: what chooses the steps of a run that follows an accuracy; None if all are equal.
-        record: of these steps, if it is wanted.
+        record: lengths of these steps, which the run records or repeats; None if it does neither.
     """
 
     state: State
     done: Array
     first_bad: Array
     control: Control | None = None
-    record: Record | None = None
+    record: StepRecord | None = None
 
     @property
     def t(self) -> Array:
@@ -83,12 +83,14 @@ class Progress(NamedTuple):
         return self.first_bad >= 0
 
 
-def begin(stepper: Stepper, model: Model, s: State, follows: bool = False, record: Record | None = None) -> Progress:
+def begin(
+    stepper: Stepper, model: Model, s: State, follows: bool = False, record: StepRecord | None = None
+) -> Progress:
     """The carry of a run that starts from `s`.
 
     Args:
         follows: whether its steps follow an accuracy.
-        record: for the lengths of these, or the lengths to repeat.
+        record: where it records their lengths, or the lengths that it repeats.
     """
     s = stepper.integrator.begin(model.with_internal_state(s.own), s)
     if not stepper.track_work:

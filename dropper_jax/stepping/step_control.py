@@ -113,7 +113,7 @@ def start_control(stepper: Stepper, model: Model, s: State) -> Control:
 def shortest_step(stepper: Stepper, model: Model) -> Array:
     """The shortest step [s] that is chosen: `w^2 <= 2 EA/L (1/m_a + 1/m_b)` bounds the stiffest vibration."""
     model = jax.lax.stop_gradient(model)
-    fastest = jnp.max(2.0 * model.line.axial.stiffness(model.line.length) * model.link_lightness)
+    fastest = jnp.max(2.0 * (model.line.axial.axial_stiffness() / model.line.length) * model.link_lightness)
     swing = SWING_SHARE * 2.0 * jnp.pi * jnp.sqrt(jnp.min(model.line.length) / GRAVITY)
     if isinstance(stepper.integrator, Embedded):
         return (EMBEDDED_SHARE * swing).astype(model.dtype)
@@ -161,7 +161,7 @@ def relative_error(
     direction = links / safe_norm(links)[:, None]
     elongation = jnp.sum(direction * model.geometry.differences(error, None), axis=-1)
     taut = (s.tension != 0.0) | (s1.tension != 0.0)
-    tension = jnp.where(taut, model.line.axial.stiffness(model.line.length) * jnp.abs(elongation), 0.0)
+    tension = jnp.where(taut, (model.line.axial.axial_stiffness() / model.line.length) * jnp.abs(elongation), 0.0)
     of_tension = jnp.max(tension / control.level) / accuracy
     # an error of a step is of third order
     excess = jnp.maximum(drift, jnp.cbrt(of_tension) ** ORDER)

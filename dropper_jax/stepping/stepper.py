@@ -6,6 +6,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import fields
 from typing import Any
 
+import numpy as np
+
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.integrators import INTEGRATORS, OPTIONS
 from dropper_jax.model import Model
@@ -46,6 +48,7 @@ def make_stepper(
     """
     check_names(integrator, solver)
     check_settings(settings, [*OPTIONS, *stepper_settings()])
+    _check_numbers(settings)
     options = {key: settings.pop(key) for key in OPTIONS if key in settings}
     scheme = make_scheme(integrator, options).form_for(model)
     reason = scheme.refuse(model)
@@ -57,8 +60,6 @@ def make_stepper(
         if settings.pop("iterations", None) is not None:
             raise SceneError(f"iterations: are given, but integrator {integrator!r} solves nothing. Leave them out")
         return Stepper(integrator=scheme, solver=None, **settings)
-    if settings.get("iterations", 1) < 1:
-        raise SceneError(f"iterations: {settings['iterations']!r} is out of range; allowed: 1 or more corrections")
     if solver == "auto":
         chosen = choose_solver(model, scheme)
     else:
@@ -66,6 +67,17 @@ def make_stepper(
         if reason := chosen.refuse(model, scheme):
             raise SceneError(f"run.solver: {solver!r} cannot serve this scene: {reason}")
     return Stepper(integrator=scheme, solver=chosen, **{**newton_settings(model, scheme), **settings})
+
+
+def _check_numbers(settings: Mapping[str, Any]) -> None:
+    """Reject numbers of Newton's method that are out of range."""
+    for name, low, allowed in (("iterations", 1, "1 or more corrections"), ("halvings", 0, "0 or more halvings")):
+        value = settings.get(name)
+        if value is not None and not (isinstance(value, int | np.integer) and value >= low):
+            raise SceneError(f"{name}: {value!r} is out of range; allowed: {allowed}")
+    tolerance = settings.get("tolerance")
+    if tolerance is not None and not 0.0 <= tolerance < np.inf:
+        raise SceneError(f"residual_tolerance: {tolerance!r} is out of range; allowed: a number >= 0")
 
 
 def newton_settings(model: Model, scheme: Implicit) -> dict[str, Any]:

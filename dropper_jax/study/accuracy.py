@@ -6,19 +6,20 @@ from dataclasses import dataclass
 from functools import partial
 from operator import itemgetter
 
-from dropper_jax.base.errors import Progress, SceneError, part_of, silent
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.progress import Progress, part_of, silent
 from dropper_jax.base.read import Table
 from dropper_jax.base.records import select_keys
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model, State
-from dropper_jax.run.build import build
+from dropper_jax.modelling.build import build
 from dropper_jax.study.convergence import convergence
 from dropper_jax.study.damping import numerical_damping
 from dropper_jax.study.euler_claims import euler_claims
 from dropper_jax.study.load_convergence import LOAD_ACCURACIES, load_convergence
 from dropper_jax.study.reference import Reference, reference, trusted_span
 from dropper_jax.study.schemes import Scheme, default_schemes, runnable
-from dropper_jax.study.work_precision import Each, measure, orders
+from dropper_jax.study.work_precision import Comparison, Each, orders
 
 #: Default steps [s]: powers of two, which divide whole seconds and each other.
 REPORT_DTS = tuple(2.0**-k for k in range(5, 12))
@@ -108,11 +109,11 @@ class _Study:
         """A row for each scheme and step."""
         end = 0.7 if extras else 1.0
         progress = part_of(self.progress, 0.4, end)
-        keep = partial(self._keep_row, self.found["rows"])
-        _, skipped = measure(
-            self.model, self.s, schemes, list(self.dts), target, progress=progress, retry=extras, each=keep
-        )
-        self.found["skipped"] = skipped
+        for row in Comparison(self.model, self.s, target).rows(schemes, self.dts, extras, progress):
+            if "reason" in row:
+                self.found["skipped"].append(row)
+            else:
+                self._keep_row(self.found["rows"], row)
 
     def _keep_row(self, rows: list[Table], row: Table) -> None:
         rows.append(row)

@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from typing import NamedTuple
 
 import jax
@@ -16,16 +17,18 @@ from jax import Array
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, parameter
 from dropper_jax.base.read import Table
-from dropper_jax.base.records import names_of, select_keys
+from dropper_jax.base.records import column, names_of, select_keys
 from dropper_jax.effects import EFFECTS
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Effect, Kinematics, Model, State, state
+from dropper_jax.modelling.build import build, build_model, stepper_of
+from dropper_jax.plots import figures, style
 from dropper_jax.residual import Linear, Solver, Stepper, StepProblem, Unknowns
-from dropper_jax.run.build import build, build_model, stepper_of
 from dropper_jax.scene import RunSpec
 from dropper_jax.stepping.integrate import advance
 from dropper_jax.stepping.progress import Progress, begin
 from dropper_jax.stepping.stepper import make_stepper
+from dropper_jax.study.curves import save_titled
 
 #: Timed runs of each model.
 ROUNDS = 7
@@ -258,3 +261,24 @@ def _text(stepper: Stepper, model: Model, s: State, dt: float) -> str:
     """The text of the program of one step."""
     start = _fresh(stepper, model, s)
     return jax.jit(partial(advance, stepper, saves=1)).lower(model, start, jnp.asarray(dt, model.dtype)).as_text()
+
+
+@style.plot_style()
+def draw_costs(report: Table, path: str | Path) -> Path:
+    """Microseconds, operations and bytes per step of the scene without each of its effects, one bar each."""
+    rows = report["rows"]
+    figure = figures.new_figure(11.0, 1.6 + 0.42 * len(rows))
+    names = column(rows, "name")
+    colours = [style.FIRST, *[style.FAINT] * len(rows)][: len(rows)]  # the whole scene comes first
+    parts = (("us_per_step", "microseconds per step"), ("flops", "operations per step"), ("bytes", "bytes per step"))
+    for axes, (key, label) in zip(figure.subplots(1, 3, sharey=True), parts, strict=True):
+        values = [row[key] or 0.0 for row in rows]
+        axes.bar_label(axes.barh(names, values, color=colours), [f"{v:.4g}" for v in values], fontsize=8, padding=2)
+        axes.set_xlim(0, 1.25 * max([*values, 1e-9]))
+        axes.set_xlabel(label)
+        if key == "us_per_step":
+            axes.invert_yaxis()
+        axes.grid(axis="y", visible=False)
+    return save_titled(
+        figure, f"{report['scene']}: what each effect costs ({report['integrator']}, {report['solver']})", path
+    )

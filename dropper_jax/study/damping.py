@@ -10,7 +10,7 @@ from dropper_jax.base.read import Table
 from dropper_jax.base.records import rows_where
 from dropper_jax.load.scene import load_scene
 from dropper_jax.model import Model, State
-from dropper_jax.run.build import build
+from dropper_jax.modelling.build import build
 from dropper_jax.study.march import grid_run
 from dropper_jax.study.schemes import Scheme
 

@@ -14,16 +14,17 @@ from jax import Array
 from scipy.optimize import brentq, least_squares
 
 from dropper_jax.backend.programs import cached_jit
-from dropper_jax.base.errors import Progress, SceneError, silent
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.progress import Progress, silent
 from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.model import Model, State
-from dropper_jax.run.build import SceneLike, build_model, equilibrium
-from dropper_jax.run.end_forces import end_angles, end_forces
-from dropper_jax.run.growth import overgrown
-from dropper_jax.run.model_slopes import model_slopes, shift_model
-from dropper_jax.run.quantities import Quantity
-from dropper_jax.run.quantity_names import static_quantity
-from dropper_jax.run.scene_model import bare_model, static_pose
+from dropper_jax.modelling.build import SceneLike, build_model, equilibrium
+from dropper_jax.modelling.growth import overgrown
+from dropper_jax.modelling.model_slopes import model_slopes, shift_model
+from dropper_jax.modelling.scene_model import bare_model, static_pose
+from dropper_jax.quantities.end_forces import end_angles, end_forces
+from dropper_jax.quantities.quantities import Quantity
+from dropper_jax.quantities.quantity_names import static_quantity
 from dropper_jax.scene import line_slices, whole_lines
 from dropper_jax.statics.loads import release_loads
 from dropper_jax.statics.static_pose import settle
@@ -58,8 +59,10 @@ class Design:
         return next(iter(self.values.values()))
 
 
-#: Relative miss above which a target counts as not reached; a root between two ends is as near as numbers allow.
+#: Relative miss above which a target counts as not reached. A root between two ends is as near as numbers allow, unless
+#: the quantity jumps over its required value.
 MAX_MISS = 1e-6
+MAX_JUMP = 1e-3
 
 
 def solve_design(
@@ -77,9 +80,9 @@ def solve_design(
         scene: anything that `load_scene` takes.
         path: of one number of the scene, such as `line.0.length` or `point.float.volume`, or paths (p,).
         low, high: their ranges (p,).
-        target: a quantity without its statistic (see `run.quantity_names`): `tension.LINE.first`, `.last`, `.fairlead`
-            or `.max` [N], `anchor.POINT.horizontal` [N], `line.LINE.fairlead.angle` [rad], `depth.POINT` [m] below
-            z = 0, `offset.POINT` [m], `period.1` [s]; or as many as there are paths.
+        target: a quantity without its statistic (see `quantities.quantity_names`): `tension.LINE.first`, `.last`,
+            `.fairlead` or `.max` [N], `anchor.POINT.horizontal` [N], `line.LINE.fairlead.angle` [rad],
+            `depth.POINT` [m] below z = 0, `offset.POINT` [m], `period.1` [s]; or as many as there are paths.
         goal: the values of the targets.
         progress: gets a fraction, which approaches 1, and the number of poses after each static pose.
 
@@ -97,15 +100,13 @@ def solve_design(
     lows, highs, goals = (np.atleast_1d(np.asarray(given, float)) for given in (low, high, goal))
     _check_design(paths, names, lows, highs, goals)
     search = _DesignSearch(load_scene(scene), paths, names, goals, progress)
-    status = "ok"
-    message = ""
     if len(paths) == 1:
         x = search.find_root(*lows, *highs)
+        message = search.missed_target(x, lows, highs, MAX_JUMP)
     else:
         x = search.solve_together(lows, highs)
-        message = search.missed_target(x, lows, highs)
-    if message:
-        status = "not_reached"
+        message = search.missed_target(x, lows, highs, MAX_MISS)
+    status = "not_reached" if message else "ok"
     reached = search.pose(x).reached
     solved = search.at(x)
     forces, angles = _ends_of(solved, names[0])
@@ -133,6 +134,9 @@ def _check_design(paths: list[str], names: list[str], lows: np.ndarray, highs: n
     for name, start, end in zip(paths, lows, highs, strict=True):
         if not start < end:
             raise SceneError(f"vary: {name}: {start:g} to {end:g} is an empty range; allowed: LOW < HIGH")
+    for name, goal in zip(names, goals, strict=True):
+        if not np.isfinite(goal):
+            raise SceneError(f"value: {goal:g} of {name} is not finite; allowed: a finite number")
 
 
 #: Fraction of the progress that is left after each pose: a search takes about ten, but no fixed number.
@@ -177,10 +181,13 @@ class _DesignSearch:
             changed = self.at(x)
             model = build_model(changed)
             pose = static_pose(changed, model)
+            values = ", ".join(f"{path} = {value:g}" for path, value in zip(self.paths, key, strict=True))
             if pose.status != "ok":
-                values = ", ".join(f"{path} = {value:g}" for path, value in zip(self.paths, key, strict=True))
                 raise SceneError(f"{values} has no equilibrium: {pose.message}")
             reached = np.array([float(q.of_pose(model, pose.state)) for q in self.quantities])
+            for name, value in zip(self.names, reached, strict=True):
+                if not np.isfinite(value):
+                    raise SceneError(f"{values} gives {name} no value. Use a range in which it has one")
             self.poses[key] = _Pose(model, pose.state, reached)
             solved = len(self.poses)
             self.progress(1.0 - PER_POSE**solved, f"{solved} static poses")
@@ -202,12 +209,12 @@ class _DesignSearch:
         """Sizes (p,) of the targets: the required value, or what is reached where it is zero."""
         return np.where(self.goals != 0.0, np.abs(self.goals), np.maximum(np.abs(reached), 1.0))
 
-    def missed_target(self, x: np.ndarray, low: np.ndarray, high: np.ndarray) -> str:
-        """The target that the values miss most, and values at a bound; empty if all are reached."""
+    def missed_target(self, x: np.ndarray, low: np.ndarray, high: np.ndarray, most: float) -> str:
+        """The target with the largest relative miss, and values at a bound; empty if no miss exceeds `most`."""
         reached = self.pose(x).reached
         miss = np.abs(reached - self.goals) / self.scale(reached)
         worst = int(np.argmax(miss))
-        if miss[worst] <= MAX_MISS:
+        if miss[worst] <= most:
             return ""
         message = f"{self.names[worst]} reaches {reached[worst]:.6g} of {self.goals[worst]:g}"
         near = np.minimum(x - low, high - x) < 1e-6 * (high - low)

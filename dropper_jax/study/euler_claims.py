@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import jax.numpy as jnp
-import numpy as np
 
 from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.read import Table
+from dropper_jax.base.toml_text import parse_toml_text
 from dropper_jax.load.scene import Scene, load_scene
-from dropper_jax.run.build import build
+from dropper_jax.modelling.build import build
 from dropper_jax.study.march import grid_run
 from dropper_jax.study.schemes import Scheme
 
@@ -19,26 +19,38 @@ CLAIMS = (
     (Scheme("semi_implicit_euler"), "semi-implicit Euler does neither", 0),
 )
 EULER_DURATION = 5.0
+#: A pendulum of 1 m and 1 kg released at 45 degrees, in a plane.
+SINGLE_PENDULUM = """
+name = "single-pendulum"
 
+[run]
+dt = 0.01
+duration = 5.0
 
-def single_pendulum() -> Scene:
-    """A pendulum of 1 m and 1 kg released at 45 degrees, in a plane."""
-    side = np.sqrt(0.5)
-    return load_scene(
-        {
-            "name": "single-pendulum",
-            "run": {"dt": 0.01, "duration": EULER_DURATION},
-            "point": [
-                {"name": "pivot", "position": [0.0, 0.0, 0.0]},
-                {"name": "bob", "kind": "free", "position": [side, 0.0, -side]},
-            ],
-            "line": [{"name": "pendulum", "from": "pivot", "to": "bob", "links": 1, "length": 1.0, "mass": 1.0}],
-            "effects": {"weight": {}},
-            "start": {"kind": "angles", "zero": "down", "polar": [np.pi / 4]},
-        }
-    )
+[[point]]
+name = "pivot"
+position = [0.0, 0.0, 0.0]
 
+[[point]]
+name = "bob"
+kind = "free"
+position = [0.7071067811865476, 0.0, -0.7071067811865476]
 
+[[line]]
+name = "pendulum"
+from = "pivot"
+to = "bob"
+links = 1
+length = 1.0
+mass = 1.0
+
+[effects.weight]
+
+[start]
+kind = "angles"
+zero = "down"
+polar = [0.7853981633974483]
+"""
 #: A change smaller than this fraction of the mean of the other two is neither gain nor loss.
 SMALL_CHANGE = 0.1
 
@@ -51,7 +63,7 @@ def euler_claims(dts: tuple[float, ...] = (0.01, 0.005, 0.0025)) -> list[Table]:
         rows of {scene, label, claim, dt, status, energy_gained, holds}; energies over the potential energy released.
     """
     rows = []
-    for scene in (single_pendulum(), load_scene("double-pendulum-periodic")):
+    for scene in (load_scene(parse_toml_text(SINGLE_PENDULUM)), load_scene("double-pendulum-periodic")):
         for dt in dts:
             gained = [_gain(scene, scheme, dt) for scheme, _, _ in CLAIMS]
             typical = SMALL_CHANGE * 0.5 * (abs(gained[0][1]) + abs(gained[1][1]))

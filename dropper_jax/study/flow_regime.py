@@ -12,7 +12,7 @@ from jax import Array
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.constants import VISCOSITY
 from dropper_jax.model import Model
-from dropper_jax.run.build import build_model
+from dropper_jax.modelling.build import build_model
 from dropper_jax.run.row_store import take_every
 from dropper_jax.run.simulate import Solution
 from dropper_jax.sea import Sea

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
 import numpy as np
 
 from dropper_jax.base.interpolation import interpolate_rows
-from dropper_jax.base.read import Table
 from dropper_jax.evaluation.record import Record, arc
 from dropper_jax.evaluation.settings import Settings
 from dropper_jax.evaluation.snaps import line_snaps
@@ -24,16 +27,45 @@ BATCHES = 8
 CALM_WINDOW = 10.0
 
 
+class Load(NamedTuple):
+    """A load of a line.
+
+    Attributes:
+        value: [N]; a number of snaps has no unit.
+        chance: its standard error by chance, in the same unit; NaN if the record is too short for one.
+    """
+
+    value: float
+    chance: float
+
+
+@dataclass(frozen=True)
+class LineLoads:
+    """Loads of a line, all at one position along it.
+
+    Attributes:
+        line: its name.
+        at_m: arc length of the position [m].
+        loads: by their names, which are `QUANTITIES`.
+    """
+
+    line: str
+    at_m: float
+    loads: dict[str, Load]
+
+    @property
+    def values(self) -> dict[str, float]:
+        """The loads without their standard errors."""
+        return {name: load.value for name, load in self.loads.items()}
+
+
 def has_loads(solution: Samples) -> bool:
     """Whether a run has loads to compare."""
     return len(solution.t) >= MIN_TIMES and is_finished(solution)
 
 
-def line_loads(found: Record, like: list[Table] | None = None) -> list[Table]:
-    """Per line its loads {line, at_m, name: (value, standard error by chance)}, see `QUANTITIES`.
-
-    They are those of the link with the maximum tension, or at the arc length in `like` (loads of another run).
-    """
+def line_loads(found: Record, like: Sequence[LineLoads] | None = None) -> list[LineLoads]:
+    """Loads of every line: of its link with the maximum tension, or where those of another run, `like`, are."""
     snaps = line_snaps(found, Settings())
     within = found.square - found.tension**2
     rows = []
@@ -43,32 +75,38 @@ def line_loads(found: Record, like: list[Table] | None = None) -> list[Table]:
         if like is None:
             at = s[int(np.argmax(extremes.largest.max(axis=0)))]
         else:
-            at = like[i]["at_m"]
+            at = like[i].at_m
         arrays = (found.tension[:, where.links], extremes.least, extremes.largest, within[:, where.links])
         at_link = [interpolate_rows(s, values.T, np.array([at]))[0] for values in arrays]
-        statistics = _statistics(found, *at_link)
-        rows.append({"line": where.name, "at_m": at, **statistics, "snaps": (snaps[i]["most_events"], 0.0)})
+        loads = _statistics(found, *at_link)
+        loads["snaps"] = Load(snaps[i]["most_events"], 0.0)
+        rows.append(LineLoads(where.name, at, loads))
     return rows
 
 
 def _statistics(
-    found: Record, tension: np.ndarray, least: np.ndarray, largest: np.ndarray, within: np.ndarray
-) -> dict[str, tuple[float, float]]:
-    """Loads at one position of a line (q,) [N], each with its random standard error; `within` is the variance in a
-    sample."""
+    found: Record, tension: np.ndarray, lowest: np.ndarray, largest: np.ndarray, within: np.ndarray
+) -> dict[str, Load]:
+    """Loads at one position of a line without its snaps.
+
+    Args:
+        tension: means of the samples (q,) [N].
+        lowest, largest: extremes of all steps in a sample (q,) [N].
+        within: variance in a sample (q,) [N^2].
+    """
     square = tension**2 + within
     tops = _window_maxima(found, largest)
-    bottoms = _window_maxima(found, -least)
+    bottoms = _window_maxima(found, -lowest)
     batches = [part for part in np.array_split(np.arange(len(tension)), BATCHES) if part.size]
     means = np.array([tension[part].mean() for part in batches])
     deviations = np.array([_deviation(tension[part], square[part]) for part in batches])
     return {
-        "mean": (tension.mean(), _standard_error(means)),
-        "deviation": (_deviation(tension, square), _standard_error(deviations)),
-        "window_maximum": (tops.mean(), _standard_error(tops)),
+        "mean": Load(tension.mean(), _standard_error(means)),
+        "deviation": Load(_deviation(tension, square), _standard_error(deviations)),
+        "window_maximum": Load(tops.mean(), _standard_error(tops)),
         # maximum of many: the same spread as one window maximum (a Gumbel distribution keeps its scale)
-        "maximum": (tops.max(), _sample_deviation(tops)),
-        "minimum": (-bottoms.max(), _sample_deviation(bottoms)),
+        "maximum": Load(tops.max(), _sample_deviation(tops)),
+        "minimum": Load(-bottoms.max(), _sample_deviation(bottoms)),
     }
 
 

@@ -5,12 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from dropper_jax.base.errors import Progress, silent
+import numpy as np
+
+from dropper_jax.base.progress import Progress, silent
 from dropper_jax.base.read import Table
+from dropper_jax.base.records import select_keys
 from dropper_jax.evaluation.record import Record, record
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.simulate import simulate
-from dropper_jax.study.line_loads import has_loads, line_loads
+from dropper_jax.study.line_loads import LineLoads, has_loads, line_loads
 from dropper_jax.study.work_precision import Each
 
 #: Default accuracies of the runs for the loads.
@@ -19,6 +22,8 @@ LOAD_ACCURACIES = (0.1, 0.01, 1e-3, 1e-4)
 ADVISED_ERRORS = {"mean": 0.01, "deviation": 0.02, "window_maximum": 0.05, "maximum": 0.08}
 #: The reference over the finest run; errors of the second order: a quarter of the accuracy takes half of the step.
 FINER = {"accuracy": 0.25, "dt": 0.5}
+#: Fraction of a mean tension below which a load, such as the deviation of a constant tension, counts as this fraction.
+SMALL_LOAD = 1e-3
 #: Maximum duration of the comparison of loads [s].
 LONGEST_LOADS = 60.0
 
@@ -59,9 +64,7 @@ def load_convergence(
     for name, within in ADVISED_ERRORS.items():
         found["advice"].append(_advice(found["rows"], name, within))
     for row in right:
-        found["loads"].append(
-            {"line": row["line"], "at_m": row["at_m"], **{name: row[name][0] for name in ADVISED_ERRORS}}
-        )
+        found["loads"].append({"line": row.line, "at_m": row.at_m, **select_keys(row.values, ADVISED_ERRORS)})
     return found
 
 
@@ -90,13 +93,13 @@ class _LoadRun:
         dt = (solution.t[-1] - solution.t[0]) / max(solution.settings["steps"], 1)
         return cls(accuracy, dt, solution.status, solution.us_per_step, solution.failure, evaluated)
 
-    def loads(self, right: list[Table] | None = None) -> list[Table] | None:
+    def loads(self, right: list[LineLoads] | None = None) -> list[LineLoads] | None:
         """Loads of each line, at the positions of `right`."""
         if self.record is None:
             return None
         return line_loads(self.record, right)
 
-    def row(self, right: list[Table] | None) -> Table:
+    def row(self, right: list[LineLoads] | None) -> Table:
         """Its errors relative to the loads of a finer run."""
         errors: dict[str, float | None] = dict.fromkeys(ADVISED_ERRORS)
         loads = self.loads(right)
@@ -106,13 +109,13 @@ class _LoadRun:
         return {**{key: getattr(self, key) for key in keys}, "errors": errors}
 
 
-def _worst(loads: list[Table], right: list[Table], name: str) -> float:
-    """Maximum relative error over the lines; that of a standard deviation is relative to the mean if this is larger."""
+def _worst(loads: list[LineLoads], right: list[LineLoads], name: str) -> float:
+    """Maximum relative error of a load over the lines; of one below `SMALL_LOAD` of the mean, relative to that."""
     errors = []
     for row, better in zip(loads, right, strict=True):
-        value = better[name][0]
-        scale = max(abs(value), 1e-3 * abs(better["mean"][0]), 1e-300)
-        errors.append(abs(row[name][0] - value) / scale)
+        value = better.values[name]
+        scale = max(abs(value), SMALL_LOAD * abs(better.values["mean"]), np.finfo(float).tiny)
+        errors.append(abs(row.values[name] - value) / scale)
     return max(errors)
 
 

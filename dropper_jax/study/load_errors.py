@@ -6,14 +6,15 @@ from collections.abc import Callable
 
 import numpy as np
 
-from dropper_jax.base.errors import Progress, SceneError
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.progress import Progress
 from dropper_jax.base.read import Table
 from dropper_jax.evaluation.record import record
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.chaos import time_of_divergence
 from dropper_jax.run.companion import error_factor, finer_values
 from dropper_jax.run.samples import Samples
-from dropper_jax.study.line_loads import QUANTITIES, has_loads, line_loads
+from dropper_jax.study.line_loads import QUANTITIES, LineLoads, has_loads, line_loads
 from dropper_jax.study.twice_the_links import twice_the_links
 
 #: Loads that depend on few instants and converge irregularly: their error is the whole difference of two runs.
@@ -53,7 +54,7 @@ def load_errors(
 
     Returns:
         `loads`: rows by line {line, at_m, and by quantity {value, step, links, chance, error, twice_damping,
-        twice_bed}}; `chaotic`, `horizon_s`; `not_resolved`: lines whose maximum tension has an error of 5 % or more;
+        twice_bed}}; `chaotic`, `horizon_s`; `not_resolved`: lines whose maximum tension has an error above 5 %;
         `left_out`: variants that were not run, and the reason.
 
     Raises:
@@ -83,7 +84,7 @@ def load_errors(
     for i in range(len(loads["base"])):
         row = _row({name: of_run[i] for name, of_run in loads.items()}, factor)
         rows.append(row)
-        if row["maximum"]["error"] > UNRESOLVED_ERROR * row["maximum"]["value"]:
+        if row["maximum"]["error"] > UNRESOLVED_ERROR * abs(row["maximum"]["value"]):
             not_resolved.append(row["line"])
     return {
         "loads": rows,
@@ -119,13 +120,13 @@ def _variants(scene: Scene) -> tuple[dict[str, Scene], dict[str, str]]:
     return found, left_out
 
 
-def _row(loads: dict[str, Table], factor: float) -> Table:
+def _row(loads: dict[str, LineLoads], factor: float) -> Table:
     """Loads of a line with their errors, from those of the run (`base`) and of its variants."""
     base = loads["base"]
-    row: Table = {"line": base["line"], "at_m": base["at_m"]}
+    row: Table = {"line": base.line, "at_m": base.at_m}
     for name in QUANTITIES:
-        value, chance = base[name]
-        change = {key: of_run[name][0] - value for key, of_run in loads.items()}
+        value, chance = base.loads[name]
+        change = {key: of_run.values[name] - value for key, of_run in loads.items()}
         step = GRID_SAFETY * abs(change["finer"])
         if name not in EXTREMES:
             step = factor * step

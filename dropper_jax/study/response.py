@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -10,12 +11,15 @@ import numpy as np
 from jax import Array
 
 from dropper_jax.backend.programs import cached_jit
-from dropper_jax.base.errors import Progress, SceneError, silent
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.progress import Progress, silent
 from dropper_jax.base.read import Table
 from dropper_jax.load.scene import Scene
-from dropper_jax.run.build import build_model
+from dropper_jax.modelling.build import build_model
+from dropper_jax.plots import figures, style
 from dropper_jax.run.simulate import Solution, simulate
 from dropper_jax.sea import Sea
+from dropper_jax.study.curves import marks, save_titled, series
 
 #: Fraction of a run, at its end, for the evaluation of the response.
 EVALUATED_SHARE = 1.0 / 3.0
@@ -97,3 +101,23 @@ def _response(solution: Solution, period: float) -> Table:
 def _elevations(sea: Sea, position: Array, t: Array) -> Array:
     """Elevations (k,) [m] of the surface above a position (1, 3) [m] at times t (k,) [s]."""
     return jax.vmap(lambda time: sea.elevation(position, time)[0])(t)
+
+
+@style.plot_style()
+def draw_responses(name: str, rows: Sequence[Table], path: str | Path) -> Path:
+    """Amplitude, mean and phase of the first link over the waves' period, and its amplitude in waves 10 % higher."""
+    figure = figures.new_figure(7.5, 6.2)
+    panels = figure.subplots(3, 1, sharex=True)
+    period = series(rows, "period_s")
+    amplitude = series(rows, "amplitude_rad")
+    curves = {"amplitude": amplitude, "mean": series(rows, "mean_rad"), "phase": np.unwrap(series(rows, "phase_rad"))}
+    for axes, (label, values) in zip(panels, curves.items(), strict=True):
+        axes.plot(period, values, label="as in the scene", **marks(0))
+        axes.set_ylabel(f"{label} [rad]")
+    if all(row.get("amplitude_10_percent_more") is not None for row in rows):
+        higher = amplitude * (1.0 + series(rows, "amplitude_10_percent_more"))
+        panels[0].plot(period, higher, label="waves 10 % higher", **marks(1))
+        figures.legend_above(panels[0], 2, borderaxespad=0.2)
+    panels[-1].set_xlabel("period of the waves [s]")
+    figure.align_ylabels()
+    return save_titled(figure, f"{name}: angle of the first link in regular waves", path)

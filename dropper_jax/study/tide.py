@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import Table
+from dropper_jax.base.records import column
 from dropper_jax.load.scene import Scene
-from dropper_jax.run.build import build_model
-from dropper_jax.run.end_forces import fixed_point_loads
+from dropper_jax.modelling.build import build_model
+from dropper_jax.plots import figures, style
+from dropper_jax.quantities.end_forces import fixed_point_loads
 from dropper_jax.scene import line_slices, utilisations
 from dropper_jax.sea import Sea
 from dropper_jax.statics.loads import release_loads
 from dropper_jax.statics.static_pose import equilibrium
+from dropper_jax.study.curves import marks, save_titled, series
 
 STEADY = "--tide: neither sea.current nor sea.level changes with time. Use a scene in which one does"
 
@@ -86,3 +91,23 @@ def _speed(sea: Sea, t: float) -> float:
         return 0.0
     surface = jnp.linalg.norm(sea.current.profile(jnp.zeros(1), sea.depth))
     return float(sea.current.scale(jnp.asarray(t))) * float(surface)
+
+
+@style.plot_style()
+def draw_tide(name: str, rows: Sequence[Table], path: str | Path) -> Path:
+    """Current, level, excursion and force on the fixed points through a cycle."""
+    figure = figures.new_figure(7.5, 6.2)
+    water, moved, tension = figure.subplots(3, 1, sharex=True)
+    hours = series(rows, "t_s") / 3600.0
+    water.plot(hours, series(rows, "speed_m_per_s"), label="current [m/s]", **marks(0))
+    water.plot(hours, series(rows, "level_m"), label="level [m]", **marks(1))
+    moved.plot(hours, series(rows, "displacement_m"), **marks(0))
+    moved.set_ylabel("moved [m]")
+    loads = column(rows, "held_load_n")
+    for i, point in enumerate(loads[0]):
+        tension.plot(hours, np.linalg.norm([load[point] for load in loads], axis=1) / 1e3, label=point, **marks(i))
+    tension.set(xlabel="time [h]", ylabel="force [kN]")
+    for axes in (water, tension):
+        figures.legend_above(axes, 4, fontsize=8, borderaxespad=0.2)
+    figure.align_ylabels()
+    return save_titled(figure, f"{name}: through the tide", path)

@@ -8,6 +8,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import Plain, Table, declared_fields
+from dropper_jax.base.records import without_keys
 from dropper_jax.effects import EFFECTS
 from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.scene import LineSpec
@@ -23,7 +24,8 @@ def twice_the_links(scene: Scene) -> Scene:
     """The scene with each link divided into halves; axial stiffness and internal damping do not change.
 
     Raises:
-        SceneError: unsupported scenes: compound links, a single rigid link, joint friction.
+        SceneError: unsupported scenes: compound links, a single rigid link, joint friction, a link inside a line whose
+            length changes in time.
     """
     if any(line.centre_of_mass is not None for line in scene.lines):
         raise SceneError("line.centre_of_mass: compound links have no halves; allowed: lines of simple links")
@@ -46,7 +48,20 @@ def _refine_line(line: Table) -> Table:
     halves = {key: _halve_value(line[key], parts) for key, parts in PER_LINK.items() if key in line}
     if "axial" in line:
         halves["axial"] = _refine_axial(line["axial"])
+    if "length_in_time" in line:
+        halves["length_in_time"] = [_refine_length_in_time(item, line["links"]) for item in line["length_in_time"]]
     return {**line, **halves, "links": 2 * line["links"]}
+
+
+def _refine_length_in_time(item: Table, links: int) -> Table:
+    """Both halves of the links whose total length changes in time, of a line with this number of links."""
+    ends = {1: "from", links: "to"}
+    link = item.get("link")
+    if link is None:
+        return {**item, "links": 2 * (item.get("links") or 1)}
+    if link not in ends:
+        raise SceneError(f"line.length_in_time.link: {link} has no halves; allowed: links at an end of the line")
+    return {**without_keys(item, ["link"]), "end": ends[link], "links": 2}
 
 
 def _refine_axial(axial: Table) -> Table:

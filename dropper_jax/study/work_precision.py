@@ -5,16 +5,16 @@ from __future__ import annotations
 import math
 import statistics
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 
-from dropper_jax.base.errors import Progress, silent
+from dropper_jax.base.progress import Progress, silent
 from dropper_jax.base.read import Table
 from dropper_jax.base.records import column
 from dropper_jax.model import Model, State
@@ -49,57 +49,45 @@ NOTHING = {
 }
 
 
-def measure(
-    model: Model,
-    s: State,
-    schemes: list[Scheme],
-    dts: list[float],
-    target: Reference,
-    repeats: int = 3,
-    progress: Progress = silent,
-    pick: Callable[[list[float]], float] = statistics.median,
-    retry: bool = True,
-    each: Each = lambda row: None,
-) -> tuple[list[Table], list[Table]]:
-    """Rows of all schemes and steps, and runs left out because of their counted work (`WORK_LIMIT`).
-
-    Schemes whose steps follow an accuracy are run at `ACCURACIES` too; their `dt` is the mean step.
-
-    Args:
-        model, s: in float64.
-        dts: steps [s]; each is moved to the nearest that divides the reference's grid.
-        repeats, pick: timed runs of each, and which of their wall times counts (the median).
-        retry: halve steps that do not converge, as `simulate` does; else a run with such a step is `not_converged`.
-        each: gets each row as soon as it is measured.
-    """
-    rows: list[Table] = []
-    skipped: list[Table] = []
-    comparison = _Comparison(model, s, target, repeats, pick, evaluation_work(model, s))
-    everies = sorted({max(1, round(target.grid / dt)) for dt in dts})
-    for i, scheme in enumerate(schemes):
-        progress(i / len(schemes), scheme.label)
-        for row in comparison.scheme_rows(scheme, everies, retry):
-            if "reason" in row:
-                skipped.append(row)
-                continue
-            rows.append(row)
-            each(row)
-    return rows, skipped
-
-
 @dataclass(frozen=True)
-class _Comparison:
-    """What all runs of a comparison share; `evaluation` is the counted work of one evaluation of the forces."""
+class Comparison:
+    """Runs of a model that are compared with one reference.
+
+    Attributes:
+        model, s: in float64.
+        target: the reference.
+        repeats, pick: timed runs of each, and which of their wall times counts.
+    """
 
     model: Model
     s: State
     target: Reference
-    repeats: int
-    pick: Callable[[list[float]], float]
-    evaluation: float
+    repeats: int = 3
+    pick: Callable[[list[float]], float] = statistics.median
 
-    def scheme_rows(self, scheme: Scheme, everies: list[int], retry: bool) -> Iterator[Table]:
-        """The rows of a scheme, one by one; a run that is left out has a `reason` instead."""
+    @cached_property
+    def evaluation(self) -> float:
+        """Counted work of one evaluation of the forces."""
+        return evaluation_work(self.model, self.s)
+
+    def rows(
+        self, schemes: Sequence[Scheme], dts: Sequence[float], retry: bool = True, progress: Progress = silent
+    ) -> Iterator[Table]:
+        """The rows of all schemes and steps, one by one; a run left out for its work (`WORK_LIMIT`) has a `reason`.
+
+        Schemes whose steps follow an accuracy are run at `ACCURACIES` too; their `dt` is the mean step.
+
+        Args:
+            dts: steps [s]; each is moved to the nearest that divides the reference's grid.
+            retry: halve steps that do not converge, as `simulate` does; else a run with such a step is `not_converged`.
+        """
+        everies = sorted({max(1, round(self.target.grid / dt)) for dt in dts})
+        for i, scheme in enumerate(schemes):
+            progress(i / len(schemes), scheme.label)
+            yield from self._rows_of(scheme, everies, retry)
+
+    def _rows_of(self, scheme: Scheme, everies: list[int], retry: bool) -> Iterator[Table]:
+        """The rows of a scheme; `everies` are steps between saved times."""
         target = self.target
         model = self.model
         start = self.s

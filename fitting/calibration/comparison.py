@@ -13,15 +13,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from itertools import combinations, compress
+from itertools import compress
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dropper_jax.base.errors import Progress, SceneError, nearest, silent
+from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.progress import Progress, silent
 from dropper_jax.base.read import ScenePath
-from fitting.calibration.compared_laws import ComparedLaws, fit_fullest, fit_laws, prepare_laws, restart_from_larger
-from fitting.calibration.cross_validation import (
+from fitting.estimate.factors import solve_spd
+from fitting.estimate.solution import Solution
+from fitting.laws.compared_laws import ComparedLaws, fit_fullest, fit_laws, prepare_laws, restart_from_larger
+from fitting.laws.cross_validation import (
     Fold,
     Scores,
     blocks,
@@ -30,21 +33,16 @@ from fitting.calibration.cross_validation import (
     score,
     with_released_fitted,
 )
-from fitting.calibration.decision import decide, decide_joined, deviation
-from fitting.calibration.joined_laws import join_laws
-from fitting.calibration.law_bic import with_bic
-from fitting.calibration.laws import LAW_PARTS, LAWS, Law, contains, has_dry_friction, part_of
-from fitting.calibration.prepared import Prepared
-from fitting.estimate.factors import solve_spd
-from fitting.estimate.residuals import Solution
+from fitting.laws.decision import decide, decide_joined, deviation
+from fitting.laws.equivalent_laws import equivalent_laws
+from fitting.laws.joined_laws import join_laws
+from fitting.laws.law_bic import with_bic
+from fitting.laws.laws import LAWS, Law, contains, has_dry_friction
 from fitting.parameters.parameter import Parameter
+from fitting.windows.prepared import Prepared
 
 if TYPE_CHECKING:
     from fitting.calibration.result import FitResult
-
-#: Cosine of two coefficients' derivatives above which they count as one. Coefficients of the same motion differ a
-#: little: drag is weighted within a step, joints are not.
-SAME_COSINE = 1 - 1e-4
 
 
 def compare(result: FitResult, laws: Sequence[str] = tuple(LAWS), progress: Progress = silent) -> list[Law]:
@@ -54,7 +52,7 @@ def compare(result: FitResult, laws: Sequence[str] = tuple(LAWS), progress: Prog
         SceneError: a law of unknown name, or a fit of a number that ties several values of the scene.
     """
     refuse_tied("compare_models", result.parameters)
-    return compare_laws(result.prepared.with_noise(result.solution.problem.noise), laws, progress)
+    return compare_laws(result.prepared.with_noise_of(result.solution.problem), laws, progress)
 
 
 def refuse_tied(option: str, parameters: Sequence[Parameter]) -> None:
@@ -82,12 +80,12 @@ def compare_laws(prepared: Prepared, laws: Sequence[str] = tuple(LAWS), progress
     compared, fullest_fits = fit_fullest(prepare_laws(prepared, names, progress))
     fullest = fullest_fits[names[-1]]
     memory = fullest.problem.memory
-    replaced = _equivalent_parts(names, prepared, fullest)
-    solutions, costs = restart_from_larger(compared, fit_laws(compared, fullest_fits, replaced), fullest)
+    equivalents = equivalent_laws(names, prepared, fullest)
+    solutions, costs = restart_from_larger(compared, fit_laws(compared, fullest_fits, equivalents), fullest)
     windows = compared.prepared.windows
     folds = with_released_fitted(blocks(windows.run), windows.released)
     scores = [score(solution, folds) for solution in solutions.values()]
-    rows = _law_rows(compared, solutions, costs, scores, replaced)
+    rows = _law_rows(compared, solutions, costs, scores, equivalents)
     rows = decide(rows, [replace(scored, log_score=scored.log_score / memory) for scored in scores])
     possible = {row.name: solutions[row.name] for row in rows if row.possible}
     if len(possible) == 1:
@@ -104,13 +102,13 @@ def _law_rows(
     solutions: Mapping[str, Solution],
     costs: Mapping[str, float],
     scores: Sequence[Scores],
-    replaced: Mapping[str, str],
+    equivalents: Mapping[str, str],
 ) -> list[Law]:
     """The laws' rows before any decision.
 
     Args:
         solutions, costs: of `restart_from_larger`; scores: of the solutions.
-        replaced: of `_equivalent_parts`.
+        equivalents: of `equivalent_laws`.
     """
     rows: list[Law] = []
     windows = laws.prepared.windows
@@ -137,7 +135,7 @@ def _law_rows(
             unreached=remaining_decrease(solution) / solution.problem.memory,
             extrapolated=_predicted_rms(solution, last_third_folds),
             other_run=_predicted_rms(solution, other_run_folds),
-            equals=_equivalent_laws(law, laws.names, replaced),
+            equals=tuple(other for other, same in equivalents.items() if same == law),
             unseen=laws.undetected(solution, has_dry_friction(law)),
         )
         rows.append(row)
@@ -159,32 +157,6 @@ def errors_to_best(scores: Sequence[Scores]) -> np.ndarray:
     known = scores[best].count > 0
     error = deviation((mean - mean[best])[:, known]) / np.sqrt(max(known.sum(), 1))
     return error / max(2 * rms[best], 1e-300)
-
-
-def _equivalent_parts(laws: Sequence[str], prepared: Prepared, fullest: Solution) -> dict[str, str]:
-    """Parts of one coefficient that act like another, which replaces them; a part that the fit already has stays."""
-    owner = [part_of(name) for name in fullest.problem.names]
-    single = {part for law in laws for part in LAWS[law] if owner.count(part) == 1}
-    asked = {part_of(name) for name in prepared.names}
-    columns = fullest.evaluation.jacobian[..., fullest.problem.freedoms :].reshape(-1, len(owner))
-    unit = columns / np.maximum(np.sqrt(np.sum(columns**2, axis=0)), 1e-300)
-    replaced: dict[str, str] = {}
-    parts = sorted(single, key=lambda part: (part not in asked, list(LAW_PARTS).index(part)))
-    for part, other in combinations(parts, 2):
-        cosine = abs(unit[:, owner.index(part)] @ unit[:, owner.index(other)])
-        if part not in replaced and cosine >= SAME_COSINE:
-            replaced[other] = part
-    return replaced
-
-
-def _equivalent_laws(law: str, laws: Sequence[str], replaced: Mapping[str, str]) -> tuple[str, ...]:
-    """Other laws that give the same motion as a law, because the replaced parts act like others."""
-    found = []
-    for other in laws:
-        parts = {replaced.get(part, part) for part in LAWS[other]}
-        if other != law and parts == set(LAWS[law]):
-            found.append(other)
-    return tuple(found)
 
 
 def remaining_decrease(solution: Solution) -> float:

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fitting.calibration.prepared import Prepared
-from fitting.estimate.residuals import Solution
+from fitting.estimate.solution import Solution
+from fitting.windows.prepared import Prepared
 
 #: Stretches of time in which deviations are averaged.
 STRETCHES = 10

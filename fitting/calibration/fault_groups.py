@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dropper_jax.model import Model
-from fitting.calibration.laws import LAW_PARTS
 from fitting.calibration.possible_faults import existing_parameters, second_end_paths
+from fitting.laws.laws import LAW_PARTS
 from fitting.parameters.parameter import Parameter
 from fitting.parameters.targets import (
     CAMERA,

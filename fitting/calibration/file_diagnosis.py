@@ -13,12 +13,12 @@ from dataclasses import replace
 import numpy as np
 
 from fitting.calibration.likely_cause import likely_cause
-from fitting.calibration.prepared import Prepared
-from fitting.calibration.short_windows import fit_short_windows, moving_pieces
 from fitting.traces.conventions import resting_angles
 from fitting.traces.file_mistakes import Correction, corrections, late_columns, shifted_zero
 from fitting.traces.planar import wrap
 from fitting.traces.trace import Convention, Trace
+from fitting.windows.prepared import Prepared
+from fitting.windows.short_windows import fit_short_windows, moving_pieces
 
 #: Fraction of chi-square that a reported correction may leave.
 CHI_SQUARE_LEFT = 0.1

@@ -8,29 +8,30 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dropper_jax.base.errors import Progress, SceneError, silent
-from dropper_jax.run.build import SceneLike
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.progress import Progress, silent
+from dropper_jax.modelling.build import SceneLike
 from fitting.calibration.advice import advise
 from fitting.calibration.candidate import Candidate, omitted_parameter_bias
 from fitting.calibration.comparison import refuse_tied
 from fitting.calibration.file_diagnosis import SUSPECT_CHI_SQUARE, name_wrong_file
-from fitting.calibration.fit_settings import AUTOMATIC, FitSettings
 from fitting.calibration.freeing import MOST_FREED, free_by_advice
 from fitting.calibration.kicks import without_kicks
-from fitting.calibration.law_candidates import QUADRATIC
-from fitting.calibration.law_fits import with_law
-from fitting.calibration.law_tests import LawTest
 from fitting.calibration.likely_cause import freeing_advice
-from fitting.calibration.method import Method, as_method, estimate
-from fitting.calibration.preparation import TracesLike, prepare
-from fitting.calibration.prepared import Prepared
 from fitting.calibration.result import FitResult
-from fitting.calibration.sound_windows import FIRST_ITERATIONS, with_sound_windows
-from fitting.calibration.spans import Interval
 from fitting.calibration.summarise import summarise
 from fitting.estimate.loss import LEAST_SQUARES, Loss, as_loss
-from fitting.estimate.residuals import Solution
+from fitting.estimate.solution import Solution
+from fitting.laws.law_candidates import QUADRATIC
+from fitting.laws.law_fits import with_law
+from fitting.laws.law_tests import LawTest
 from fitting.parameters.parameter import Bounds, Priors, StartValues
+from fitting.windows.fit_settings import AUTOMATIC, FitSettings
+from fitting.windows.method import Method, as_method, estimate
+from fitting.windows.preparation import TracesLike, prepare
+from fitting.windows.prepared import Prepared
+from fitting.windows.sound_windows import FIRST_ITERATIONS, with_sound_windows
+from fitting.windows.spans import Interval
 
 if TYPE_CHECKING:
     from fitting.estimate.descent import GradientDescent

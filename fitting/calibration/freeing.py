@@ -18,22 +18,22 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from dropper_jax.base.errors import Progress, silent
+from dropper_jax.base.progress import Progress, silent
 from fitting.calibration.advice import score_candidates
 from fitting.calibration.candidate import LEAST_GAIN, NAME_SEPARATOR, Candidate
 from fitting.calibration.group_trials import WRONG_CHI_SQUARE, free_groups, is_model_wrong
-from fitting.calibration.lost_frames import Lost, lost_frames, starts_from_previous_windows, windows_far_off
-from fitting.calibration.outliers import SEVERAL_OUTLIERS, count_outliers
 from fitting.calibration.possible_faults import RESERVED_JUMPS, candidate_simulator, with_freed
-from fitting.calibration.prepared import Prepared
 from fitting.estimate.factors import invert_spd
 from fitting.estimate.least_squares import fit_windows
 from fitting.estimate.loss import LEAST_SQUARES, Loss, StudentT
-from fitting.estimate.residuals import Solution
 from fitting.estimate.simulator import Simulator
+from fitting.estimate.solution import Solution
 from fitting.estimate.whitening import log_volume
 from fitting.estimate.windows import pick
 from fitting.parameters.targets import LOST
+from fitting.windows.lost_frames import Lost, lost_frames, starts_from_previous_windows, windows_far_off
+from fitting.windows.outliers import SEVERAL_OUTLIERS, count_outliers
+from fitting.windows.prepared import Prepared
 
 #: Maximum number of candidates that are freed one after another.
 MOST_FREED = 6

@@ -7,13 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from dropper_jax.base.errors import Progress
+from dropper_jax.base.progress import Progress
 from dropper_jax.base.read import ScenePath
-from fitting.calibration.advice import joint_information
 from fitting.calibration.fault_groups import FaultGroup
-from fitting.calibration.laws import part_of
+from fitting.calibration.joint_information import joint_information
 from fitting.calibration.trials import Trials
-from fitting.estimate.residuals import Solution
+from fitting.estimate.solution import Solution
+from fitting.laws.laws import part_of
 from fitting.parameters.parameter import Parameter
 
 #: Relative growth of the score above which a group is needed: a smaller one makes no difference to a user.

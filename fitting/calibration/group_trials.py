@@ -14,28 +14,28 @@ from dataclasses import replace
 
 import numpy as np
 
-from dropper_jax.base.errors import Progress, silent
+from dropper_jax.base.progress import Progress, silent
 from dropper_jax.base.read import ScenePath
-from dropper_jax.run.build import build
+from dropper_jax.modelling.build import build
 from fitting.calibration.candidate import Candidate
 from fitting.calibration.fault_groups import FaultGroup, fault_groups
 from fitting.calibration.group_search import NEEDED_GROWTH, Search, effective, parameters_of
 from fitting.calibration.held_out import window_length
-from fitting.calibration.law_fits import substeps_of
-from fitting.calibration.law_scenes import scene_with_law, without_unused_parts
-from fitting.calibration.laws import JOINT_PARTS, LAW_PARTS
 from fitting.calibration.possible_faults import candidate_simulator
-from fitting.calibration.prepared import Prepared, program_space
 from fitting.calibration.result import chi2_per_dof
 from fitting.calibration.trials import Trials
 from fitting.estimate.loss import Loss
 from fitting.estimate.neighbour_correlation import lag_one
-from fitting.estimate.residuals import Solution
 from fitting.estimate.simulator import Simulator, choose_stepper
+from fitting.estimate.solution import Solution
 from fitting.estimate.windows import pick, with_rows
+from fitting.laws.law_fits import substeps_of
+from fitting.laws.law_scenes import scene_with_law, without_unused_parts
+from fitting.laws.laws import JOINT_PARTS, LAW_PARTS
 from fitting.parameters.parameter import Parameter
 from fitting.parameters.paths import resolve
 from fitting.parameters.targets import all_joints
+from fitting.windows.prepared import Prepared, program_space
 
 #: Chi-square per degree of freedom from which a smooth misfit shows that the whole model is wrong: ten times the noise.
 WRONG_CHI_SQUARE = 100.0

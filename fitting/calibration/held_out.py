@@ -6,12 +6,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fitting.calibration.prepared import Prepared, program_space
-from fitting.calibration.spans import Interval, frames_between
 from fitting.estimate.first_starts import first_starts
 from fitting.estimate.least_squares import fit_windows
-from fitting.estimate.residuals import Solution
+from fitting.estimate.solution import Solution
 from fitting.estimate.windows import Span, Windows, fewest_frames
+from fitting.windows.prepared import Prepared, program_space
+from fitting.windows.spans import Interval, frames_between
 
 
 @dataclass(frozen=True)

@@ -18,13 +18,13 @@ from typing import NamedTuple
 import numpy as np
 
 from fitting.calibration.candidate import Candidate
-from fitting.calibration.lost_frames import starts_from_previous_windows
-from fitting.calibration.prepared import Prepared
 from fitting.estimate.least_squares import fit_starts
 from fitting.estimate.loss import LEAST_SQUARES, Loss
-from fitting.estimate.residuals import Solution
+from fitting.estimate.solution import Solution
 from fitting.estimate.windows import Span, Starts, Windows, pick, with_rows
 from fitting.traces.planar import wrap
+from fitting.windows.lost_frames import starts_from_previous_windows
+from fitting.windows.prepared import Prepared
 
 #: Fraction of the windows that a search starts with and must leave: a kick early in a run may disturb most of them.
 TRUSTED_FRACTION = 1 / 3

@@ -18,14 +18,15 @@ from typing import NamedTuple
 import numpy as np
 
 from fitting.calibration.possible_faults import candidate_simulator, possible_faults, with_freed
-from fitting.calibration.prepared import Prepared
-from fitting.calibration.short_windows import fit_short_windows
 from fitting.estimate.release import RELEASE_TIME
 from fitting.estimate.windows import Span
 from fitting.parameters.names import free_option
 from fitting.parameters.parameter import Parameter
 from fitting.parameters.targets import NODE
+from fitting.traces.noise import rounding
 from fitting.traces.trace import Trace
+from fitting.windows.prepared import Prepared
+from fitting.windows.short_windows import fit_short_windows
 
 #: Fraction of chi-square that a right cause may leave.
 CHI_SQUARE_LEFT = 0.1
@@ -37,6 +38,8 @@ LATER_SHARE = 0.5
 PLAUSIBLE_CHANGE = 0.5
 #: Fraction of samples on the line through their neighbours, above which they are interpolated.
 INTERPOLATED_FRACTION = 0.4
+#: Step of a sensor, as a fraction of the median change between samples, above which its readings show it.
+LARGEST_STEP = 1e-3
 #: Fraction of the motion by which short windows miss smoothed samples at most; wrong models miss more.
 SMOOTHED_MISS = 0.04
 #: Short windows in the order of time that find a driven beginning.
@@ -57,7 +60,7 @@ def likely_cause(prepared: Prepared, pieces: Sequence[Span]) -> Cause:
         pieces: run, start and end [s] of short windows that move.
     """
     trace = prepared.traces[0]
-    if _interpolated(trace) > INTERPOLATED_FRACTION:
+    if interpolated_fraction(trace) > INTERPOLATED_FRACTION:
         return Cause(
             "angles interpolated between frames, as clicked by hand",
             "leave the cells of frames that were not measured empty",
@@ -147,8 +150,14 @@ def _shared_errors(prepared: Prepared, part: float) -> Cause | None:
     )
 
 
-def _interpolated(trace: Trace) -> float:
-    """Fraction of the samples that lie on the line through their neighbours in time."""
+def interpolated_fraction(trace: Trace) -> float:
+    """Fraction of the samples that lie on the line through their neighbours in time; 0 if the sensor's steps show.
+
+    Readings in steps often lie on such lines too.
+    """
+    moves = np.nanmedian(np.abs(np.diff(trace.theta, axis=0)), axis=0)
+    if any(rounding(column) > LARGEST_STEP * move for column, move in zip(trace.theta.T, moves, strict=True)):
+        return 0.0
     slope = np.diff(trace.theta, axis=0) / np.diff(trace.t)[:, None]
     bend = np.abs(np.diff(slope, axis=0))
     size = np.nanmedian(np.abs(slope), axis=0)

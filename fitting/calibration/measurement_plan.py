@@ -17,22 +17,23 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dropper_jax.base.errors import Progress, SceneError, require_positive, silent
+from dropper_jax.base.errors import SceneError, require_positive
 from dropper_jax.base.json_values import Json
 from dropper_jax.base.markdown import Rows, cells, text_row
+from dropper_jax.base.progress import Progress, silent
 from dropper_jax.load.scene import Scene, load_scene
-from dropper_jax.run.build import SceneLike
-from fitting.calibration.preparation import prepare
+from dropper_jax.modelling.build import SceneLike
 from fitting.estimate.factors import invert_spd
 from fitting.estimate.least_squares import fit_windows
 from fitting.estimate.normal_equations import Step
 from fitting.estimate.objective import Objective
-from fitting.estimate.residuals import Solution
 from fitting.estimate.shooting import GAP_WEIGHTS, loosest_of
+from fitting.estimate.solution import Solution
 from fitting.estimate.windows import pick
 from fitting.parameters.names import full_names
 from fitting.traces.synthetic import Camera, observe, simulate_truth
-from fitting.traces.trace import Trace
+from fitting.traces.trace import FEWEST_SAMPLES, Trace
+from fitting.windows.preparation import prepare
 
 #: Rounds of the search for the windows' starts on a trace without noise.
 START_ROUNDS = 4
@@ -97,6 +98,11 @@ def plan(
     if gap_weight is not None:
         require_positive("gap_weight", gap_weight, "")
     require_positive("rate", rate, " Hz")
+    if min(durations) * rate < FEWEST_SAMPLES:
+        raise SceneError(
+            f"duration: {min(durations):g} s has too few frames at {rate:g} Hz; allowed: at least "
+            f"{FEWEST_SAMPLES / rate:.2g} s"
+        )
     plans = []
     for i, source in enumerate(scenes):
         scene = load_scene(source)

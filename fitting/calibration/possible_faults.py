@@ -9,8 +9,6 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.model import Model
-from fitting.calibration.preparation import at_frames
-from fitting.calibration.prepared import Prepared
 from fitting.estimate.release import RELEASE_TIME, Release
 from fitting.estimate.simulator import Simulator
 from fitting.parameters.missing_forces import tested_parameters
@@ -25,6 +23,8 @@ from fitting.parameters.targets import (
     SCALE,
     LostTarget,
 )
+from fitting.windows.preparation import at_frames
+from fitting.windows.prepared import Prepared
 
 
 class PossibleFault(NamedTuple):

@@ -11,22 +11,23 @@ import numpy as np
 from dropper_jax.base.json_values import jsonable
 from dropper_jax.model import Model
 from fitting.calibration.candidate import Candidate
-from fitting.calibration.decision import verdict
 from fitting.calibration.disagreement import Disagreement
 from fitting.calibration.held_out import HeldOut
-from fitting.calibration.law_tests import LawTest, LawTests, freeing_option
-from fitting.calibration.laws import DRAG_PATHS, Law
-from fitting.calibration.prepared import Prepared
 from fitting.estimate.noise import Noise, mean_by_run
 from fitting.estimate.normal_equations import Evaluation
-from fitting.estimate.residuals import Problem, Solution
 from fitting.estimate.scene_fit import SceneFit
 from fitting.estimate.shooting import GAP_WEIGHTS
-from fitting.estimate.uncertainty import degrees_of_freedom
+from fitting.estimate.solution import Solution
+from fitting.estimate.uncertainty import chance_below, degrees_of_freedom
+from fitting.estimate.window_problem import Problem
 from fitting.estimate.windows import Span, Windows
+from fitting.laws.decision import verdict
+from fitting.laws.law_tests import LawTest, LawTests, freeing_option
+from fitting.laws.laws import DRAG_PATHS, Law
 from fitting.traces.conventions import MAX_GAP_PERIODS
 from fitting.traces.planar import pendulum_period
 from fitting.traces.trace import Trace
+from fitting.windows.prepared import Prepared
 
 
 def direction_text(direction: Mapping[str, float]) -> str:
@@ -45,6 +46,8 @@ MISFIT_CHI_SQUARE = 2.0
 MISFIT_CORRELATION = 0.1
 #: Gap weight from which windows whose noise keeps a memory join loosely: those of wrong laws reach 0.03 to 1.
 LOOSE_JOIN = 0.03
+#: Probability, of a value on its bound, that the optimum without bounds lies this far beyond it by chance.
+BOUND_CHANCE = 1e-3
 #: Maximum fraction of the samples that may be left out of a fit with status `ok`.
 MOST_LEFT_OUT = 0.03
 #: Noise [rad] far below an encoder's, as only simulated traces have.
@@ -119,7 +122,7 @@ class FitResult(SceneFit[Problem, Evaluation]):
         `lost_windows`: more than `MOST_LEFT_OUT` of the samples are in windows that no start explains. `model_error`:
         the traces show a force that the scene lacks, which changes a reported value (`laws`). `misfit`: the residuals
         exceed the noise and the stated model error, and are not noise because neighbours correlate or because the
-        windows do not join.
+        windows do not join, or a bound excludes the value that fits best.
         """
         if self.solution.status != "ok":
             return self.solution.status
@@ -127,9 +130,19 @@ class FitResult(SceneFit[Problem, Evaluation]):
             return "lost_windows"
         if self.laws.wrong is not None and not self.wrong_file:
             return "model_error"
-        if self.wrong_file or self.misses:
+        if self.wrong_file or self.misses or self.excluded:
             return "misfit"
         return "ok"
+
+    @property
+    def excluded(self) -> list[int]:
+        """Numbers of the parameters whose bound excludes the value that fits best, which chance does not explain.
+
+        Not at a bound of zero: errors of a model, as of a bearing, may push a damping that is small below it.
+        """
+        u = self.uncertainty
+        at_bound = np.flatnonzero(u.at_bound & (self.values != 0))
+        return [i for i in at_bound if chance_below(-u.beyond_bound[i], u.blocks) < BOUND_CHANCE]
 
     @property
     def misses(self) -> bool:
@@ -180,6 +193,13 @@ class FitResult(SceneFit[Problem, Evaluation]):
         if self.status == "model_error" and wrong is not None:
             names = self.solution.problem.names
             found.append(f"the law is wrong: the trace shows {freeing_option(wrong, names)}")
+        if self.status == "misfit" and self.excluded and not self.wrong_file:
+            for i in self.excluded:
+                found.append(
+                    f"{self.parameters[i].name} is held at its bound {self.values[i]:g}, "
+                    f"{self.uncertainty.beyond_bound[i]:.2g} standard errors from the value that fits best. "
+                    "Widen the bound (--bounds), or find what else is wrong (--advice)"
+                )
         if self.status == "misfit" and self.misses and not self.wrong_file:
             reason = f"neighbours correlate by {self.uncertainty.correlation_1[0]:.2f}"
             if self.has_unexplained_joins or not self.windows_join:

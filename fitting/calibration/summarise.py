@@ -9,15 +9,16 @@ import numpy as np
 
 from fitting.calibration.disagreement import disagreement_warnings, disagreements
 from fitting.calibration.held_out import score_held_out
-from fitting.calibration.law_score_tests import score_tests
-from fitting.calibration.law_tests import law_warnings
-from fitting.calibration.outliers import outlier_warnings
-from fitting.calibration.prepared import Prepared
 from fitting.calibration.result import FitResult, chi2_per_dof, direction_text
 from fitting.estimate.error_growth import lyapunov, transitions
-from fitting.estimate.residuals import CHI2_RANGE, CORRELATION_FLOOR, Solution
 from fitting.estimate.scene_fit import common_warnings
+from fitting.estimate.solution import Solution
 from fitting.estimate.uncertainty import Uncertainty, uncertainty
+from fitting.estimate.window_problem import CORRELATION_FLOOR, UNEXPLAINED_CHI_SQUARE
+from fitting.laws.law_score_tests import score_tests
+from fitting.laws.law_tests import law_warnings
+from fitting.windows.outliers import outlier_warnings
+from fitting.windows.prepared import Prepared
 
 #: Warnings for noise that is not white.
 NOISE_WARNINGS = {
@@ -26,6 +27,8 @@ NOISE_WARNINGS = {
 }
 
 
+#: chi-square per degree of freedom below which stated standard errors are too large.
+OVERSTATED_CHI_SQUARE = 0.5
 #: Absolute correlation of two estimates above which they are reported as hard to distinguish.
 INDISTINCT_CORRELATION = 0.98
 
@@ -70,18 +73,18 @@ def _noise_warnings(prepared: Prepared, solution: Solution, u: Uncertainty, chi2
     found = []
     correlation = u.correlation_1[0]
     if u.inflation > 1 or abs(correlation) > 4 * CORRELATION_FLOOR:
-        found.append(
-            f"residuals are not noise: neighbours correlate by {correlation:.2f}; standard errors were multiplied "
-            f"by up to {u.inflation:.2g}"
-        )
+        reason = f"neighbours correlate by {correlation:.2f}"
+        if abs(correlation) < CORRELATION_FLOOR:
+            reason = "they exceed that of the samples"
+        found.append(f"residuals are not noise: {reason}; standard errors were multiplied by up to {u.inflation:.2g}")
     noise = solution.problem.noise
     if noise is not None and noise.kind != "white":
         found.append(NOISE_WARNINGS[noise.kind])
-    elif chi2 > CHI2_RANGE[1]:
+    elif chi2 > UNEXPLAINED_CHI_SQUARE:
         found.append(
             f"chi-square per degree of freedom is {chi2:.3g}: the noise of the samples does not explain the residuals"
         )
-    elif chi2 < CHI2_RANGE[0] and any(trace.se is not None for trace in prepared.traces):
+    elif chi2 < OVERSTATED_CHI_SQUARE and any(trace.se is not None for trace in prepared.traces):
         found.append(f"chi-square per degree of freedom is {chi2:.3g}: the stated standard errors are too large")
     return found
 

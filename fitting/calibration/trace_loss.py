@@ -12,14 +12,14 @@ import numpy as np
 from jax import Array
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.run.build import SceneLike
-from fitting.calibration.preparation import TracesLike, prepare
-from fitting.calibration.prepared import Prepared
+from dropper_jax.modelling.build import SceneLike
 from fitting.estimate.window_run import run_window
 from fitting.estimate.windows import Starts
 from fitting.parameters.parameter import with_parameter_values
 from fitting.parameters.targets import LOST
 from fitting.traces import planar
+from fitting.windows.preparation import TracesLike, prepare
+from fitting.windows.prepared import Prepared
 
 #: Gauss-Newton steps of the windows for one value with optimal starts: from the first starts, four leave 0.01 of
 #: chi-square per window on noisy traces of the lab dropper.
@@ -27,8 +27,14 @@ START_STEPS = 6
 
 
 class Blocks(NamedTuple):
-    """A window at its best start so far: z (m2,), cost, and Gauss-Newton blocks A (m2, m2), B (m2, k), C (k, k), gz,
-    gp."""
+    """A window at its best start so far.
+
+    Attributes:
+        z: coordinates of the start (m2,).
+        cost: half of chi-square.
+        A, B, C: Gauss-Newton blocks by the start (m2, m2), by start and parameters (m2, k), by the parameters (k, k).
+        gz, gp: gradients of the cost by the start (m2,) and by the parameters (k,).
+    """
 
     z: Array
     cost: Array

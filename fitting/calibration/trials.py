@@ -9,15 +9,15 @@ from itertools import pairwise
 import numpy as np
 
 from fitting.calibration.held_out import score_held_out
-from fitting.calibration.prepared import Prepared, fitted_parts
-from fitting.calibration.window_plan import LONGEST_WINDOW
 from fitting.estimate.least_squares import fit_windows
 from fitting.estimate.loss import Loss
 from fitting.estimate.noise import Noise
 from fitting.estimate.residual_noise import memory_of
-from fitting.estimate.residuals import Solution
+from fitting.estimate.solution import Solution
 from fitting.estimate.windows import Span, Starts, Windows
 from fitting.parameters.parameter import Parameter
+from fitting.windows.prepared import Prepared, fitted_parts
+from fitting.windows.window_plan import LONGEST_WINDOW
 
 #: Number of parts of a run.
 PARTS_OF_RUN = 5

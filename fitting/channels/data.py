@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from dropper_jax.base.errors import SceneError
 from fitting.channels.channel import Channel
 from fitting.traces.noise import noise_by_differences
 
@@ -48,11 +49,12 @@ class MeasuredRun:
     own: dict[str, Any] = field(default_factory=dict)
 
 
+#: Minimum number of samples of a channel in a run.
+FEWEST_READINGS = 3
 #: Noise of a channel with too few samples for differences, as a fraction of its standard deviation.
 UNKNOWN_NOISE_SHARE = 0.1
-#: Minimum noise as a fraction of the largest value, and of a channel that is zero [SI].
+#: Minimum noise as a fraction of the largest value.
 LEAST_NOISE_SHARE = 1e-6
-LEAST_NOISE = 1e-12
 #: Minimum size of a reading for its relative noise, as a fraction of the channel's RMS: a reading of 0 is not exact.
 LEAST_READING = 0.05
 #: Values (k, m) of every run and channel, or (k, m, ...) of derivatives.
@@ -86,11 +88,24 @@ class Series:
 
 @dataclass(frozen=True)
 class ChannelData:
-    """What was measured: the sensors, the cameras that time some of them, and the runs."""
+    """What was measured: the sensors, the cameras that time some of them, and the runs.
+
+    Raises:
+        SceneError: a channel with fewer samples than `FEWEST_READINGS` in a run, or an infinite one.
+    """
 
     sensors: tuple[Sensor, ...]
     cameras: tuple[CameraSpec, ...]
     runs: tuple[MeasuredRun, ...]
+
+    def __post_init__(self) -> None:
+        for i, run in enumerate(self.runs):
+            for sensor, y in zip(self.sensors, run.values, strict=True):
+                what = f"run.{i}: channel {sensor.channel.name!r}"
+                if np.isinf(y).any():
+                    raise SceneError(f"{what} has an infinite sample; allowed: numbers, or nan for a missing one")
+                if (np.isfinite(y).sum(axis=0) < FEWEST_READINGS).any():
+                    raise SceneError(f"{what} has fewer than {FEWEST_READINGS} samples; allowed: more")
 
     def columns(self) -> list[tuple[int, int, np.ndarray, int]]:
         """Run, channel, existing samples (k,) and column of every block."""
@@ -132,16 +147,26 @@ class ChannelData:
 
     def _difference_noise(self, channel: int) -> float:
         """Standard deviation of white noise on a smooth motion, by differences of high order; of a relative sensor as a
-        fraction of its RMS value."""
+        fraction of its RMS value.
+
+        Raises:
+            SceneError: a sensor that shows zero all the time, such as a dead one: nothing gives the size of its noise.
+        """
         values = [run.values[channel] for run in self.runs]
-        sizes = np.concatenate([noise_by_differences(y) for y in values])
+        sensor = self.sensors[channel]
         level = max(np.nanmax(np.abs(y)) for y in values)
+        if level == 0.0:
+            raise SceneError(
+                f"channel {sensor.channel.name!r}: is zero in all samples, which shows no noise; needed: its `noise`, "
+                "or data without this channel"
+            )
+        sizes = np.concatenate([noise_by_differences(y) for y in values])
         spread = max(np.nanstd(y, axis=0).max() for y in values)
         size = UNKNOWN_NOISE_SHARE * spread
         if np.isfinite(sizes).any():
             size = np.nanmedian(sizes)
-        size = max(size, LEAST_NOISE_SHARE * level, LEAST_NOISE)
-        if self.sensors[channel].relative and level > 0.0:
+        size = max(size, LEAST_NOISE_SHARE * level)
+        if sensor.relative:
             size /= np.sqrt(np.nanmean(np.concatenate(values) ** 2))
         return size
 

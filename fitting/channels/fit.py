@@ -10,10 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
-from dropper_jax.base.errors import Progress, SceneError, part_of, silent
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.progress import Progress, part_of, silent
 from dropper_jax.base.read import Values
 from dropper_jax.load.scene import load_scene
-from dropper_jax.run.build import SceneLike
+from dropper_jax.modelling.build import SceneLike
 from fitting.channels.between_runs import over_runs
 from fitting.channels.data import ChannelData, Series
 from fitting.channels.errors import VERDICTS, estimate_errors
@@ -86,10 +87,10 @@ def fit_channels(
     problem = make_problem(data, scene, free, own, start or {}, bounds or {}, priors or {})
     progress(0.0, "first run")
     point = first_point(problem, initial_loss(loss))
-    point = settle_noise(point, iterations, part_of(progress, 0.0, 0.7))
+    point = settle_noise(point, iterations, part_of(progress, 0.0, 0.5))
     if point.status == "ok" and point.problem.loss != loss:
         point = transfer_solution(point, replace(point.problem, loss=loss), point.evaluation)
-        point = settle_noise(point, iterations, progress)
+        point = settle_noise(point, iterations, part_of(progress, 0.5, 0.7))
     if check_step and point.status == "ok":
         say = part_of(progress, 0.7, 0.95)
 

@@ -14,7 +14,7 @@ from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.read import ScenePath
 from dropper_jax.base.records import by_name, names_of
 from dropper_jax.load.scene import Scene
-from dropper_jax.run.build import build_model
+from dropper_jax.modelling.build import build_model
 from fitting.channels.data import ChannelData
 from fitting.channels.setup import START_UNITS, given_start
 from fitting.parameters.names import full_names

@@ -12,7 +12,7 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import ScenePath, Values
 from dropper_jax.base.records import names_of
 from dropper_jax.load.scene import Scene
-from dropper_jax.run.build import build_model, initial_state
+from dropper_jax.modelling.build import build_model, initial_state
 from fitting.channels.data import ChannelData
 from fitting.channels.free_numbers import find_free
 from fitting.channels.problem import Problem

@@ -11,8 +11,8 @@ from jax import Array
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.constants import GRAVITY
 from dropper_jax.model import State, state
+from dropper_jax.modelling.build import from_angles
 from dropper_jax.residual import Stepper
-from dropper_jax.run.build import from_angles
 from dropper_jax.statics.loads import nodal_loads
 from dropper_jax.statics.static_pose import settle
 from dropper_jax.stepping.integrate import integrate

@@ -14,12 +14,13 @@ from jax import Array
 from dropper_jax.base.errors import SceneError
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import State
-from dropper_jax.run.build import build_model, stepper_of
+from dropper_jax.modelling.build import build_model, stepper_of
 from fitting.channels.data import ByChannel, ChannelData, MeasuredRun, Series
 from fitting.channels.observe import RunPlan, differentiate_channels
 from fitting.channels.setup import setup_with_directions
 from fitting.estimate.neighbour_correlation import is_correlated, lag_one_by_source
-from fitting.estimate.residuals import Residuals, Solution, Timing
+from fitting.estimate.residuals import Residuals, Timing
+from fitting.estimate.solution import Solution
 from fitting.estimate.whitening import whiten
 from fitting.parameters.parameter import Parameter
 from fitting.parameters.targets import SetupTarget

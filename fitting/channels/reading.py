@@ -49,7 +49,7 @@ from dropper_jax.load.packaged import parse_toml
 from dropper_jax.scene import SceneData
 from dropper_jax.scene.fit import to_si
 from fitting.channels.channel import Channel, Given
-from fitting.channels.data import CameraSpec, ChannelData, MeasuredRun, Sensor
+from fitting.channels.data import FEWEST_READINGS, CameraSpec, ChannelData, MeasuredRun, Sensor
 from fitting.channels.data_files import Columns, file_with_columns, read_files
 from fitting.channels.entries import (
     check_unique_names,
@@ -62,8 +62,6 @@ from fitting.channels.entries import (
 from fitting.channels.inertial import Accelerometer, Gyro
 from fitting.channels.sensors import Angle, Depth, Pixel, Position, Tension, read_camera
 
-#: Minimum number of samples of a channel.
-FEWEST_READINGS = 3
 #: Kinds of channels, and the keys that tables of all kinds share.
 CHANNEL_CLASSES: tuple[type[Channel], ...] = (Angle, Position, Pixel, Tension, Depth, Accelerometer, Gyro)
 KINDS = {cls.kind: cls for cls in CHANNEL_CLASSES}
@@ -162,9 +160,7 @@ def read_run(
         owner = file_with_columns(files, columns, what, named[:i].count(columns), named.count(columns))
         t, y = owner.read(columns, sensor.channel.unit)
         keep = (t >= low) & (t <= high)
-        if (np.isfinite(y[keep]).sum(axis=0) < FEWEST_READINGS).any():
-            raise SceneError(f"{what} has fewer than {FEWEST_READINGS} samples; allowed: more")
-        if t[keep][0] < 0:
+        if (t[keep] < 0).any():
             raise SceneError(f"{path}: t: {t[keep][0]:g} s is before the scene starts; allowed: from 0 s")
         times.append(t[keep])
         values.append(y[keep])

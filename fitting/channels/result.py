@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 
@@ -16,6 +16,31 @@ from fitting.channels.setup import setup_with_directions
 from fitting.estimate.noise import Noise
 from fitting.estimate.scene_fit import SceneFit
 from fitting.parameters.fitted_scene import fitted_scene
+
+
+class ChannelSummary(TypedDict):
+    """A channel of a fit.
+
+    Attributes:
+        name, kind: of the channel; unit: SI, of its values.
+        samples: their number over all runs.
+        rms: of the residuals [unit].
+        noise: estimated standard deviation [noise_unit]; noise_unit: `unit`, or `-` for a fraction of the value.
+        noise_claimed: that of the data's file [noise_unit], None if it gives none.
+        kept: share of the noise that remains in the next sample; 0 of white noise.
+        correlation: of neighbouring residuals, what the noise explains removed.
+    """
+
+    name: str
+    kind: str
+    unit: str
+    samples: int
+    rms: float
+    noise: float
+    noise_unit: str
+    noise_claimed: float | None
+    kept: float
+    correlation: float
 
 
 @dataclass(kw_only=True)
@@ -47,29 +72,29 @@ class ChannelFit(SceneFit[Problem, Evaluation]):
         at = setup_with_directions(scene, problem.data, problem.plain, values)
         return fitted_scene(scene, at.setup.model, problem.plain, values)
 
-    def channels(self) -> list[dict[str, Any]]:
-        """Of every channel: kind, unit, samples, RMS of the residuals, estimated noise, remaining correlation."""
+    def channels(self) -> list[ChannelSummary]:
+        """A summary of every channel."""
         problem = self.solution.problem
-        found = []
-        noise = problem.noise or Noise.as_claimed(len(problem.data.sensors), 1)
         deviations = problem.data.deviations(self.solution.evaluation.shown)
+        known = problem.windows.weight[..., 0] > 0
+        noise = problem.noise or Noise.as_claimed(len(problem.data.sensors), 1)
+        found = []
         for c, sensor in enumerate(problem.data.sensors):
-            off = deviations[(problem.windows.weight[..., 0] > 0) & (problem.windows.source == c)[:, None]]
+            off = deviations[known & (problem.windows.source == c)[:, None]]
             interval = np.median(np.concatenate([np.diff(run.t[c]) for run in problem.data.runs]))
-            found.append(
-                {
-                    "name": sensor.channel.name,
-                    "kind": sensor.channel.kind,
-                    "unit": sensor.channel.measures,
-                    "samples": off.size,
-                    "rms": np.sqrt(np.mean(off**2)),
-                    "noise": problem.noise_size[c],
-                    "noise_unit": "-" if sensor.relative else sensor.channel.measures,
-                    "noise_claimed": sensor.noise,
-                    "kept": np.exp(-noise.decay[c, 0] * interval),
-                    "correlation": self.errors.correlation_1[c],
-                }
+            summary = ChannelSummary(
+                name=sensor.channel.name,
+                kind=sensor.channel.kind,
+                unit=sensor.channel.measures,
+                samples=off.size,
+                rms=np.sqrt(np.mean(off**2)),
+                noise=problem.noise_size[c],
+                noise_unit="-" if sensor.relative else sensor.channel.measures,
+                noise_claimed=sensor.noise,
+                kept=np.exp(-noise.decay[c, 0] * interval),
+                correlation=self.errors.correlation_1[c],
             )
+            found.append(summary)
         return found
 
     def to_json(self) -> dict[str, Any]:

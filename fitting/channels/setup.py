@@ -20,7 +20,7 @@ import numpy as np
 
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model
-from dropper_jax.run.build import build_model
+from dropper_jax.modelling.build import build_model
 from fitting.channels.data import ChannelData
 from fitting.parameters.parameter import Parameter
 from fitting.parameters.scene_parameters import scene_parameter

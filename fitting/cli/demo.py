@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from dropper_jax.cli.printing import listing, table
 
 if TYPE_CHECKING:
-    from dropper_jax.base.errors import Progress
+    from dropper_jax.base.progress import Progress
     from dropper_jax.cli.demo import DemoPart
 
 title = "calibrating synthetic traces of scenarios A, B and C"
@@ -16,8 +16,8 @@ title = "calibrating synthetic traces of scenarios A, B and C"
 
 def run_part(folder: Path, progress: Progress | None) -> DemoPart:
     """The calibration part of `dropper demo`."""
-    from dropper_jax.base.errors import silent
     from dropper_jax.base.markdown import markdown_table
+    from dropper_jax.base.progress import silent
     from dropper_jax.cli.demo import DemoPart
     from fitting.report.example import EXAMPLE, LABEL, calibrate_synthetic, calibrated_rows
     from fitting.report.tables import summary

@@ -27,7 +27,7 @@ from fitting.cli.fit_options import (
 )
 
 if TYPE_CHECKING:
-    from dropper_jax.base.errors import Progress
+    from dropper_jax.base.progress import Progress
     from dropper_jax.load.scene import Scene
     from fitting.calibration.result import FitResult
     from fitting.estimate.scene_fit import SceneFit
@@ -58,8 +58,6 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def run(args: Namespace) -> int:
     spans = held_out_spans(args.held_out)
-    if args.report:
-        args.report.mkdir(parents=True, exist_ok=True)
     check_span(args)
     check_once(args.traces, "DATA")
     shared: Table = {
@@ -75,13 +73,15 @@ def run(args: Namespace) -> int:
         scene = read_scene(args)
     check_intervals(args, scene)
     if scene is not None and names_toml(args.traces):
-        if args.plot:
-            raise SceneError("--plot: only for traces of angles. Use --report for channels, which draws every run")
         return fit_to_channels(args, scene, shared)
     if args.own:
         raise SceneError("--own: only for channels named in a TOML file. Omit it for traces of angles")
     shared["held_out"] = spans
-    result, found, about = fit_to_angles(args, scene, shared)
+    return report_angles(args, *fit_to_angles(args, scene, shared))
+
+
+def report_angles(args: Namespace, result: FitResult, found: Table, about: str) -> int:
+    """Write and print a fit to angles; `found` and `about`: what was assumed about the files."""
     if args.report:
         from fitting.report.report import write_report
 
@@ -109,7 +109,7 @@ def fit_to_angles(args: Namespace, scene: Scene | None, shared: Table) -> tuple[
         shared: arguments of `fit` for both kinds of data.
     """
     from fitting.calibration.fit import fit, fit_and_free
-    from fitting.calibration.fit_settings import FitSettings
+    from fitting.windows.fit_settings import FitSettings
 
     traces = []
     found = {}
@@ -219,6 +219,8 @@ def add_judgements(result: FitResult, args: Namespace, say: Progress) -> None:
 
 def fit_to_channels(args: Namespace, scene: Scene, shared: Table) -> int:
     """Fit to the channels that a TOML file names."""
+    if args.plot:
+        raise SceneError("--plot: only for traces of angles. Use --report for channels, which draws every run")
     for key, default in OF_TRACES.items():
         if getattr(args, key) != default:
             raise SceneError(
@@ -257,7 +259,7 @@ def fit_to_channels(args: Namespace, scene: Scene, shared: Table) -> int:
 
 def text(result: FitResult) -> str:
     """The result as text."""
-    from fitting.calibration.decision import verdict
+    from fitting.laws.decision import verdict
     from fitting.report.tables import (
         advice_rows,
         comparison_rows,

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dropper_jax.base.errors import Progress, SceneError
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.progress import Progress
 from dropper_jax.base.read import Table
 from dropper_jax.base.records import without_keys
 from dropper_jax.cli.given import positive, read_numbers, values_by_name

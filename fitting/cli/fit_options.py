@@ -13,11 +13,11 @@ from dropper_jax.cli.outputs import add_folder, add_out
 from fitting.cli.fit_file import add_file_options
 
 if TYPE_CHECKING:
-    from fitting.calibration.method import Method
     from fitting.estimate.loss import Loss
+    from fitting.windows.method import Method
 
 
-#: Those of `fitting.calibration.method`, which imports JAX.
+#: Those of `fitting.windows.method`, which imports JAX.
 METHODS = ("windows", "shooting", "gradient")
 
 
@@ -176,7 +176,7 @@ def chosen_method(args: Namespace) -> Method:
     Raises:
         SceneError: settings of a descent for another method.
     """
-    from fitting.calibration.method import Method
+    from fitting.windows.method import Method
 
     given = {key: getattr(args, key) for key in OF_DESCENT if getattr(args, key) is not None}
     if args.method != "gradient":

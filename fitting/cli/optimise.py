@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from dropper_jax.base.markdown import Rows, text_row
 from dropper_jax.cli.options import add_effects, add_examples, add_flag, add_json, add_quiet, register_effects
 from dropper_jax.cli.outputs import add_file, add_out, add_plot, deliver, picture
-from dropper_jax.cli.printing import Failure, done_object, print_result, print_warnings, progress, table
+from dropper_jax.cli.printing import Failure, done_object, print_warnings, progress, table
 
 if TYPE_CHECKING:
     from fitting.farm.optimise.optimum import Optimum
@@ -46,7 +46,7 @@ def run(args: Namespace) -> int:
         along = check_along(problem, say)
         say(1.0, "ok")
         result = done_object(check=along_error(along), along=along._asdict())
-        return print_result(args, result, f"{along_text(along)}: {along.status}")
+        return deliver(args, result, f"{along_text(along)}: {along.status}")
     found = optimise(site, args.state, say)
     failure: Failure | None = None
     if not found.feasible:

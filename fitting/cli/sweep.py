@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 from argparse import ArgumentParser, Namespace
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -88,13 +89,8 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def run(args: Namespace) -> int:
     vary = values_by_name(map(_values, args.vary), "--vary")
-    if args.seeds < 0:
-        raise SceneError(f"--seeds: {args.seeds}; allowed: a whole number >= 0")
-    if not Path(args.out).parent.is_dir():
-        raise SceneError(f"--out: the folder {str(Path(args.out).parent)!r} does not exist; allowed: an existing one")
+    _check(args, vary)
     parts = _parts(args)
-    if args.fit and (outside := next((path for path in vary if ScenePath(path).section in NOT_FITTED), None)):
-        raise SceneError(f"--fit: {outside!r} cannot be fitted; allowed: parameters of the line, such as b_l, b_q")
     use_cores(args.devices)
     scene = read_scene(args, OVERRIDES)
 
@@ -111,25 +107,48 @@ def run(args: Namespace) -> int:
             result = sweep(scene, vary, args.out, traces=args.traces, **options)
     except SweepStopped as error:
         return print_result(args, {}, failure=("interrupted", str(error)))
+    if scores and args.fit:
+        fitted = _fit(args, scene, scores)
+    if args.plot:
+        _draw(args.plot, result, scores, fitted)
+    return _report(args, scene, result, scores, fitted)
+
+
+def _check(args: Namespace, vary: Iterable[str]) -> None:
+    """Reject options before JAX is imported; `vary` are the varied paths."""
+    if args.seeds < 0:
+        raise SceneError(f"--seeds: {args.seeds}; allowed: a whole number >= 0")
+    if not Path(args.out).parent.is_dir():
+        raise SceneError(f"--out: the folder {str(Path(args.out).parent)!r} does not exist; allowed: an existing one")
+    for path in vary:
+        if args.fit and ScenePath(path).section in NOT_FITTED:
+            raise SceneError(f"--fit: {path!r} cannot be fitted; allowed: parameters of the line, such as b_l, b_q")
+
+
+def _draw(folder: Path, result: SweepResult, scores: TraceScores | None, fitted: FittedScore | None) -> None:
+    """Pictures of a sweep."""
+    from fitting.sweep.pictures import draw_sweep
+    from fitting.sweep.trace_pictures import draw_against_trace
+
+    if scores:
+        draw_against_trace(scores, folder, fitted)
+    if not scores or result.plan.quantities:
+        draw_sweep(result.path, folder)
+
+
+def _report(
+    args: Namespace, scene: Scene, result: SweepResult, scores: TraceScores | None, fitted: FittedScore | None
+) -> int:
+    """Print a sweep, with its scores against a trace and the fit; returns the exit code."""
     warnings = list(result.verdict.warnings)
     if scores:
         warnings = [*scores.warnings, *warnings]
-        if args.fit:
-            fitted = _fit(args, scene, scores)
     print_warnings(warnings)
     found = _result_object(scene, result, warnings)
     if scores:
         found["trace"] = scores.to_json()
     if fitted:
         found["trace"]["fit"] = fitted.to_json()
-    if args.plot:
-        from fitting.sweep.pictures import draw_sweep
-        from fitting.sweep.trace_pictures import draw_against_trace
-
-        if scores:
-            draw_against_trace(scores, args.plot, fitted)
-        if not scores or result.plan.quantities:
-            draw_sweep(result.path, args.plot)
     results = ""
     if not args.json and not args.traces and result.cases <= MOST_ROWS and result.plan.quantities:
         results = result_table(result.path)
@@ -208,8 +227,8 @@ def _parts(args: Namespace) -> list[float] | None:
 def _fit(args: Namespace, scene: Scene, scores: TraceScores) -> FittedScore:
     """The fit of the varied inputs to the same trace, and one run at its values."""
     from fitting.calibration.fit import fit
-    from fitting.calibration.fit_settings import FitSettings
     from fitting.sweep.scores import FittedScore
+    from fitting.windows.fit_settings import FitSettings
 
     settings = FitSettings(zero=args.zero, sign=args.sign, unit=args.unit, columns=column_names(args.columns))
     say = progress(args.quiet)

@@ -23,6 +23,8 @@ def text(found: Table, results: str = "") -> str:
         "wall time": "{compile_s:.2f} s compilation, {run_s:.2f} s run and saving",
         "speed": "{steps_per_s:.0f} steps per second",
     }
+    if found["resumed"] == found["cases"]:  # nothing was run
+        del about["speed"]
     pairs = [(name, words.format_map(found)) for name, words in about.items()]
     scores = _score_table(found["trace"]) if "trace" in found else ""
     return "\n\n".join(filter(None, (listing(pairs), results, scores, f"{found['status']}: {found['out']}")))

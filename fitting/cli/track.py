@@ -70,9 +70,7 @@ def run(args: Namespace) -> int:
     out = args.out or output_file(f"{Path(args.video).stem}.csv", "--out", (".csv",))
 
     from fitting.films.ordering import AmbiguousOrderError
-    from fitting.films.overlay import write_overlay
     from fitting.films.track import track
-    from fitting.traces.trace_file import write_trace
 
     try:
         tracked = track(
@@ -96,6 +94,14 @@ def run(args: Namespace) -> int:
         )
     except AmbiguousOrderError as error:
         return report_ambiguous(error, args, out.with_name(f"{out.stem}-orders.png"))
+    return report(tracked, args, out)
+
+
+def report(tracked: Tracked, args: Namespace, out: Path) -> int:
+    """Write and print what was tracked; a film that was lost has no trace."""
+    from fitting.films.overlay import write_overlay
+    from fitting.traces.trace_file import write_trace
+
     found = {**tracked.to_json(), "out": None}
     message = tracked.message
     if tracked.status != "lost":

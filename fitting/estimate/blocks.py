@@ -23,7 +23,7 @@ import numpy as np
 
 from fitting.estimate.factors import invert_spd, scale_diagonal, solve_spd
 from fitting.estimate.normal_equations import Evaluation, Step
-from fitting.estimate.residuals import Solution
+from fitting.estimate.solution import Solution
 
 #: Minimum number of blocks, for any memory of the scores.
 FEWEST_BLOCKS = 4

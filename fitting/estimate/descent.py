@@ -32,7 +32,8 @@ import optax
 from jax import Array
 from scipy.linalg import eigvalsh, solve_triangular
 
-from dropper_jax.base.errors import Progress, SceneError, nearest
+from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.progress import Progress
 from fitting.estimate.factors import cholesky_root
 from fitting.estimate.least_squares import LEAST_DAMPING, Point
 from fitting.estimate.normal_equations import Normal, Step

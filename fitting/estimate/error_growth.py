@@ -11,8 +11,8 @@ from __future__ import annotations
 import numpy as np
 
 from fitting.estimate.normal_equations import Evaluation
-from fitting.estimate.residuals import GAP_SCALE
 from fitting.estimate.simulator import Simulator
+from fitting.estimate.window_problem import GAP_SCALE
 from fitting.estimate.windows import Piece, Windows
 from fitting.traces.planar import chart
 

@@ -12,10 +12,12 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from dropper_jax.base.errors import Progress, silent
+from dropper_jax.base.progress import Progress, silent
 from fitting.estimate.normal_equations import Evaluation, Normal, Step, normal_blocks
 from fitting.estimate.objective import DECREASE_TOLERANCE, FIRST_DAMPING, Objective, objective_at
-from fitting.estimate.residuals import Problem, Residuals, Solution
+from fitting.estimate.residuals import Residuals
+from fitting.estimate.solution import Solution
+from fitting.estimate.window_problem import Problem
 from fitting.estimate.windows import Starts, pick, with_rows
 
 #: Range of the damping: larger values make steps too short to be useful.

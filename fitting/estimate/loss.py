@@ -108,10 +108,10 @@ def as_loss(given: Loss | str, option: str = "loss") -> Loss:
     Raises:
         SceneError: an unknown name.
     """
-    if not isinstance(given, str):
+    if isinstance(given, Loss):
         return given
     if given not in LOSSES:
-        raise SceneError(f"{option}: {given!r} is unknown; {nearest(given, LOSSES)}")
+        raise SceneError(f"{option}: {given!r} is unknown; {nearest(str(given), LOSSES)}")
     return LOSSES[given]
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from fitting.estimate.noise import Noise
 from fitting.estimate.residual_noise import ResidualNoiseModel, memory_of
-from fitting.estimate.residuals import Solution
+from fitting.estimate.solution import Solution
 from fitting.estimate.windows import Windows
 from fitting.traces.trace import Trace
 

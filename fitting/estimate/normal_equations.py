@@ -82,9 +82,14 @@ def move_along(e: Evaluation, dz: np.ndarray) -> Evaluation:
 
 
 class Normal(NamedTuple):
-    """Blocks of the normal equations: A (K, m2, m2), B (K, m2, k), C (k, k), gz (K, m2), gp (k,).
+    """Blocks of the normal equations of K windows, in the symbols of the module.
 
-    `below`: of joined windows the blocks (K - 1, m2, m2) left of the next one's A; None of separate windows.
+    Attributes:
+        A: by the starts (K, m2, m2).
+        B: by starts and parameters (K, m2, k).
+        C: by the parameters (k, k).
+        gz, gp: gradients of the cost by the starts (K, m2) and by the parameters (k,).
+        below: of joined windows the blocks (K - 1, m2, m2) left of the next one's A; None of separate windows.
     """
 
     A: np.ndarray
@@ -145,7 +150,14 @@ def normal_blocks(evaluation: Evaluation, weights: np.ndarray, m2: int) -> Norma
 
 
 class Gaps(NamedTuple):
-    """Gaps after windows `left` (g,) in the chart of the next: values (g, m2), derivatives by both windows' z and p."""
+    """Gaps between consecutive windows, in the chart of the second one, in units of a gap's scale.
+
+    Attributes:
+        left: numbers of the first windows (g,).
+        value: end of the first window minus start of the second one (g, m2).
+        before, after: derivatives by the starts of the first and of the second window (g, m2, m2).
+        shared: derivatives by the parameters (g, m2, k).
+    """
 
     left: np.ndarray
     value: np.ndarray
@@ -177,9 +189,16 @@ def join(normal: Normal, g: Gaps, weight: float) -> Normal:
 
 
 class Step(NamedTuple):
-    """A proposed step: dp (k,), dz (K, m2), the decrease of the cost it predicts, S, its gradient, dz/dp.
+    """A proposed step, and the normal equations of the parameters with the starts eliminated.
 
-    `log_determinant`: of the starts' matrix of joined windows, for their evidence.
+    Attributes:
+        dp: of the parameters (k,).
+        dz: of the starts (K, m2).
+        predicted: decrease of the cost by its quadratic model.
+        information: S (k, k).
+        gradient: of the cost by the parameters (k,), along the optimum of the starts.
+        eliminated: dz/dp (K, m2, k).
+        log_determinant: of the starts' matrix of joined windows, for their evidence.
     """
 
     dp: np.ndarray

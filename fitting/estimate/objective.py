@@ -9,7 +9,8 @@ import numpy as np
 from scipy.linalg import LinAlgError
 
 from fitting.estimate.normal_equations import Evaluation, Normal, Step, eliminate, join
-from fitting.estimate.residuals import Residuals, Solution, Visited
+from fitting.estimate.residuals import Residuals
+from fitting.estimate.solution import Solution, Visited
 
 #: A fit has converged if the next step would move the parameters by less than this [standard errors, squared],
 #: and would lower chi-square by less than this times the root of the number of samples.

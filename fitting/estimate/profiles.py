@@ -8,12 +8,13 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import chdtri
 
-from dropper_jax.base.errors import Progress, SceneError, nearest, silent
+from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.progress import Progress, silent
 from fitting.estimate.factors import invert_spd
 from fitting.estimate.least_squares import descend
 from fitting.estimate.objective import Objective, objective_at
-from fitting.estimate.residuals import Solution
 from fitting.estimate.scene_fit import Profile, SceneFit
+from fitting.estimate.solution import Solution
 from fitting.estimate.uncertainty import degrees_of_freedom
 from fitting.parameters.names import full_names
 

@@ -27,7 +27,8 @@ from fitting.estimate.neighbour_correlation import WHITE_CORRELATION, is_correla
 from fitting.estimate.noise import Noise, motion
 from fitting.estimate.normal_equations import Evaluation
 from fitting.estimate.objective import objective_at
-from fitting.estimate.residuals import Residuals, Solution
+from fitting.estimate.residuals import Residuals
+from fitting.estimate.solution import Solution
 from fitting.estimate.uncertainty import leverage, start_covariances
 from fitting.estimate.whitening import in_noise_units, log_volume, whiten
 from fitting.estimate.windows import Windows

@@ -10,16 +10,26 @@ import numpy as np
 
 from dropper_jax.base.json_values import SCHEMA
 from dropper_jax.load.scene import Scene
-from fitting.estimate.residuals import EvaluationType, ProblemType, Solution
+from fitting.estimate.solution import EvaluationType, ProblemType, Solution
 from fitting.estimate.step_size import LARGEST_BIAS
-from fitting.estimate.uncertainty import FEW_BLOCKS, Uncertainty
+from fitting.estimate.uncertainty import FEW_BLOCKS, Uncertainty, prior_conflicts
 from fitting.parameters.parameter import Parameter
+
+#: Standard deviations between a prior and the data from which it is warned of: chance reaches 4 once in 16 000.
+CONFLICT = 4.0
 
 
 def common_warnings(solution: Solution, u: Uncertainty) -> list[str]:
     """One line each of any fit: active bounds, few blocks of time behind the errors, shifts by the time step."""
     values = solution.by_name
     found = [f"{name} is at its bound {values[name]:g}" for name in compress(values, u.at_bound)]
+    conflicts = prior_conflicts(solution, u)
+    for i in np.flatnonzero(np.abs(conflicts) > CONFLICT):
+        mean, sigma = solution.problem.parameters[i].prior
+        found.append(
+            f"{solution.problem.names[i]}: the data contradict its prior of {mean:.4g} +- {sigma:.2g} by "
+            f"{abs(conflicts[i]):.2g} standard deviations. Check the prior, or give a wider one"
+        )
     if 0 < u.blocks < FEW_BLOCKS:
         found.append(
             f"standard errors come from the scatter of {u.blocks} blocks of time, fewer than {FEW_BLOCKS}. Use longer "

@@ -18,10 +18,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from dropper_jax.base.errors import Progress, part_of, silent
+from dropper_jax.base.progress import Progress, part_of, silent
 from fitting.estimate.least_squares import CONTINUED_ITERATIONS, descend
 from fitting.estimate.objective import Objective
-from fitting.estimate.residuals import Solution
+from fitting.estimate.solution import Solution
 
 #: Gap weights, in order. Larger ratios lose the neighbourhood of the optimum (measured on the lab dropper).
 GAP_WEIGHTS = (1.0, 0.1, 0.03, 0.01, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5)

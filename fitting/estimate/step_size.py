@@ -16,10 +16,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from dropper_jax.base.errors import Progress, silent
+from dropper_jax.base.progress import Progress, silent
 from fitting.estimate.least_squares import continue_fit, fit_windows
 from fitting.estimate.objective import objective_at
-from fitting.estimate.residuals import Solution
+from fitting.estimate.solution import Solution
 from fitting.estimate.uncertainty import uncertainty
 
 #: Bias of the step that is accepted, in standard errors: it is nearly all of the error of a fit without noise, which

@@ -19,7 +19,7 @@ from fitting.estimate.blocks import block_covariance, residual_scores, with_mini
 from fitting.estimate.factors import Factor, invert_spd, scale_diagonal
 from fitting.estimate.loss import Loss
 from fitting.estimate.objective import objective_at
-from fitting.estimate.residuals import Solution
+from fitting.estimate.solution import Solution
 
 #: Number of blocks below which intervals use Student's quantile and a warning is given.
 FEW_BLOCKS = 15
@@ -63,6 +63,8 @@ class Uncertainty:
         std_error: (k,).
         low, high: ends of the 90 % intervals (k,).
         at_bound: (k,) bool.
+        beyond_bound: distance (k,) [standard errors] of the optimum without bounds from a bound that holds a parameter;
+            0 of the others.
         noise: standard deviation of the residuals in units of the assumed noise.
         correlation_1: correlation of neighbouring residuals (c,), of all angles, or of each channel.
         inflation: maximum factor on a standard error due to the correlation.
@@ -75,6 +77,7 @@ class Uncertainty:
     low: np.ndarray
     high: np.ndarray
     at_bound: np.ndarray
+    beyond_bound: np.ndarray
     noise: float
     correlation_1: np.ndarray
     inflation: float
@@ -142,18 +145,55 @@ def uncertainty(solution: Solution) -> Uncertainty:
     lowest, highest = problem.bounds(solution.values)
     at_bound = ~problem.held_mask & ((solution.values <= lowest) | (solution.values >= highest))
     low, high = intervals(solution, std_error, blocks)
+    beyond = unbounded_optimum(solution) - solution.values
+    beyond = np.where(solution.values >= highest, beyond, -beyond) / np.maximum(std_error, 1e-300)
     return Uncertainty(
         covariance=full,
         std_error=std_error,
         low=low,
         high=high,
         at_bound=at_bound,
+        beyond_bound=np.where(at_bound, beyond, 0.0),
         noise=float(np.sqrt(noise2)),
         correlation_1=correlation,
         inflation=inflation,
         undetermined=open_directions(solution, full),
         blocks=blocks,
     )
+
+
+#: Share of the data in the information on a parameter with a prior, below which the difference of the two is rounding.
+SMALLEST_DATA_SHARE = 1e-9
+
+
+def unbounded_optimum(solution: Solution) -> np.ndarray:
+    """The parameters (k,) at the minimum of the cost without bounds, to first order."""
+    found = solution.values.copy()
+    found[solution.free] -= invert_spd(solution.free_information) @ solution.gradient[solution.free]
+    return found
+
+
+def prior_conflicts(solution: Solution, u: Uncertainty) -> np.ndarray:
+    """Distance (k,) between each parameter's own prior and what all else says of it; 0 without a prior or at a bound.
+
+        d = (p - m)/sqrt(s^2 - c)
+
+    in standard deviations of the difference, with the prior m +- s and the variance c of the estimate p by noise alone:
+    the estimate without this prior is m + (p - m) s^2/(s^2 - c), and has the variance s^2 c/(s^2 - c). Errors that
+    exceed those of the noise reduce d by the largest factor on any of them.
+    """
+    problem = solution.problem
+    found = np.zeros(len(solution.values))
+    variances = np.diag(invert_spd(solution.free_information))
+    for i, c in zip(solution.free, variances, strict=True):
+        prior = problem.parameters[i].prior
+        if prior is None or u.at_bound[i]:
+            continue
+        mean, sigma = prior
+        data_share = 1.0 - c / sigma**2
+        if data_share > SMALLEST_DATA_SHARE:
+            found[i] = (solution.values[i] - mean) / (sigma * np.sqrt(data_share))
+    return found / max(1.0, u.inflation * u.noise)
 
 
 def intervals(solution: Solution, se: np.ndarray, blocks: float) -> tuple[np.ndarray, np.ndarray]:
@@ -167,8 +207,7 @@ def intervals(solution: Solution, se: np.ndarray, blocks: float) -> tuple[np.nda
     reach = quantile(0.5 + INTERVAL_LEVEL / 2, blocks) * se
     low = values - reach
     high = values + reach
-    centre = values.copy()
-    centre[solution.free] -= invert_spd(solution.free_information) @ solution.gradient[solution.free]
+    centre = unbounded_optimum(solution)
     for i in solution.free:
         p = solution.problem.parameters[i]
         if values[i] <= p.low and se[i] > 0:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from dropper_jax.base.errors import Progress, SceneError
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.progress import Progress
 from fitting.films.detection import Circles, MarkerAppearance, detect, learn_appearance, stands_out
 from fitting.films.video import Video
 

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from fitting.films.lengths import MEDIAN_TO_DEVIATION, link_lengths
+from fitting.films.lengths import MEDIAN_TO_DEVIATION
 from fitting.films.tracked_chain import TrackedChain
 
 #: Number of samples from which a link is used: its mean length is subtracted from them.
@@ -20,6 +20,12 @@ REWEIGHTINGS = 5
 OUTLYING_DEVIATIONS = 3.0
 #: Standard errors of c above which a film is corrected: normal noise reaches them in one film of 30 000.
 SIGNIFICANT_ERRORS = 4.0
+#: Number of frames over which deviations of lengths persist. Motion out of the plane also shortens links that turn: its
+#: c has more than 6 errors of independent frames, but less than 2 of such blocks.
+BLOCK_FRAMES = 15
+#: Weights of the frames 1, 2 and 3 before and after in a second derivative [frame^-2], exact for polynomials of degree
+#: five. Without the frame itself: its noise is in the length too, and would make c smaller.
+NEIGHBOUR_WEIGHTS = (-13 / 24, 2 / 3, -1 / 8)
 #: c of an exposure as long as a frame [frame^2], which is the longest.
 LARGEST_SHARE = 1 / 24
 #: Minimum length [pixel], deviation and its scale [pixel] in divisions; all are below any resolution.
@@ -49,16 +55,13 @@ def exposure_share(positions: np.ndarray) -> float:
     Args:
         positions: (k, n, 2), NaN if not detected.
     """
-    change = second_differences(positions)
-    usable = np.where(change.any(axis=-1, keepdims=True), positions, np.nan)
-    length = np.maximum(link_lengths(usable), MIN_LENGTH)
-    slope = np.sum(np.diff(change, axis=1) * np.diff(positions, axis=1), axis=-1) / length
-    parts = [np.zeros((2, 0))]
-    for pair in np.stack([slope, length]).transpose(2, 0, 1):
-        known = pair[:, np.isfinite(pair[1])]
-        if known.shape[1] >= MIN_SAMPLES:
-            parts.append(known - known.mean(axis=1, keepdims=True))
-    x, y = np.concatenate(parts, axis=1)
+    links = np.diff(positions, axis=1)
+    length = np.maximum(np.linalg.norm(links, axis=-1), MIN_LENGTH)
+    slope = np.sum(_second_derivatives(links) * links, axis=-1) / length
+    known = np.isfinite(slope)
+    known &= known.sum(axis=0) >= MIN_SAMPLES
+    x = _off_mean(slope, known)
+    y = _off_mean(length, known)
     if not np.sum(x**2) > 0:
         return 0.0
     weight = np.ones_like(x)
@@ -66,9 +69,29 @@ def exposure_share(positions: np.ndarray) -> float:
     for _ in range(REWEIGHTINGS):
         share = np.sum(weight * x * y) / np.sum(weight * x**2)
         off = np.abs(y - share * x)
-        scale = MEDIAN_TO_DEVIATION * np.median(off) + MIN_SCALE
+        scale = MEDIAN_TO_DEVIATION * np.median(off[known]) + MIN_SCALE
         weight = np.minimum(1.0, OUTLYING_DEVIATIONS * scale / np.maximum(off, MIN_DEVIATION))
-    error = scale / np.sqrt(np.sum(weight * x**2))
-    if not share > SIGNIFICANT_ERRORS * error:  # true for NaN as well
+    scores = np.sum(weight * x * (y - share * x), axis=1)
+    blocks = np.add.reduceat(scores, np.arange(0, len(scores), BLOCK_FRAMES))
+    error = np.sqrt(np.sum(blocks**2)) / np.sum(weight * x**2)
+    if not share > SIGNIFICANT_ERRORS * error:
         return 0.0
     return min(share, LARGEST_SHARE)
+
+
+def _second_derivatives(values: np.ndarray) -> np.ndarray:
+    """Second derivatives [frame^-2] of values (k, ...), by three frames before and after; NaN without them."""
+    reach = len(NEIGHBOUR_WEIGHTS)
+    found = np.full_like(values, np.nan)
+    found[reach:-reach] = 0.0
+    for distance, weight in enumerate(NEIGHBOUR_WEIGHTS, 1):
+        both = values[: -2 * distance] + values[2 * distance :]
+        spare = reach - distance
+        found[reach:-reach] += weight * both[spare : len(both) - spare]
+    return found
+
+
+def _off_mean(values: np.ndarray, measured: np.ndarray) -> np.ndarray:
+    """Values (k, m) minus the mean of their column over the `measured` (k, m) ones; 0 for the others."""
+    mean = np.sum(values, axis=0, where=measured) / np.maximum(measured.sum(axis=0), 1)
+    return np.where(measured, values - mean, 0.0)

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from dropper_jax.base.errors import Progress, SceneError, silent
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.progress import Progress, silent
 from fitting.films.appearance import scan
 from fitting.films.calibration import Lens, calibrate, plane_from_board
 from fitting.films.chain_check import LARGEST_ERROR
@@ -28,6 +29,8 @@ from fitting.films.tracking_warnings import LONGEST_GAP, tracking_status, tracki
 from fitting.films.video import Video
 from fitting.traces.trace import FEWEST_SAMPLES
 
+#: Ends of the chain at which its order may start.
+ENDS = ("auto", "left", "right", "top")
 #: Fraction of the announced frames below which a film breaks off: files announce a few too many.
 COMPLETE_FILM = 0.95
 
@@ -72,6 +75,9 @@ def track(
         AmbiguousOrderError: the film allows several orders of the nodes.
     """
     _check_options(nodes, start, plane, square, scale, distance)
+    _check_positive({"square": square, "scale": scale, "distance": distance, "radius": radius, "fps": fps})
+    if first not in ENDS:
+        raise SceneError(f"--first: {first!r} is unknown; allowed: {', '.join(ENDS)}")
     say = progress or silent
     film = Video(video, fps)
     lens = _lens(film, calibration, board)
@@ -165,9 +171,16 @@ def _check_options(
         raise SceneError(f"--start: {len(start)} positions; allowed: {nodes}, one x,y per node")
 
 
+def _check_positive(options: dict[str, float | None]) -> None:
+    """Reject values of options that are given and not positive numbers."""
+    for name, value in options.items():
+        if value is not None and not 0.0 < value < np.inf:
+            raise SceneError(f"--{name}: {value:g}; allowed: a number > 0")
+
+
 def _span(film: Video, begin: float, end: float | None) -> tuple[int, int | None]:
     """The first frame, and the one after the last, None for all, of a film from `begin` to `end` [s]."""
-    if begin < 0 or (end is not None and end <= begin):
+    if not 0.0 <= begin < np.inf or (end is not None and not begin < end < np.inf):
         raise SceneError(f"--from, --until: {begin:g} to {end} s; allowed: 0 <= from < until")
     if film.announced and begin * film.fps >= film.announced:
         raise SceneError(f"--from: {begin:g} s is after the end; allowed: below {film.announced / film.fps:.3g} s")

@@ -76,8 +76,8 @@ def unit_of_angle(t: np.ndarray, raw: np.ndarray, period: float) -> tuple[str | 
         return "rad", gain
     if gain <= -DECIDING_GAIN:
         return "deg", -gain
-    # a swing of a few degrees is rarer than one of as many radians
-    if reach > 2 * np.pi:
+    # a pendulum that passes the upright does not turn round before it hangs again
+    if reach > np.pi:
         return "deg", 0.0
     if gain > -1.0:
         return "rad", 0.0

@@ -8,9 +8,9 @@ import numpy as np
 
 from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.read import Table
-from fitting.calibration.laws import DRAG_PATHS
 from fitting.calibration.result import FitResult
 from fitting.from_file.read_file import MeasuredFile
+from fitting.laws.laws import DRAG_PATHS
 from fitting.report.tables import significant
 
 

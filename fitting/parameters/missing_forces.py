@@ -19,8 +19,7 @@ from dropper_jax.base.fields import component, parameter
 from dropper_jax.base.numerics import safe_norm
 from dropper_jax.effects.bending import Bending
 from dropper_jax.effects.joint_friction import JointFriction
-from dropper_jax.model import Effect, Kinematics, Model
-from dropper_jax.model.geometry import Ends
+from dropper_jax.model import Effect, Ends, Kinematics, Model
 from dropper_jax.model.slots import Force
 from fitting.parameters.parameter import Parameter
 from fitting.parameters.paths import resolve

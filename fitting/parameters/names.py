@@ -8,7 +8,7 @@ from typing import NamedTuple
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.read import ScenePath
 from dropper_jax.load.scene import Scene
-from dropper_jax.run.build import build_model
+from dropper_jax.modelling.build import build_model
 from fitting.parameters.parameter import Bounds, Priors, StartValues, given_effect
 from fitting.parameters.paths import paths
 from fitting.parameters.targets import CAMERA, SCALE

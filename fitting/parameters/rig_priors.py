@@ -53,6 +53,8 @@ class JointPrior:
 def rig_priors(scene: Scene, model: Model, parameters: Sequence[Parameter]) -> tuple[tuple[Parameter, ...], JointPrior]:
     """The parameters with the rig's priors, unless the caller gave some, and their joint prior.
 
+    Priors are about the values of the scene, also of parameters that start elsewhere.
+
     Raises:
         SceneError: the prior of a number that the scene does not have, or with another unit than the number's.
     """
@@ -63,20 +65,20 @@ def rig_priors(scene: Scene, model: Model, parameters: Sequence[Parameter]) -> t
     if scene.fit is not None:
         priors = scene.fit.priors
     for i, prior in enumerate(priors):
-        option = f"fit.prior.{i}.of"
-        known = _resolve_prior(scene, model, prior.of, option)
-        names = {p.name for p in known}
-        mine = [j for j, p in enumerate(found) if p.name in names]
-        if not prior.common:
-            for j in mine:
-                if found[j].prior is None:
-                    found[j] = replace(found[j], prior=(found[j].value, _width(prior, found[j], f"fit.prior.{i}")))
-        elif mine:
+        path = f"fit.prior.{i}"
+        known = {p.name: p for p in _resolve_prior(scene, model, prior.of, f"{path}.of")}
+        own = {j: known[p.name] for j, p in enumerate(found) if p.name in known}
+        sigma = prior.in_si_units[0]
+        if prior.common and own:
             share = np.zeros(len(found))
-            share[mine] = [1 / (len(mine) * _nonzero(found[j], option)) for j in mine]
-            common.append(CommonPrior(share, prior.in_si_units[0]))
-        elif all(p.unit == "kg" for p in known):
-            carried = float(np.hypot(carried, prior.in_si_units[0]))
+            for j, p in own.items():
+                share[j] = 1 / (len(own) * _nonzero(p, f"{path}.of"))
+            common.append(CommonPrior(share, sigma))
+        elif not prior.common:
+            for j, p in own.items():
+                found[j] = replace(found[j], prior=found[j].prior or (p.value, _width(prior, p, path)))
+        elif all(p.unit == "kg" for p in known.values()):
+            carried = float(np.hypot(carried, sigma))
     massive = np.array([power_of_mass(p.unit) for p in found])
     return tuple(found), JointPrior(tuple(common), carried, massive)
 

@@ -19,8 +19,8 @@ from dropper_jax.load.original_lines import locate_written
 from dropper_jax.load.paths import describe
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model
-from dropper_jax.run.build import build_model
-from dropper_jax.run.model_slopes import model_slopes
+from dropper_jax.modelling.build import build_model
+from dropper_jax.modelling.model_slopes import model_slopes
 from fitting.parameters.parameter import Parameter, check_once
 from fitting.parameters.paths import Released, resolve
 from fitting.parameters.targets import Direction
@@ -47,7 +47,7 @@ def find_parameters(
     found: list[Parameter] = []
     written = locate_written(scene.as_written())
     for name in names:
-        if name in written or ScenePath(name).section == "parameters":
+        if name in written or ScenePath(name).section == "parameters" or scene.sets_other_gravity(name):
             found.append(scene_parameter(scene, model, name, idle))
             continue
         try:
@@ -112,14 +112,14 @@ def free_of_traces(
 ) -> tuple[Parameter, ...]:
     """The free parameters of a fit to angles: numbers of the model, camera, clock and release, and of `[parameters]`.
 
-    A number of `[parameters]` ties the values that the scene computes from it.
+    A number of `[parameters]` ties the values that the scene computes from it, and gravity acts on weights and water.
 
     Raises:
-        SceneError: a path that does not exist, or a number of `[parameters]` that moves the model non-linearly.
+        SceneError: a path that does not exist, or such a number that moves the model non-linearly.
     """
     found: list[Parameter] = []
     for name in names:
-        if ScenePath(name).section != "parameters":
+        if ScenePath(name).section != "parameters" and not scene.sets_other_gravity(name):
             found += resolve(model, [name], release=release)
             continue
         tied = scene_parameter(scene, model, name)

@@ -15,6 +15,8 @@ from fitting.channels.result import ChannelFit
 from fitting.report.channel_tables import between_rows, channel_rows, channel_summary, sensitivity_rows
 from fitting.report.report import first_parts, quality_parts, warnings_parts
 
+#: Maximum length of the name of a run in that of a file [bytes]; 255 in all, which unfinished files have to meet too.
+LONGEST_NAME = 160
 #: Maximum number of columns of channels in one picture.
 MOST_COLUMNS = 6
 
@@ -47,11 +49,15 @@ def write_channel_report(result: ChannelFit, folder: str | Path) -> list[Path]:
 
 
 def write_scenes(result: ChannelFit, folder: Path) -> list[Path]:
-    """The fitted scenes as TOML."""
-    scenes = {f"fitted_{run.name}.toml": i for i, run in enumerate(result.solution.problem.data.runs)}
-    if not result.between and not any(run.own for run in result.solution.problem.data.runs):
-        scenes = {"fitted.toml": 0}
-    return [atomic_write(folder / name, as_toml(result.fitted_scene(i).as_written())) for name, i in scenes.items()]
+    """The fitted scenes as TOML, with the numbers of runs in place of names that are too long for a file."""
+    runs = result.solution.problem.data.runs
+    names = ["fitted.toml"]
+    if result.between or any(run.own for run in runs):
+        names = []
+        for i, run in enumerate(runs):
+            label = run.name if len(run.name.encode()) <= LONGEST_NAME else f"{i + 1}"
+            names.append(f"fitted_{label}.toml")
+    return [atomic_write(folder / name, as_toml(result.fitted_scene(i).as_written())) for i, name in enumerate(names)]
 
 
 class ColumnPanel(NamedTuple):

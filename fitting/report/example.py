@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from dropper_jax import load_scene
-from dropper_jax.base.errors import Progress, part_of
 from dropper_jax.base.markdown import Rows
+from dropper_jax.base.progress import Progress, part_of
 from fitting.calibration.fit import fit
 from fitting.calibration.result import FitResult
 from fitting.report.report import write_report

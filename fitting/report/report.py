@@ -10,13 +10,13 @@ import numpy as np
 from dropper_jax.base.files import atomic_write, prepare_folder
 from dropper_jax.base.markdown import Rows, bullets, cells, literal, markdown_table
 from dropper_jax.base.toml_text import as_toml
+from dropper_jax.modelling.build import build_model, equilibrium
 from dropper_jax.plots import figures, style
-from dropper_jax.run.build import build_model, equilibrium
 from dropper_jax.statics.modes import damping_at, natural_modes
-from fitting.calibration.decision import verdict
 from fitting.calibration.prediction import Prediction, predict
 from fitting.calibration.result import FitResult, direction_text
 from fitting.estimate.scene_fit import SceneFit
+from fitting.laws.decision import verdict
 from fitting.parameters.fitted_scene import fitted_scene
 from fitting.report.pictures import PICTURES, descent, fit_over_trace, one_run_picture
 from fitting.report.tables import (

@@ -9,10 +9,10 @@ import numpy as np
 from dropper_jax.base.markdown import Rows, cells, text_row
 from fitting.calibration.candidate import Candidate
 from fitting.calibration.disagreement import STRETCHES, Disagreement
-from fitting.calibration.law_tests import LawTests
-from fitting.calibration.laws import Law
 from fitting.calibration.result import FitResult
 from fitting.estimate.scene_fit import SceneFit
+from fitting.laws.law_tests import LawTests
+from fitting.laws.laws import Law
 
 
 def parameter_rows(result: SceneFit) -> Rows:

@@ -1,6 +1,6 @@
 """Sensitivity of a quantity: derivatives along the whole run, and indices over ranges of parameters."""
 
-from dropper_jax.run.quantity_names import quantity
+from dropper_jax.quantities.quantity_names import quantity
 from fitting.sensitivity.derivatives import local, windows
 from fitting.sensitivity.global_indices import Global, global_indices, ranges
 from fitting.sensitivity.problem import Study, check_step, study

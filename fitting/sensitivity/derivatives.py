@@ -19,9 +19,10 @@ import numpy as np
 from jax import Array
 
 from dropper_jax.backend.programs import cached_jit
-from dropper_jax.base.errors import Progress, SceneError, silent
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.progress import Progress, silent
 from dropper_jax.model import Model, State, state
-from dropper_jax.run.build import initial_state
+from dropper_jax.modelling.build import initial_state
 from dropper_jax.run.chunks import FACTOR
 from dropper_jax.stepping.halving import ROUNDING
 from dropper_jax.stepping.integrate import Steps
@@ -223,21 +224,16 @@ def _fixed(s: State, count: int) -> Varied:
     return Varied(s, [jnp.asarray(np.zeros((count, *x.shape)), x.dtype) for x in floats_of(s)])
 
 
-def windows(
-    problem: Study, at: Array, length: float, run: Trajectory | None = None
-) -> tuple[np.ndarray, np.ndarray, float]:
-    """Mean derivative of the quantity over windows of about `length` [s] that start on the motion itself.
+def windows(problem: Study, at: Array, length: float, run: Trajectory) -> tuple[np.ndarray, np.ndarray, float]:
+    """Mean derivative of the quantity over windows of about `length` [s] that start on the motion itself, a run.
 
     Each window's start is fixed, so that derivatives only accumulate within the window. The result is the effect of a
-    parameter on the quantity within one horizon, averaged over the states of the motion: of `run`, if that is known.
+    parameter on the quantity within one horizon, averaged over the states of the motion.
 
     Returns:
         mean and standard error (p,), and the windows' length [s].
     """
     steps = problem.steps
-    if run is None:
-        start = vary_start(problem.plan, problem.model, problem.start, at)
-        run = vary_study(problem, at, start, steps)[1].tree
     times = np.append(0.0, saved_times(steps))
     # of as many saved states each; those of steps that follow an accuracy need not be evenly spaced
     share = length / times[-1] * (1.0 + ROUNDING)

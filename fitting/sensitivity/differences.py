@@ -23,8 +23,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dropper_jax.base.errors import Progress, silent
-from dropper_jax.run.statistics import IN_TIME, NOT_GAUSSIAN, OVER_STEPS, excess_kurtosis
+from dropper_jax.base.progress import Progress, silent
+from dropper_jax.quantities.statistics import IN_TIME, NOT_GAUSSIAN, OVER_STEPS, excess_kurtosis
 from fitting.parameters.parameter import Parameter
 from fitting.sensitivity.problem import Study
 from fitting.sensitivity.result import (

@@ -16,6 +16,8 @@ from fitting.sensitivity.problem import Study
 
 #: Methods, and SALib's names of first and total indices with their errors.
 METHODS = {"sobol": ("S1", "S1_conf", "ST", "ST_conf"), "morris": ("mu_star", "mu_star_conf", "sigma", "sigma_conf")}
+#: Minimum number of samples, for errors that hold: by 4, one of seven Sobol indices is off by more than its own.
+MIN_SAMPLES = {"sobol": 8, "morris": 2}
 #: Half of the default range of a parameter, as a fraction of it.
 RANGE_FRACTION = 0.2
 
@@ -66,14 +68,14 @@ def global_indices(
     Sobol takes `samples (p + 2)` runs (samples a power of 2), Morris `samples (p + 1)`.
 
     Raises:
-        SceneError: an unknown method, or cases that failed.
+        SceneError: an unknown method, too few samples, or cases that failed.
 
     Source: Saltelli et al., Comput. Phys. Commun. 181 (2010) 259-270; Morris, Technometrics 33 (1991) 161-174.
     """
     if method not in METHODS:
         raise SceneError(f"method: {method!r}; allowed: {', '.join(METHODS)}")
-    if samples < 1:
-        raise SceneError(f"samples: {samples}; allowed: a whole number >= 1")
+    if samples < MIN_SAMPLES[method]:
+        raise SceneError(f"samples: {samples}; allowed: a whole number >= {MIN_SAMPLES[method]}")
     problem = {"num_vars": len(names), "names": list(names), "bounds": [list(pair) for pair in box]}
     sobol = method == "sobol"
     settings = {}

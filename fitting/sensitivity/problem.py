@@ -14,16 +14,17 @@ from jax import Array
 
 from dropper_jax.backend.batches import map_members
 from dropper_jax.backend.one_kernel import one_kernel
-from dropper_jax.base.errors import Progress, SceneError, silent
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.progress import Progress, silent
 from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.model import Model, State, state
+from dropper_jax.modelling.build import SceneLike, build, initial_state, stepper_of
+from dropper_jax.modelling.fixed_points import with_points_fixed
+from dropper_jax.quantities.quantities import Quantity
+from dropper_jax.quantities.quantity_extremes import QuantitySignals, quantity_signals
+from dropper_jax.quantities.quantity_names import quantity
+from dropper_jax.quantities.statistics import OF_SAMPLES, OVER_STEPS, PERIOD
 from dropper_jax.residual import Stepper
-from dropper_jax.run.build import SceneLike, build, initial_state, stepper_of
-from dropper_jax.run.fixed_points import with_points_fixed
-from dropper_jax.run.quantities import Quantity
-from dropper_jax.run.quantity_extremes import QuantitySignals, quantity_signals
-from dropper_jax.run.quantity_names import quantity
-from dropper_jax.run.statistics import OF_SAMPLES, OVER_STEPS, PERIOD
 from dropper_jax.run.step_verdict import StepVerdict, check_steps
 from dropper_jax.scene import RunSpec, StartSpec
 from dropper_jax.statics.host_stiffness import free_motion
@@ -31,7 +32,7 @@ from dropper_jax.statics.loads import release_loads
 from dropper_jax.stepping.adaptive import interval_ends
 from dropper_jax.stepping.integrate import Steps, advance, along_accepted_steps, integrate
 from dropper_jax.stepping.progress import Trajectory, begin
-from dropper_jax.stepping.record import MOST_STEPS
+from dropper_jax.stepping.step_record import MOST_STEPS
 from fitting.parameters.names import full_names
 from fitting.parameters.parameter import Parameter, with_parameter_values, with_zero_damping
 from fitting.parameters.scene_parameters import find_parameters
@@ -246,7 +247,7 @@ def start_as_trajectory(s: State) -> Trajectory:
 
 
 def study(scene: SceneLike, of: str, to: Sequence[str]) -> Study:
-    """The study of a quantity (see `run.quantity_names`) and parameters (paths or unique short names).
+    """The study of a quantity (see `quantities.quantity_names`) and parameters (paths or unique short names).
 
     Raises:
         SceneError: unknown names.

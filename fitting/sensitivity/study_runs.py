@@ -10,18 +10,19 @@ import numpy as np
 from jax import Array
 
 from dropper_jax.backend.programs import cached_jit
-from dropper_jax.base.errors import Progress, SceneError, silent
+from dropper_jax.base.errors import SceneError
 from dropper_jax.base.parallel_runs import run_parallel
+from dropper_jax.base.progress import Progress, silent
 from dropper_jax.model import Model, State
-from dropper_jax.run.build import initial_state, stepper_of
+from dropper_jax.modelling.build import initial_state, stepper_of
+from dropper_jax.quantities.quantities import Quantity
+from dropper_jax.quantities.statistics import OVER_STEPS
 from dropper_jax.run.chunks import FACTOR, Program, compile_run, run_chunks
 from dropper_jax.run.companion import Companion
-from dropper_jax.run.quantities import Quantity
-from dropper_jax.run.statistics import OVER_STEPS
 from dropper_jax.scene import RunSpec
 from dropper_jax.stepping.progress import Progress as RunProgress
 from dropper_jax.stepping.progress import Trajectory, begin
-from dropper_jax.stepping.record import Record
+from dropper_jax.stepping.step_record import StepRecord
 from fitting.parameters.parameter import with_parameter_values
 from fitting.sensitivity.problem import Study, measure_rows
 
@@ -93,14 +94,14 @@ class StudyRuns:
         coarser = self.measure(self.model, self.start, rows, 2.0)
         return error_by_coarser(self.problem.of, self.value, coarser, self.settings.accuracy)
 
-    def program(self, model: Model, s: State, record: Record | None) -> Program:
+    def program(self, model: Model, s: State, record: StepRecord | None) -> Program:
         """The run of a model from a start, along the recorded steps if there are any."""
         settings = self.settings
         if settings.accuracy is None:
             stepper = stepper_of(model, settings)
             return compile_run(stepper, model, begin(stepper, model, s), settings)
         if record is None:
-            record = Record.empty(model)
+            record = StepRecord.empty(model)
         stepper = stepper_of(model, settings, track_work=False)
         carry = begin(stepper, model, s, follows=True, record=record)
         return compile_run(stepper, model, carry, settings, self.problem.plan.watch(s))
@@ -167,7 +168,7 @@ class StudyRuns:
         return run_parallel(self.run, list(values), say_done, alone=0)
 
 
-def _recorded(carry: RunProgress, of: Quantity) -> Record | None:
+def _recorded(carry: RunProgress, of: Quantity) -> StepRecord | None:
     """The steps of a run, for others to repeat; None if all are equal."""
     record = carry.record
     if record is None:

@@ -12,7 +12,7 @@ from dropper_jax.model import Model, State
 from dropper_jax.residual import Stepper
 from dropper_jax.stepping.adaptive import find_lengths
 from dropper_jax.stepping.integrate import Steps
-from dropper_jax.stepping.record import MOST_STEPS
+from dropper_jax.stepping.step_record import MOST_STEPS
 from dropper_jax.study.march import spare_rows
 
 

@@ -13,8 +13,8 @@ from jax import Array
 
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.model import Model, State, state
+from dropper_jax.modelling.build import initial_state
 from dropper_jax.residual import Stepper
-from dropper_jax.run.build import initial_state
 from dropper_jax.statics.host_stiffness import follow_parameters
 from dropper_jax.statics.loads import release_loads
 from dropper_jax.statics.rest_problem import rest, unbalanced_at

@@ -12,7 +12,7 @@ from dropper_jax import load_scene
 from dropper_jax.base.errors import SceneError
 from dropper_jax.integrators.rattle_4 import Rattle4
 from dropper_jax.load.scene import Scene
-from dropper_jax.run.build import SceneLike, build
+from dropper_jax.modelling.build import SceneLike, build
 from dropper_jax.run.storage import extra
 from fitting.sweep.axes import changes_size, read_values
 from fitting.sweep.run import SweepResult, sweep

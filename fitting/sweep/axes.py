@@ -14,8 +14,8 @@ from dropper_jax.base.read import ScenePath
 from dropper_jax.load.original_lines import locate_written
 from dropper_jax.load.paths import Steps, describe, locate
 from dropper_jax.model import Model
-from dropper_jax.run.build import build_model
-from dropper_jax.run.scene_model import bare_model
+from dropper_jax.modelling.build import build_model
+from dropper_jax.modelling.scene_model import bare_model
 from fitting.parameters.names import DAMPING_PATHS, full_names
 from fitting.parameters.parameter import Parameter, with_parameter_values
 from fitting.parameters.paths import resolve
@@ -51,7 +51,7 @@ def read_values(path: str, values: Sequence[float]) -> np.ndarray:
     """The values of a varied path (k,).
 
     Raises:
-        SceneError: no list of finite numbers.
+        SceneError: an empty list, or numbers that are not finite.
     """
     found = np.asarray(values)
     if found.ndim != 1 or found.size == 0 or (found.dtype.kind in "fc" and not np.isfinite(found).all()):

@@ -14,9 +14,9 @@ from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.machine import available_memory, in_words
 from dropper_jax.base.read import declared_fields
 from dropper_jax.integrators import OPTIONS
-from dropper_jax.run.build import SceneLike, build_model
-from dropper_jax.run.quantity_names import quantity
-from dropper_jax.run.statistics import PERIOD
+from dropper_jax.modelling.build import SceneLike, build_model
+from dropper_jax.quantities.quantity_names import quantity
+from dropper_jax.quantities.statistics import PERIOD
 from dropper_jax.scene import RunSpec
 from dropper_jax.stepping.stepper import check_settings, stepper_settings
 from fitting.sweep.axes import first_seed, full_paths, make_axis, read_values

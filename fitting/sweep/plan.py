@@ -21,12 +21,13 @@ from dropper_jax import Scene
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import ScenePath, Table
 from dropper_jax.model import Model, State
+from dropper_jax.modelling.build import build, stepper_of
+from dropper_jax.modelling.scene_model import bare_model
+from dropper_jax.quantities.quantities import Quantity
+from dropper_jax.quantities.quantity_names import quantity
 from dropper_jax.residual import Stepper
-from dropper_jax.run.build import build, stepper_of
-from dropper_jax.run.quantities import Quantity
-from dropper_jax.run.quantity_names import quantity
-from dropper_jax.run.scene_model import bare_model
 from fitting.sweep.axes import Axis
+from fitting.sweep.effect_files import effect_digests
 
 #: Quantities that can be recorded for each case, with unit and meaning; `links` and `trace` add dimensions.
 QUANTITIES = {
@@ -55,7 +56,7 @@ class Plan:
     Attributes:
         scene: the base case.
         axes: varied inputs; the last one varies fastest.
-        quantities: names from `QUANTITIES`, or of `dropper_jax.run.quantity_names`.
+        quantities: names from `QUANTITIES`, or of `dropper_jax.quantities.quantity_names`.
         traces: also record nodes' positions and tensions at every saved time.
         chunk: cases advanced together on one device.
         settings: further fields of `Stepper`.
@@ -207,6 +208,8 @@ class Plan:
         }
         if self.listed:
             found["listed"] = True
+        if effects := effect_digests(self.scene):
+            found["effects"] = effects
         template = self.scene.template
         sections = [ScenePath(axis.path).section for axis in self.axes]
         if template is not None and "parameters" in sections:

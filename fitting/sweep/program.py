@@ -22,11 +22,11 @@ from dropper_jax.backend.programs import KERNEL_OPTIONS, OPTIONS, compile_lowere
 from dropper_jax.base.numerics import safe_norm
 from dropper_jax.lanes import lanes
 from dropper_jax.model import Model, State
+from dropper_jax.modelling.build import build
+from dropper_jax.quantities.quantities import Quantity
+from dropper_jax.quantities.quantity_extremes import quantity_signals
+from dropper_jax.quantities.statistics import statistic
 from dropper_jax.residual import Stepper
-from dropper_jax.run.build import build
-from dropper_jax.run.quantities import Quantity
-from dropper_jax.run.quantity_extremes import quantity_signals
-from dropper_jax.run.statistics import statistic
 from dropper_jax.stepping.integrate import advance
 from dropper_jax.stepping.observe import observe
 from dropper_jax.stepping.progress import Progress, Trajectory, begin

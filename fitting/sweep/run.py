@@ -13,10 +13,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dropper_jax.base.errors import Progress, SceneError, silent
+from dropper_jax.base.errors import SceneError
 from dropper_jax.base.machine import versions
+from dropper_jax.base.progress import Progress, silent
 from dropper_jax.effects import register_installed
-from dropper_jax.run.build import SceneLike
+from dropper_jax.modelling.build import SceneLike
 from dropper_jax.run.step_verdict import StepVerdict, check_steps
 from dropper_jax.run.storage import extra
 from fitting.sweep.cluster import run_on_cluster
@@ -217,7 +218,17 @@ def open_sweep(path: str | Path) -> xarray.Dataset:
             return flat
         if len(names) == 1:
             return flat.swap_dims(case=names[0])
-        return flat.load().set_index(case=names).unstack("case").transpose(*names, ...)
+        return _on_grid(flat.load(), dict(zip(names, identity["vary"].values(), strict=True)))
     except Exception as error:  # any error of xarray, Zarr and its codecs on damaged bytes
         reason = " ".join(str(error).split())[:200]
         raise SceneError(f"{path}: is not a sweep. Use a folder written by `dropper sweep` ({reason})") from None
+
+
+def _on_grid(flat: xarray.Dataset, axes: dict[str, list[float]]) -> xarray.Dataset:
+    """The results of cases, the last axis fastest, with a dimension for each axis, its values in increasing order."""
+    numbers = np.unravel_index(np.arange(flat.sizes["case"]), [len(values) for values in axes.values()])
+    # by number, because a value may be given twice
+    numbered = flat.assign_coords({name: ("case", own) for name, own in zip(axes, numbers, strict=True)})
+    grid = numbered.set_index(case=list(axes)).unstack("case")
+    values = {name: (name, np.array(own, flat[name].dtype), flat[name].attrs) for name, own in axes.items()}
+    return grid.assign_coords(values).sortby(list(axes)).transpose(*axes, ...)

@@ -65,7 +65,7 @@ def without_spikes(trace: Trace) -> Trace:
         near = np.nan_to_num(np.r_[0.0, off, 0.0])
         far = np.inf
         if len(known):
-            far = max(SPIKE_DEVIATIONS * np.median(known) / NORMAL_MEDIAN, SPIKE_STEPS * _rounding(column))
+            far = max(SPIKE_DEVIATIONS * np.median(known) / NORMAL_MEDIAN, SPIKE_STEPS * rounding(column))
         column[1:-1][(off > far) & (off > SPIKE_RATIO * np.maximum(near[:-2], near[2:]))] = np.nan
     return replace(trace, theta=theta)
 
@@ -88,22 +88,29 @@ def noise(trace: Trace) -> np.ndarray:
         return np.full(trace.links, UNKNOWN_NOISE)
     found = noise_by_differences(trace.theta, trace.t)
     found = np.maximum(np.where(np.isfinite(found), found, UNKNOWN_NOISE), LEAST_NOISE)
-    return np.maximum(found, [_rounding(column) / np.sqrt(12) for column in trace.theta.T])
+    return np.maximum(found, [rounding(column) / np.sqrt(12) for column in trace.theta.T])
 
 
 def noise_by_differences(values: np.ndarray, t: np.ndarray | None = None) -> np.ndarray:
-    """Standard deviation (n,) of white noise on samples (N, n) of a smooth motion; NaN with too few.
+    """Standard deviation (n,) of white noise on samples (N, n) of a smooth motion; NaN of columns with too few.
+
+    NaN is a missing sample. Columns that lack the same ones are handled together.
 
     White noise of standard deviation s gives divided differences of unit weights and standard deviation s; those of a
     smooth motion nearly vanish. The minimum over the orders is used, in the calmest blocks of time, and compared with
     the result of the same procedure for white noise of known size. Default for the times t (N,): equidistant.
     """
-    if len(values) <= max(DIFFERENCE_ORDERS):
-        return np.full(values.shape[1], np.nan)
     if t is None:
         t = np.arange(len(values))
-    white = np.random.default_rng(0).standard_normal((len(values), 16))
-    return _calm_difference(values, t) / np.nanmean(_calm_difference(white, t))
+    found = np.full(values.shape[1], np.nan)
+    patterns, pattern_of = np.unique(np.isfinite(values), axis=1, return_inverse=True)
+    for number, known in enumerate(patterns.T):
+        if known.sum() > max(DIFFERENCE_ORDERS):
+            columns = pattern_of == number
+            white = np.random.default_rng(0).standard_normal((known.sum(), 16))
+            expected = np.mean(_calm_difference(white, t[known]))
+            found[columns] = _calm_difference(values[known][:, columns], t[known]) / expected
+    return found
 
 
 #: Frames of a block of differences.
@@ -113,31 +120,30 @@ CALMEST_FRACTION = 0.35
 
 
 def _calm_difference(theta: np.ndarray, t: np.ndarray) -> np.ndarray:
-    """Size (n,) of the differences in the calmest blocks, the minimum over all orders; NaN with too few samples."""
-    best = np.full(theta.shape[1], np.nan)
+    """Size (n,) of the differences of angles (N, n) in the calmest blocks, the minimum over all orders."""
+    best = np.full(theta.shape[1], np.inf)
     for order in DIFFERENCE_ORDERS:
         x = np.lib.stride_tricks.sliding_window_view(t - t[0], order + 1, axis=0)
         y = np.lib.stride_tricks.sliding_window_view(theta, order + 1, axis=0)
         weight = 1 / np.prod(x[:, :, None] - x[:, None] + np.eye(order + 1), axis=2)
         size = np.abs(np.einsum("kni,ki->kn", y, weight / np.linalg.norm(weight, axis=1, keepdims=True)))
         blocks = np.array_split(size, max(1, round(len(size) / BLOCK_FRAMES)))
-        median = np.array([column_medians(block, 0.5) for block in blocks])
-        calm = np.sort(median, axis=0)  # NaN is sorted to the end
-        count = np.maximum(1, np.round(CALMEST_FRACTION * np.isfinite(median).sum(axis=0))).astype(int)
-        best = np.fmin(best, [np.mean(column[:k]) for column, k in zip(calm.T, count, strict=True)])
+        medians = np.sort([np.median(block, axis=0) for block in blocks], axis=0)
+        count = max(1, round(CALMEST_FRACTION * len(medians)))
+        best = np.minimum(best, medians[:count].mean(axis=0))
     return best
 
 
-def column_medians(block: np.ndarray, share: float = 0.0) -> np.ndarray:
-    """Medians (n,) of a block's known samples; NaN for a column that lacks all, or has fewer than a share of them."""
-    enough = np.isfinite(block).sum(axis=0) >= max(share * len(block), 1)
+def column_medians(block: np.ndarray) -> np.ndarray:
+    """Medians (n,) of a block's known samples (N, n); NaN of columns without any."""
+    some = np.isfinite(block).any(axis=0)
     found = np.full(block.shape[1], np.nan)
-    if enough.any():
-        found[enough] = np.nanmedian(block[:, enough], axis=0)
+    if some.any():
+        found[some] = np.nanmedian(block[:, some], axis=0)
     return found
 
 
-def _rounding(column: np.ndarray) -> float:
+def rounding(column: np.ndarray) -> float:
     """Minimum difference [rad] that the sensor resolves: of the sorted values; nearly zero for unrounded ones."""
     steps = np.diff(np.unique(column[np.isfinite(column)]))
     steps = steps[steps > 1e-9]

@@ -20,7 +20,7 @@ from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.errors import SceneError
 from dropper_jax.model import Model, State
-from dropper_jax.run.build import from_angles
+from dropper_jax.modelling.build import from_angles
 
 Angles = TypeVar("Angles", Array, np.ndarray)
 

@@ -11,10 +11,11 @@ import numpy as np
 
 from dropper_jax import load_scene, make_stepper
 from dropper_jax.backend.programs import cached_jit
-from dropper_jax.base.errors import Progress, SceneError
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.progress import Progress
 from dropper_jax.model import Model, State
+from dropper_jax.modelling.build import SceneLike, build
 from dropper_jax.residual import Stepper
-from dropper_jax.run.build import SceneLike, build
 from dropper_jax.stepping.integrate import advance
 from dropper_jax.stepping.progress import Trajectory, begin
 from fitting.traces.trace import Convention, Trace

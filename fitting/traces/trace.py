@@ -205,5 +205,7 @@ def check_trace(trace: Trace, partial: bool = False) -> None:
     moving = theta[:, links]
     if np.max(np.nanmax(moving, axis=0) - np.nanmin(moving, axis=0)) < 1e-9:
         raise SceneError(f"{trace.name}: theta: is constant, nothing moves. Use a trace with motion")
-    if trace.se is not None and not np.nanmin(trace.se) > 0:
-        raise SceneError(f"{trace.name}: se: {np.nanmin(trace.se):g} is not positive; allowed: standard errors > 0")
+    if trace.se is not None:
+        smallest = np.min(trace.se, initial=np.inf, where=~np.isnan(trace.se))
+        if not 0 < smallest < np.inf:
+            raise SceneError(f"{trace.name}: se: {smallest:g} is not positive; allowed: standard errors > 0")

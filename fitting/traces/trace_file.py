@@ -19,8 +19,8 @@ import numpy as np
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.files import atomic_write
 from dropper_jax.base.markdown import first_names
-from fitting.traces.csv_table import MOST_NAMES, check_times, read_csv
-from fitting.traces.trace import Trace, check_shapes, check_trace, convention
+from fitting.traces.csv_table import MOST_NAMES, read_csv
+from fitting.traces.trace import Trace, check_trace, convention
 
 #: Names of columns.
 COLUMN_NAME = re.compile(r"t|(theta|omega|se)_\d+")
@@ -44,12 +44,14 @@ def as_trace(
     """A trace, read if its file is given, with `columns` and `partial` as for `read_trace`.
 
     Raises:
-        SceneError: it has angles of another number of links, or arrays that do not fit together.
+        SceneError: it has angles of another number of links, or something that cannot be fitted (`check_trace`).
     """
     if isinstance(given, Trace):
         trace = _with_arrays(given)
-        check_shapes(trace)
-        check_times(trace.name, trace.t)
+        stated = trace.convention
+        convention(stated.zero, stated.sign, stated.unit, trace.name)
+        _read_model_error(trace.name, trace.model_error)
+        check_trace(trace, partial)
     else:
         trace = read_trace(given, links, columns, partial)
     if trace.links != links:
@@ -58,19 +60,23 @@ def as_trace(
 
 
 def _with_arrays(trace: Trace) -> Trace:
-    """The trace with arrays of numbers, also if it was built from lists.
+    """The trace with arrays of numbers, also if it was built from lists; infinite samples are missing.
 
     Raises:
         SceneError: something else than numbers, rows of different lengths.
     """
+    given = {"t": trace.t, "theta": trace.theta}
+    if trace.se is not None:
+        given["se"] = trace.se
     try:
-        arrays = {key: np.asarray(getattr(trace, key), float) for key in ("t", "theta")}
-        if trace.se is not None:
-            arrays["se"] = np.asarray(trace.se, float)
+        if any(map(np.iscomplexobj, given.values())):
+            raise TypeError
+        arrays = {key: np.asarray(values, float) for key, values in given.items()}
     except (TypeError, ValueError):
         raise SceneError(
             f"{trace.name}: t, theta and se are not arrays of numbers; allowed: t (k,), theta and se (k, links)"
         ) from None
+    arrays["theta"] = np.where(np.isinf(arrays["theta"]), np.nan, arrays["theta"])
     return replace(trace, **arrays)
 
 
@@ -186,8 +192,8 @@ def _header_values(file: str, comments: Sequence[str]) -> dict[str, str]:
     return found
 
 
-def _read_model_error(file: str, text: str) -> float:
-    """The model error that a comment states.
+def _read_model_error(file: str, text: str | float) -> float:
+    """The model error that a comment or a trace in memory states.
 
     Raises:
         SceneError: not a number, below 0 or not finite.

@@ -72,6 +72,8 @@ def broken(tmp_path):
         (["scenes", "paper-case-1", "--moordyn", "mooring.txt", "--dt", "0"], "--dt: 0 is out of range"),
         (["accuracy", "paper-case-1", "--dts", "-1"], "--dts: -1 is out of range"),
         (["cost", "paper-case-1", "--plot", "costs.svg"], "no known suffix; allowed: .png"),
+        (["cost", "paper-case-1", "--plot", "costs.gif"], "no known suffix; allowed: .png, or a folder"),
+        (["cost", "paper-case-1", "--out", "costs.csv"], "no known suffix; allowed: .json"),
         (["design", "paper-case-1", "--vary", "x", "--target", "y", "--value", "1"], "is not PATH=LOW:HIGH"),
         (["modes", "paper-case-1", "--count", "0"], "'0' is not a whole number"),
         (["report", "missing.npz"], "missing.npz: cannot be read"),

@@ -31,6 +31,13 @@ def folder(tmp_path_factory):
         ("check longline.toml --set line_type.rope.EA=stiff", "line_type.rope.EA: 'stiff' is not a number; allowed: a"),
         ("sweep string --vary b_l=0:1:0 --out x.zarr", "--vary: 'b_l=0:1:0' is not NAME=LO:HI:N; allowed: N >= 1"),
         ("design paper-case-4 --vary line.0.length=52:51 --target x.0 --value 3", "length: 52 to 51 is an empty range"),
+        ("design paper-case-4 --vary line.0.length=51:52 --target x.0 --value nan", "value: nan of x.0 is not finite"),
+        ("plan string --free b_l --rate 60,120", "'60,120' is not a number"),
+        ("scenes string --dt 0.1", "--dt: requires --moordyn FILE"),
+        ("equilibrium edulis-tide --times 7", "--times: requires --tide"),
+        ("sea dropper-current --flow flow.png --regimes waves.png", "--regimes: scene 'dropper-current' has no waves"),
+        (f"check string --out {'a' * 245}.json", "File name too long"),
+        ("fit empty.csv --scene string --report fitted", "empty.csv: has fewer than two rows of numbers"),
         ("sweep string --vary b_l=0,1 --vary b_l=2,3 --out x.zarr", "--vary: 'b_l' is given twice; allowed: every"),
         ("sensitivity string --of tension.max --to b_l --range b_l=0:1", "--range: requires --global sobol or morris"),
         ("sensitivity string --of tension.max --to b_l --check --global sobol", "--check: derivatives are not part of"),
@@ -43,9 +50,11 @@ def folder(tmp_path_factory):
         ("run string --plot empty.csv/pictures", "--plot: 'empty.csv/pictures' cannot be made in"),
     ],
 )
-def test_a_slip_is_refused_in_one_line(folder, monkeypatch, refused, line, words):
+def test_a_slip_is_refused_in_one_line_and_leaves_no_file(folder, monkeypatch, refused, line, words):
     monkeypatch.chdir(folder)
+    before = sorted(folder.iterdir())
     assert words in refused(shlex.split(line))
+    assert sorted(folder.iterdir()) == before
 
 
 def test_check_counts_mussels_in_the_mass_of_a_line(folder, json_of):

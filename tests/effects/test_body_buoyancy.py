@@ -63,6 +63,16 @@ def test_energy_of_a_cut_sphere(deep):
     assert sphere_volume(*sphere)[0] == pytest.approx(volume, abs=1e-4)
 
 
+def test_a_body_in_calm_water_floats_at_the_level_of_the_sea(spar):
+    def lift(height, **sea):
+        model, state = build(spar(sea=sea))
+        k = model.instant(state.r.at[:, 2].add(height), state.v, jnp.asarray(900.0))
+        return model.effect("body_buoyancy").force(k)
+
+    tide = {"offset": 0.5, "amplitude": [1.0], "period": [3600.0], "phase": [0.5 * np.pi]}  # 1.5 m at 900 s
+    np.testing.assert_allclose(lift(1.5, level=tide), lift(0.0), atol=1e-6)
+
+
 def righting(scene, tilt=1e-3):
     """Righting arm over the tilt [m]: GM of a body that floats in its scene, turned about x."""
     model = build_model(dj.load_scene(scene))

@@ -1,11 +1,14 @@
 """Clamps that turn: a cantilever shaken and turned against the modes of its equation, work, quaternions, refusals."""
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from scene_parts import fixed, free, line_of, system
 from scipy.integrate import quad, solve_ivp
+from scipy.spatial.transform import Rotation
 
 import dropper_jax as dj
+from dropper_jax.effects.clamp_motion import rotate
 
 LENGTH = 10.0  # [m]
 EI = 200.0  # [N m^2]
@@ -98,6 +101,13 @@ def test_the_work_of_the_clamp_closes_the_balance(shaken):
     done = np.abs(shaken.work[:, names.index("clamp_motion")])
     assert np.max(done) > 0.1 * shaken.energy_scale
     assert shaken.energy_drift < 1e-8 * shaken.energy_scale
+
+
+def test_quaternions_that_are_rounded_turn_a_vector_as_those_of_scipy():
+    rows = np.random.default_rng(2).normal(size=(50, 4))
+    rows /= np.linalg.norm(rows, axis=1, keepdims=True)
+    turned = Rotation.from_quat(rows, scalar_first=True).apply([0.6, 0.0, 0.8])
+    np.testing.assert_allclose(rotate(jnp.asarray(1.0009 * rows), jnp.array([3.0, 0.0, 4.0])), turned, atol=1e-12)
 
 
 @pytest.mark.check

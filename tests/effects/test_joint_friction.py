@@ -177,3 +177,11 @@ def test_a_composition_that_steps_backwards_refuses_dry_friction():
     with pytest.raises(ValueError, match=r"energy_momentum_4.*'joint_friction' has a set-valued law"):
         dj.make_stepper(dry, "energy_momentum_4")
     assert dj.make_stepper(viscous, "energy_momentum_4").integrator.order == 4
+
+
+def test_friction_in_joints_of_links_that_break_is_refused(refusal):
+    scene = rods([0.9, 0.8], effects={"joint_friction": {"dry": 0.1}})
+    line = {**scene["line"][0], "axial": {"law": "elastic", "EA": 1e4}}
+    failure = [{"line": line["name"], "link": 1, "time": 1.0}]
+    message = refusal(dj.load_scene, {**scene, "line": [line], "failure": failure})
+    assert message.startswith("effects.joint_friction: would pass torques through links that [[failure]] breaks")

@@ -56,6 +56,20 @@ def linking(low, high):
     return total
 
 
+@pytest.mark.parametrize("damping", [0.0, 50.0])
+def test_broken_links_touch_nothing(damping):
+    model, state = dj.build(crossing(damping))
+    touching = state.r.at[LINKS - 1 :, 2].set(0.5 * THICK)
+    whole = np.arange(2 * LINKS) >= LINKS
+
+    def push(intact):
+        own = model.with_axial(model.line.axial.with_broken_links(jnp.asarray(intact, float)))
+        return own.effect("line_contact").force(own.instant(touching, state.v, state.t))
+
+    assert np.max(np.abs(push(np.ones(2 * LINKS)))) > 1.0
+    assert not np.any(push(whole))  # the lower rope has broken
+
+
 @pytest.fixture(scope="module")
 def crossings():
     """Fifty crossings, the last ten damped: places (50, k, nodes, 3), energies (50, k), failed and halved steps."""

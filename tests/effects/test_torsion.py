@@ -126,6 +126,18 @@ def test_derivatives_are_those_of_differences_both_ways(slopes_of):
     slopes_of(end, jnp.ones(3))
 
 
+def test_a_broken_link_passes_neither_torque_nor_tension_by_twist():
+    scene = rod(LINKED, torque=MOMENT, coupling=COUPLING, duration=0.2)
+    solution = dj.simulate({**scene, "failure": [{"line": "rod", "link": 3, "time": 0.1}]})
+    after = [-10, -1]
+    share = np.array([1.0, 1.0, 1.0, 0.5])  # of a link's polar inertia, on the nodes below the broken one
+    gained = np.diff(solution.own["torsion.1"][after, 3:] @ share)[0] * POLAR * LENGTH / LINKED
+    assert gained == pytest.approx(MOMENT * np.diff(solution.t[after])[0], rel=1e-9)
+    fallen = np.diff(np.mean(solution.velocities[after, 3:, 2], axis=1))[0]  # equal masses, at the links' far nodes
+    assert fallen == pytest.approx(-9.81 * np.diff(solution.t[after])[0], rel=1e-9)
+    assert solution.torque[-1, 2] == 0.0
+
+
 def two_pieces(turned_round=False, pairs=True, **torsion):
     """The hanging rod in two lines of 3 and 5 links; `turned_round`: the second line runs upwards."""
     each = LENGTH / 8
@@ -169,12 +181,20 @@ def test_lines_that_are_not_joined_pass_no_torque():
     np.testing.assert_allclose(apart.twist[-1, -1], MOMENT * LENGTH * 5 / 8 / GJ, rtol=1e-9)
 
 
+def winched_rod(**torsion):
+    """The rod, whose last link a winch shortens."""
+    scene = rod(LINKED, **torsion)
+    scene["line"][0]["length_in_time"] = [{"end": "to", "time": [0.0, 1.0], "length": [LENGTH / LINKED, 0.3]}]
+    return scene
+
+
 @pytest.mark.parametrize(
     ("lines", "change", "words"),
     [
         (rod, {"lines": ["rope"]}, "lines.0: 'rope' is not a line"),
         (rod, {"first": "free"}, "last: 'free' lets lines spin"),
         (rod, {"last": "held", "torque": 1.0}, "torque: 1 only applies to last points that are free"),
+        (winched_rod, {"coupling": 1.0}, "coupling: needs strains over constant lengths"),
         (rod, {"turn": 1.0}, "turn: 1 only applies to last points that are held"),
         (two_pieces, {"joined": [["upper", "lover"]]}, "joined.0: 'lover' is not a line with torsion"),
         (two_pieces, {"joined": [["upper", "lower"], ["lower", "upper"]]}, "joined.1: 'lower' is joined to another"),

@@ -11,7 +11,8 @@ import dropper_jax as dj
 from dropper_jax import SceneError
 from dropper_jax.explain.answers import explain
 from dropper_jax.explain.catenary import Hanging, offset_until_uplift, solve
-from dropper_jax.explain.line_facts import LineFacts
+from dropper_jax.explain.line_facts import LineFacts, line_facts
+from dropper_jax.scene import whole_lines
 
 
 def laid_out(line, horizontal, vertical):
@@ -92,6 +93,30 @@ def test_tensions_and_stiffness_are_those_of_the_closed_form_within_the_links(an
     assert line.verdict.startswith("long enough: its anchor lifts after")
     # half a wave between held ends
     assert line.axial_period_s == pytest.approx(2.0 * 160.0 / np.sqrt(3e8 / 70.0))
+
+
+FRICTION = {"seabed_friction": {"kinetic": 1.0, "statics": "outward"}}
+SLOPE = {"seabed": {"bed_x": [0.0, 120.0], "bed_y": [0.0, 1.0], "bed_depth": [70.0, 70.0, 80.0, 80.0]}}
+
+
+@pytest.mark.parametrize(("effects", "applies"), [({}, True), (FRICTION, False), (SLOPE, False)])
+def test_no_closed_form_is_stated_on_a_bed_that_it_does_not_know(effects, applies):
+    table = chain(120.0, 160.0)
+    table["effects"] |= effects
+    scene = dj.load_scene(table)
+    nodes = np.array([[120.0, 0.0, -80.0]] * 59 + [[100.0, 0.0, -80.0], [0.0, 0.0, -10.0]])
+    facts, _ = line_facts(scene, whole_lines(scene)[0], nodes, 1e5, np.ones(2), np.zeros(2))
+    assert (facts.closed_upper_n is not None) == applies
+
+
+@pytest.mark.check
+def test_mussels_lengthen_the_axial_period_of_a_line():
+    table = chain(120.0, 160.0, links=10)
+    table["line"][0]["growth"] = {"depth": [0.0, 90.0], "thickness": [0.05, 0.05], "density": 1300.0}
+    scene = dj.load_scene(table)
+    (line,) = explain(scene, dj.equilibrium(scene)).lines
+    mass = 70.0 + 1300.0 * np.pi / 4.0 * (0.2**2 - 0.1**2)  # a layer of 5 cm on a bar of 10 cm
+    assert line.axial_period_s == pytest.approx(2.0 * 160.0 / np.sqrt(3e8 / mass), rel=1e-6)
 
 
 def test_wear_by_the_derivative_is_that_of_another_equilibrium(answers):

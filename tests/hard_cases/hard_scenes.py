@@ -7,7 +7,7 @@ import numpy as np
 
 from dropper_jax.base.constants import GRAVITY
 from dropper_jax.load.scene import Scene, load_scene
-from dropper_jax.run.build import equilibrium
+from dropper_jax.modelling.build import equilibrium
 
 LINKS = 7
 #: One packaged scene of each kind of line and effects, and all releases of the lab dropper.

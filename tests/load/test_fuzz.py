@@ -132,18 +132,6 @@ def test_a_valid_scene_runs_to_an_honest_end(table: dict) -> None:
     assert np.all(np.diff(np.concatenate([[0.0], damped])) <= RISE * scale)
 
 
-def _change(path: tuple, value: object):
-    def apply(table: dict) -> dict:
-        table = copy.deepcopy(table)
-        owner = table
-        for key in path[:-1]:
-            owner = owner[key]
-        owner[path[-1]] = value
-        return table
-
-    return apply
-
-
 BAD_NUMBERS = st.sampled_from([float("nan"), float("inf"), -float("inf"), -1.0, "two", None, True, [], {}, [1.0, 2.0]])
 NOT_POSITIVE = st.one_of(BAD_NUMBERS, st.just(0.0), st.floats(max_value=0.0))
 PATHS = {
@@ -170,8 +158,13 @@ PATHS = {
 
 @st.composite
 def invalid_scenes(draw: st.DrawFn) -> dict:
-    path = draw(st.sampled_from(sorted(PATHS, key=str)))
-    return _change(path, draw(PATHS[path]))(draw(loops()))
+    *parents, key = draw(st.sampled_from(sorted(PATHS, key=str)))
+    value = draw(PATHS[(*parents, key)])
+    table = owner = copy.deepcopy(draw(loops()))
+    for parent in parents:
+        owner = owner[parent]
+    owner[key] = value
+    return table
 
 
 @FUZZ

@@ -14,30 +14,26 @@ from dropper_jax.load.library import FAMILIES, part, published_crops
 POUND = 4.4482216
 
 
-#: Breaking loads [N] of makers' tables by part: mooring chain (34 to 70 mm of R3 and R4), stud-link anchor chain
-#: (1 5/8 in of grades 2 and 3), floating and polyester mooring rope (20 and 24 mm), and how near they are.
-MAKERS = [
-    ("chain-studless-r3-0.034", 1065e3, 0.005),
-    ("chain-studless-r3-0.07", 4196e3, 0.005),
-    ("chain-studlink-r4-0.034", 1308e3, 0.005),
-    ("chain-studlink-r4-0.05", 2740e3, 0.005),
-    ("chain-studlink-0.041275", 214000 * POUND, 0.01),
-    ("chain-studlink-u3-0.041275", 306000 * POUND, 0.01),
-    ("rope-polypropylene-0.02", 40e3, 0.1),
-    ("rope-polyester-plaited-0.024", 102e3, 0.05),
+#: Values of parts: breaking loads [N] of makers' tables, which are mooring chain (34 to 70 mm of R3 and R4), stud-link
+#: anchor chain (1 5/8 in of grades 2 and 3), floating and polyester mooring rope (20 and 24 mm); the paper's chain.
+PUBLISHED = [
+    ("chain-studless-r3-0.034", "breaking_load", 1065e3, 0.005),
+    ("chain-studless-r3-0.07", "breaking_load", 4196e3, 0.005),
+    ("chain-studlink-r4-0.034", "breaking_load", 1308e3, 0.005),
+    ("chain-studlink-r4-0.05", "breaking_load", 2740e3, 0.005),
+    ("chain-studlink-0.041275", "breaking_load", 214000 * POUND, 0.01),
+    ("chain-studlink-u3-0.041275", "breaking_load", 306000 * POUND, 0.01),
+    ("rope-polypropylene-0.02", "breaking_load", 40e3, 0.1),
+    ("rope-polyester-plaited-0.024", "breaking_load", 102e3, 0.05),
+    ("chain-studlink-0.022", "EA", 48_884_000.0, 1e-6),
+    ("chain-studlink-0.022", "diameter", 0.042, 0.02),
+    ("chain-studlink-0.022", "mass", 10.91, 0.03),
 ]
 
 
-@pytest.mark.parametrize(("name", "load", "near"), MAKERS)
-def test_breaking_loads_are_those_of_makers_tables(name, load, near):
-    assert part(name)[1]["breaking_load"] == pytest.approx(load, rel=near)
-
-
-def test_the_papers_chain_is_studlink_of_22_mm():
-    chain = part("chain-studlink-0.022")[1]
-    assert chain["EA"] == pytest.approx(48_884_000.0, rel=1e-6)
-    assert chain["diameter"] == pytest.approx(0.042, rel=0.02)
-    assert chain["mass"] == pytest.approx(10.91, rel=0.03)
+@pytest.mark.parametrize(("name", "key", "value", "near"), PUBLISHED)
+def test_parts_have_published_values(name, key, value, near):
+    assert part(name)[1][key] == pytest.approx(value, rel=near)
 
 
 @pytest.mark.parametrize(

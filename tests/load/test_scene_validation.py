@@ -256,13 +256,20 @@ def test_a_number_in_a_path_is_never_the_name_of_another_line():
     assert [line.length[0] for line in scene.with_values({"line.0.length": 0.2}).lines] == [0.2, 0.1]
 
 
+def test_one_of_several_equal_values_is_changed_by_path():
+    scene = Scene.from_dict({**LOOP, "line": [{**LOOP["line"][0], "mass": [0.03] * 4}]})
+    assert scene.value("line.0.mass.1") == 0.03
+    assert scene.with_values({"line.0.mass.1": 0.04}).lines[0].mass.tolist() == [0.03, 0.04, 0.03, 0.03]
+
+
 @pytest.mark.parametrize(
     ("path", "value", "words"),
     [
         ("effects.linear_dampin.b_l", 1.0, "did you mean 'effects.linear_damping.b_l'"),
         ("run.dtt", 1.0, "did you mean 'run.dt"),
         ("line.3.mass", 1.0, "did you mean 'line.0.mass'"),
-        ("line.0.mass.1", 1.0, "has no entries, its value is 0.03"),
+        ("line.0.mass.4", 1.0, "entry 4 does not exist; allowed: 0 to 3"),
+        ("run.duration.0", 1.0, "has no entries, its value is"),
         ("point.0.position.3", 1.0, "entry 3 does not exist; allowed: 0 to 2"),
         ("point.0.position.x", 1.0, "unknown path"),
         ("line.0.mass", -1.0, "is out of range; allowed: a number or a list of 4 numbers, each > 0 kg"),

@@ -70,3 +70,11 @@ def moved(positions, node, by):
 )
 def test_positions_that_disagree_give_one_line(measured, change, message, refusal):
     assert message in refusal(dj.load_scene, hanging(kind="positions", positions=change(measured)))
+
+
+def test_a_node_of_a_system_that_starts_below_the_bed_is_named(measured, refusal):
+    start = hanging(kind="positions", positions=measured.tolist())
+    assert dj.load_scene(start | {"effects": {"weight": {}, "seabed": {"depth": 4.0}}})
+    step = {"bed_x": [6.0, 6.5], "bed_y": [-9.0, 9.0], "bed_depth": [4.0, 4.0, 2.5, 2.5]}
+    message = refusal(dj.load_scene, start | {"sea": {"depth": 4.0}, "effects": {"weight": {}, "seabed": step}})
+    assert "start.positions: node 1 is at z = -2.91925 m, below the seabed; allowed: >= -2.5 m" in message

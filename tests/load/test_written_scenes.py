@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dropper_jax import Scene, SceneError, load_scene
-from dropper_jax.run.plausibility import scene_warnings
+from dropper_jax.plausibility.plausibility import scene_warnings
 from dropper_jax.scene import whole_lines
 
 
@@ -40,6 +40,17 @@ def test_attached_points_move_and_pieces_know_their_line():
     # every joint once: links + 1 nodes, and stops at the ends of the pieces
     assert len(whole.nodes) == whole.spec.links + 1
     assert list(whole.stops) == [0, *np.cumsum([p.links for p in pieces])]
+
+
+def test_attached_points_follow_the_ends_of_their_line():
+    scene = load_scene("platform-longline")
+    table = scene.as_written()
+    table["point"][2]["position"] = [27.0, 1.0, -9.0]
+    moved = scene.with_values({"point.joint.position": [27.0, 1.0, -9.0]})
+    assert moved == Scene.from_dict(table)
+    assert moved.points[3].position[1] > 0.0
+    own = moved.with_values({f"point.{moved.points[3].name}.position": [30.0, 0.0, -9.0]})
+    assert list(own.point(moved.points[3].name).position) == [30.0, 0.0, -9.0]
 
 
 def test_values_of_single_links_come_after_those_of_the_line():
@@ -175,3 +186,13 @@ def test_shelter_of_both_lines_and_drag_is_refused_never_ignored():
     scene = Scene.from_dict(table)
     with pytest.raises(SceneError, match="effects.morison_drag.shelter: cannot be combined with line.shelter"):
         scene.with_values({"effects.morison_drag.shelter": 0.7})
+
+
+def test_a_length_changed_after_a_single_link_is_that_of_the_line():
+    scene = load_scene("paper-case-1")
+    values = {"line.0.axial.EA": 1e6, "line.chain.mass.2": 30.0, "line.chain.length": 55.0, "run.duration": 2.0}
+    one_by_one = scene
+    for path, value in values.items():
+        one_by_one = one_by_one.with_values({path: value})
+    assert one_by_one.lines[0].total == pytest.approx(55.0)
+    assert one_by_one.to_dict() == scene.with_values(values).to_dict()

@@ -11,7 +11,7 @@ import pytest
 
 from dropper_jax import SceneError, equilibrium, load_scene, read_moordyn, simulate, write_moordyn
 from dropper_jax.decks.writing.outputs import Numbers, channel_values, numbers_of
-from dropper_jax.run.end_forces import end_forces
+from dropper_jax.quantities.end_forces import end_forces
 from dropper_jax.scene import LineSlice
 
 FOLDER = Path(__file__).parent

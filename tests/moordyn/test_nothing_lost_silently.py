@@ -14,7 +14,7 @@ from dropper_jax import Scene, SceneError, load_scene, write_moordyn
 from dropper_jax.base.read import section_keys
 from dropper_jax.decks.writing.differences import MOTIONS, WRITTEN_FIELDS
 from dropper_jax.load.line_types import LineType
-from dropper_jax.run import growth
+from dropper_jax.modelling import growth
 from dropper_jax.scene import (
     AnchorSpec,
     BodySpec,
@@ -58,7 +58,7 @@ RAMP = {"sea.ramp": 5.0}
 #: What follows from other values, which have cases of their own, or what systems of lines refuse as they are read.
 NO_CASE: dict[type, set[str]] = {
     Scene: {"points", "lines", "effects", "start", "run", "sea", "buoys", "failures", "anchors", "bodies", "vessels"}
-    | {"written", "template"},
+    | {"written", "template", "before_links"},
     PointSpec: {"carrier"},
     # rows of the deck are type1, type2, ..., one for each kind of link; no law of the package has further constants
     LineType: {"name", "constants"},

@@ -122,3 +122,11 @@ def test_two_decks_in_one_folder_do_not_share_a_sea_silently(tmp_path):
 def test_a_deck_writes_its_output_as_often_as_the_run_is_saved(tmp_path):
     write_moordyn(load_scene("paper-case-4").with_values({"run.save_interval": 0.25}), tmp_path / "deck.txt")
     assert "\n0.25 dtOut\n" in (tmp_path / "deck.txt").read_text()
+
+
+def test_damped_ropes_next_to_ropes_are_listed_as_such_a_deck_has_one_law(tmp_path):
+    table = load_scene("platform-longline").as_written()
+    table["line_type"][0]["law"] = "damped_rope"
+    lost = write_moordyn(table, tmp_path / "mixed.txt", force=True)
+    assert sum("axial law 'damped_rope' is read again as 'rope'" in words for words in lost) >= 1
+    assert {line.axial_law for line in load_scene(tmp_path / "mixed.txt").lines} == {"rope"}

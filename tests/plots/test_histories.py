@@ -13,7 +13,8 @@ from dropper_jax.plots import figures, spectra, tension, time_panels
 from dropper_jax.plots.movement import chosen_links
 from dropper_jax.plots.run import readable
 from dropper_jax.plots.scales import force_unit
-from dropper_jax.run.end_links import Motion, loaded_fixed_points, point_loads
+from dropper_jax.plots.wave_theories import regimes
+from dropper_jax.quantities.end_links import Motion, loaded_fixed_points, point_loads
 
 
 def test_envelope_of_a_long_record_holds_every_sample():
@@ -61,8 +62,7 @@ def test_a_zoom_has_the_scale_of_its_envelope_and_a_constant_keeps_it(tmp_path, 
     ]
     drawn = []
     monkeypatch.setattr(figures, "finish", lambda figure, *_: drawn.append(figure))
-    run = SimpleNamespace(t=t)
-    time_panels.history(run, tmp_path / "history.png", "histories", both)
+    time_panels.history(SimpleNamespace(t=t), tmp_path / "history.png", "histories", both)
     limits = np.array([axes.get_ylim() for axes in drawn[0].axes]).reshape(3, 2, 2)
     np.testing.assert_array_equal(limits[:, 0], limits[:, 1])
     np.testing.assert_array_equal(limits[0, 0], limits[1, 0])
@@ -94,9 +94,7 @@ def test_links_at_rest_have_no_panel(longline):
     solution = longline()
     solution.positions[:, :5] = solution.positions[0, :5]  # the first line's nodes stay
     run = readable(solution)
-    chosen = chosen_links(run, 12)
-    assert len(chosen)
-    assert chosen.min() >= 4
+    assert chosen_links(run, 12).min() >= 4
     assert len(chosen_links(run, 3)) <= 3
 
 
@@ -183,13 +181,21 @@ def test_spectra_of_x_and_y_that_coincide_are_both_visible(tmp_path, monkeypatch
 
 def test_of_two_curves_that_coincide_the_later_is_dashed():
     t = np.linspace(0.0, 10.0, 50)
-    curves = [
-        time_panels.Curve(name, t, values) for name, values in (("a", np.sin(t)), ("b", np.cos(t)), ("c", np.sin(t)))
-    ]
+    waves = {"a": np.sin(t), "b": np.cos(t), "c": np.sin(t)}
+    curves = [time_panels.Curve(name, t, values) for name, values in waves.items()]
     assert [time_panels.line_style(curves, i) for i in range(3)] == ["-", "-", time_panels.DASHES]
     axes = figures.new_figure(4, 3).subplots()
     time_panels.draw_panel(axes, time_panels.Panel("x [m]", curves))
     assert [line.get_linestyle() for line in axes.get_lines()] == ["-", "-", "--"]
+
+
+@pytest.mark.parametrize(("period", "depth"), [(4.0, 200.0), (60.0, 0.5)])
+def test_any_wave_is_on_the_map_of_theories(period, depth, tmp_path, monkeypatch):
+    drawn = []
+    monkeypatch.setattr(figures, "save", lambda figure, _: drawn.append(figure))
+    regimes([("wave", 0.1, period, depth)], 9.81, tmp_path / "map.png")
+    low, high = drawn[0].axes[0].get_xlim()
+    assert low < depth / (9.81 * period**2) < high
 
 
 @pytest.mark.parametrize(("waves", "columns"), [(195, 1), (260, 2)])

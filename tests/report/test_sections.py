@@ -10,14 +10,8 @@ from dropper_jax.report.text import report_markdown
 
 
 def point(i):
-    return {
-        "point": f"p{i}",
-        "buoy": None,
-        "radius_max_m": float(i),
-        "radius_95_m": 0.9 * i,
-        "radius_from_static_max_m": None,
-        "range_m": [1.0, 1.0, 1.0],
-    }
+    radii = {"radius_max_m": float(i), "radius_95_m": 0.9 * i, "radius_from_static_max_m": None}
+    return {"point": f"p{i}", "buoy": None, "range_m": [1.0, 1.0, 1.0], **radii}
 
 
 def test_of_many_points_the_ones_that_move_most_are_shown():
@@ -27,6 +21,13 @@ def test_of_many_points_the_ones_that_move_most_are_shown():
     assert text.count("\n| p") == SECTION_ROWS
     assert text.endswith(f"The largest {SECTION_ROWS} of 1400 points; report.json has all.")
     assert "report.json" not in sections.watch([point(i) for i in range(SECTION_ROWS)])
+
+
+def test_lines_that_cross_are_the_nearest_of_many():
+    where = {"nearest": "other", "at_m": 1.0, "nearest_at_m": 1.0, "t_s": 0.0, "diameters_m": None}
+    rows = [{"line": f"l{i}", "least_distance_m": float(i), **where} for i in range(SECTION_ROWS + 1)]
+    text = sections.distance(rows)
+    assert ("| l0 |" in text, f"| l{SECTION_ROWS} |" in text) == (True, False)
 
 
 def loaded(name, largest, mean, used, events, yearly):

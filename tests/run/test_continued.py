@@ -9,7 +9,8 @@ from scene_parts import free_at, line_of, scene_of
 import dropper_jax as dj
 from dropper_jax import SceneError, Solution
 from dropper_jax.cli import main
-from dropper_jax.run.variables import STEP_EXTREMES
+from dropper_jax.quantities.variables import STEP_EXTREMES
+from dropper_jax.run.quality_checks import with_quality_checks
 
 ARRAYS = ("t", "t_tension", "positions", "velocities", "tension", "work", "kinetic")
 PENDULUM = "conical-pendulum-damped"
@@ -80,6 +81,16 @@ def half():
     return dj.simulate(PENDULUM, dt=0.01, duration=0.5)
 
 
+def test_times_that_float32_cannot_count_are_warned_of(half):
+    early = dataclasses.replace(half, settings=half.settings | {"dtype": "float32"}, warnings=())
+    late = dataclasses.replace(early, t=early.t + 1000.0)
+    assert with_quality_checks(early).warnings == ()
+    none = dataclasses.replace(late, t=late.t[:1], settings=late.settings | {"refused_steps": 6, "steps": 0})
+    assert with_quality_checks(none).warnings == ()  # of a run whose first step failed
+    (warning,) = with_quality_checks(late).warnings  # a number of 24 bits near 1000 is a multiple of 2^-14
+    assert "near 1000 s to 6.1e-05 s: sums of steps of 0.01 s drift by up to 0.3%" in warning
+
+
 def test_a_third_piece_with_a_step_of_its_own_counts_on(half):
     second = half.continued(0.1).continued(0.2, dt=0.005)
     np.testing.assert_allclose(second.t[[0, 1, -1]], [0.6, 0.605, 0.8], atol=1e-12)
@@ -87,13 +98,24 @@ def test_a_third_piece_with_a_step_of_its_own_counts_on(half):
     assert np.abs(second.positions[-1] - fine.positions[-1]).max() < 1e-3  # errors of the coarser step
 
 
-def test_an_interrupted_run_continues_to_its_end():
+def test_a_run_with_an_accuracy_continues_with_other_saved_times_but_not_with_equal_steps():
+    first = dj.simulate(PENDULUM, accuracy=0.001, duration=0.2, save_interval=0.1)
+    second = first.continued(0.1, save_interval=0.05)
+    np.testing.assert_allclose(second.t, [0.2, 0.25, 0.3], atol=1e-12)
+    whole = dj.simulate(PENDULUM, accuracy=0.001, duration=0.3, save_interval=0.1)
+    assert np.abs(second.positions[-1] - whole.positions[-1]).max() < 1e-4
+    with pytest.raises(SceneError, match=r"was saved with accuracy 0\.001; allowed: one with steps of 0\.01 s"):
+        first.continued(0.1, dt=0.01)
+
+
+@pytest.mark.parametrize("steps", [{"dt": 0.01}, {"accuracy": 0.001}])
+def test_an_interrupted_run_continues_to_its_end(steps):
     def stop(share, text):
         if text.startswith("t =") and share > 0.3:
             raise KeyboardInterrupt
 
-    whole = dj.simulate(PENDULUM, dt=0.01, duration=0.5)
-    part = dj.simulate(PENDULUM, dt=0.01, duration=0.5, progress=stop)
+    whole = dj.simulate(PENDULUM, **steps, duration=0.5)
+    part = dj.simulate(PENDULUM, **steps, duration=0.5, progress=stop)
     rest = part.continued()
     assert part.status == "interrupted"
     assert 0.3 < part.t[-1] / whole.t[-1] < 0.6

@@ -96,7 +96,7 @@ def test_a_file_of_another_coupling_is_refused(coupled, tmp_path):
     heavy = dj.load_scene(LOOP).with_values({"line.0.mass": 0.3})
     for scene, name, words in (
         (heavy, "saved.npz", r"of another scene.*line\.0"),
-        (FOLLOWING, "saved.npz", "steps of 0.01 s; allowed: a file of accuracy 0.001"),
+        (FOLLOWING, "saved.npz", "steps of 0.01 s; allowed: one with accuracy 0.001"),
         (LOOP, "text.npz", "not a saved coupling"),
     ):
         with pytest.raises(SceneError, match=words):

@@ -9,8 +9,8 @@ from scipy.optimize import fsolve
 import dropper_jax as dj
 from dropper_jax import report_run
 from dropper_jax.decks.writing.outputs import write_out
-from dropper_jax.run.end_forces import end_force_vectors
-from dropper_jax.run.quantity_names import static_quantity
+from dropper_jax.quantities.end_forces import end_force_vectors
+from dropper_jax.quantities.quantity_names import static_quantity
 from dropper_jax.scene import line_slices
 from dropper_jax.study.design import solve_design
 from dropper_jax.study.offsets import offset_curves

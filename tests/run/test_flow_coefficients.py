@@ -10,7 +10,7 @@ from scene_parts import free_at, line_of, scene_of
 
 import dropper_jax as dj
 from dropper_jax.effects.rough_cylinder import amplification, rough_added_mass, rough_drag, steady_drag
-from dropper_jax.run.flow_coefficients import VISCOSITY, flow_table, link_flow
+from dropper_jax.modelling.flow_coefficients import VISCOSITY, flow_table, link_flow
 
 ROUGH = {
     "morison_drag": {"coefficients": "rough_cylinder", "roughness": 0.03},

@@ -8,7 +8,7 @@ from scene_parts import line_of, scene_of
 
 import dropper_jax as dj
 from dropper_jax import SceneError
-from dropper_jax.run.fmu import plain_names, write_fmu
+from dropper_jax.coupling.fmu import plain_names, write_fmu
 
 ENDS = {"port side": [0.0, -1.0, -1.0], "starboard": [0.0, 1.0, -1.0]}
 SCENE = scene_of(

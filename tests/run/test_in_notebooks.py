@@ -4,27 +4,17 @@ import logging
 import subprocess
 import sys
 
-import pytest
-
 import dropper_jax as dj
 
 
-@pytest.fixture(scope="module")
-def solution():
-    return dj.simulate("conical-pendulum", duration=0.1)
-
-
-def test_a_scene_and_a_run_are_small_tables(solution):
+def test_a_scene_and_a_run_are_small_tables_that_escape_what_a_user_wrote():
+    solution = dj.simulate("conical-pendulum", duration=0.1)
     scene, run = solution.scene._repr_html_(), solution._repr_html_()
     assert "<caption>Scene conical-pendulum: 1 lines" in scene
     assert "1 links, 1 m, 1 kg" in scene
     assert "0 to 0.1 s, 6 saved times" in run
     assert max(len(scene), len(run)) < 2000
-
-
-def test_tables_escape_what_a_user_wrote(solution):
-    scene = solution.scene.with_values({"name": "<b>"})
-    assert "<b>" not in scene._repr_html_()
+    assert "<b>" not in solution.scene.with_values({"name": "<b>"})._repr_html_()
 
 
 def test_a_run_is_logged_and_nothing_is_printed_without_a_handler(caplog):

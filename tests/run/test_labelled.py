@@ -41,6 +41,8 @@ def test_arc_length_runs_from_the_beginning_of_each_line(solution, opened):
     np.testing.assert_array_equal(backbone.position, solution.positions[:, 5:9])
     np.testing.assert_array_equal(backbone.tension, solution.tension[:, 4:7])
     np.testing.assert_array_equal(backbone.end_tension, solution.tension[:, [4, 6]])
+    with pytest.raises(SceneError, match=r"line: 'sok' is not a line.*sock"):
+        select_line(opened, "sok")
 
 
 def test_load_of_an_anchor_is_its_legs_tension_along_the_leg(solution, opened):
@@ -60,21 +62,14 @@ def test_elevation_is_the_regular_wave_at_the_origin(solution, opened):
     assert opened.elevation.attrs["standard_name"] == "sea_surface_height_above_mean_sea_level"
 
 
-def test_a_file_gives_back_the_run_and_its_names(solution, file, opened):
+def test_a_file_gives_back_the_run_its_names_and_times(solution, file, opened):
     assert Solution.load(file).work_names == solution.work_names
     assert opened.position.sel(axis="z").dims == ("time", "node")
     assert opened.step_status.attrs["flag_meanings"] == "good failed"
     np.testing.assert_array_equal(opened.step_status.attrs["flag_values"], [0, 1])
-
-
-def test_time_of_a_file_counts_seconds_from_a_date(solution, opened):
+    # its time counts seconds from a date
     passed = (opened.time.values - np.datetime64("2000-01-01")) / np.timedelta64(1, "ns")
     np.testing.assert_allclose(1e-9 * passed, solution.t, atol=1e-9)
-
-
-def test_an_unknown_line_is_reported_with_the_nearest_name(opened):
-    with pytest.raises(SceneError, match=r"line: 'sok' is not a line.*sock"):
-        select_line(opened, "sok")
 
 
 @pytest.mark.check

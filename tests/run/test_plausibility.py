@@ -8,15 +8,23 @@ from scene_parts import free_at, line_of, scene_of
 
 from dropper_jax import SceneError, load_scene, packaged_scene, scene_names
 from dropper_jax.cli import main
-from dropper_jax.run.plausibility import plausibility_warnings, with_cause
-from dropper_jax.run.pose_remarks import check_stretch, pose_remarks
+from dropper_jax.plausibility.plausibility import plausibility_warnings, with_cause
+from dropper_jax.plausibility.pose_remarks import check_stretch, pose_remarks
 
 DEPTH = 20.0
 
 
 def longline(anchors=("west", "east"), **values):
     """A backbone of 40 m with two floats and three hanging ropes, on legs of 60 m to fixed points on the bed."""
-    given = {"z": -DEPTH, "depth": DEPTH, "leg": 60.0, "volume": 0.3, "speed": 0.5, "hang": 8.0} | values
+    given = {
+        "z": -DEPTH,
+        "depth": DEPTH,
+        "leg": 60.0,
+        "volume": 0.3,
+        "speed": 0.5,
+        "reference": 0.0,
+        "hang": 8.0,
+    } | values
     west, east = anchors
     points = {west: [-50.0, 0.0, given["z"]], east: [90.0, 0.0, given["z"]]}
     for k in (0, 1):
@@ -30,7 +38,8 @@ def longline(anchors=("west", "east"), **values):
     for k in (1, 2, 3):
         points[f"e{k}"] = free_at([10.0 * k, 0.0, -9.0], mass=1.0)
         lines.append(line_of(f"rope-{k}", f"t{k}", f"e{k}", 2, given["hang"], type="library:mussel-dropper-7.53"))
-    sea = {"depth": given["depth"], "current": {"kind": "power", "speed": given["speed"]}}
+    current = {"kind": "power", "speed": given["speed"], "reference": given["reference"], "exponent": 0.25}
+    sea = {"depth": given["depth"], "current": current}
     effects = {name: {} for name in ("weight", "buoyancy", "morison_drag", "morison_inertia", "seabed")}
     return scene_of(points, *lines, sea=sea, effects=effects)
 
@@ -56,6 +65,7 @@ LENGTH, MASS = [0.12, 0.09, 0.15, 0.07, 0.11], [0.04, 0.03, 0.05, 0.024, 0.037]
         (longline(volume=0.001), "floats: their net lift with all masses is -10.89 N, and lines of"),
         (longline(volume=0.02, hang=12.0), "floats: their net lift"),
         (longline(speed=30.0), "sea.current: 30 m/s, more than 5 m/s"),
+        (longline(speed=4.0, reference=-0.75 * DEPTH), "sea.current: 5.657 m/s"),  # 4^(1/4) times as fast above
         (hanging([1e3 * x for x in LENGTH], MASS), "lab: 540 m long, with links of up to 150 m, between points 0.28 m"),
         (hanging([1e2 * x for x in LENGTH], MASS, apart=0.45), "lab: 54 m long"),
         (

@@ -7,11 +7,11 @@ from scene_parts import free_at, line_of, scene_of
 
 import dropper_jax as dj
 from dropper_jax import SceneError
-from dropper_jax.run.bending import curvature
-from dropper_jax.run.end_forces import fixed_point_loads
-from dropper_jax.run.quantity_extremes import quantity_signals
-from dropper_jax.run.quantity_names import quantity, static_quantity
-from dropper_jax.run.statistics import NAMES, statistic
+from dropper_jax.quantities.bending import curvature
+from dropper_jax.quantities.end_forces import fixed_point_loads
+from dropper_jax.quantities.quantity_extremes import quantity_signals
+from dropper_jax.quantities.quantity_names import quantity, static_quantity
+from dropper_jax.quantities.statistics import NAMES, statistic
 from dropper_jax.scene import line_slices
 from dropper_jax.stepping.extremes import Extremes
 from dropper_jax.study.design import solve_design

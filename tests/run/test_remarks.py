@@ -10,8 +10,8 @@ from scene_parts import free_at, line_of, scene_of
 import dropper_jax as dj
 from dropper_jax import SceneError, load_scene
 from dropper_jax.load.system_warnings import motion_warnings
-from dropper_jax.run.end_forces import end_forces
-from dropper_jax.run.pose_remarks import pose_remarks
+from dropper_jax.plausibility.pose_remarks import pose_remarks
+from dropper_jax.quantities.end_forces import end_forces
 
 
 def moored(**motion):
@@ -88,14 +88,11 @@ def creeping(speed):
     ],
 )
 def test_an_end_that_starts_with_a_shock_over_a_bed_with_friction_is_warned_of(motion, speed):
-    found = tuple(motion_warnings(load_scene(moored(**motion))))
+    scene = moored(**motion)
+    found = tuple(motion_warnings(load_scene(scene)))
     assert len(found) == (speed is not None)
     if speed is not None:
         assert f"anchor starts abruptly at {speed}" in found[0]
-
-
-def test_without_friction_on_the_bed_there_is_no_remark():
-    scene = moored(**SINE)
     del scene["effects"]["seabed_friction"]
     assert not list(motion_warnings(load_scene(scene)))
 

@@ -1,6 +1,7 @@
 """A season of mussels on the lines of a system: layers by month and depth, random along a line, harvest, drop-off."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import jax
 import numpy as np
@@ -9,10 +10,11 @@ from scene_parts import free_at, line_of, scene_of
 
 import dropper_jax as dj
 from dropper_jax import SceneError, build_model, report_run
+from dropper_jax.modelling import scene_model
+from dropper_jax.modelling.growth import overgrown, season_table
+from dropper_jax.plausibility.line_weights import line_weights
 from dropper_jax.report import sections
-from dropper_jax.run import scene_model
-from dropper_jax.run.growth import overgrown, season_table
-from dropper_jax.run.line_weights import line_weights
+from dropper_jax.run.step_facts import step_facts
 from fitting.parameters.scene_parameters import scene_parameter
 
 ROPE = {"name": "rope", "mass": 0.5, "diameter": 0.02, "EA": 1e6}
@@ -110,6 +112,15 @@ def test_random_layers_have_their_mean_deviation_and_correlation():
     assert np.array_equal(season.factor("dropper-1", arc[::7]), factor[::7])
     assert not np.allclose(season.factor("dropper-2", arc), factor)
     assert not np.allclose(dataclasses.replace(season, seed=5).factor("dropper-1", arc), factor)
+
+
+def test_links_vibrate_with_the_mass_of_their_mussels():
+    given = dj.load_scene(scene(lines=["*"]))
+    line = overgrown(given).line
+    run = SimpleNamespace(scene=given, settings={"dt": 0.05, "save_every": 2}, t=np.zeros(3))
+    period = np.pi * np.sqrt(np.min(line.length * line.mass) / ROPE["EA"])
+    assert step_facts(run)["axial_period_s"] == pytest.approx(period)
+    assert np.min(line.mass) > 2.0 * np.min(given.line.mass)
 
 
 def test_growth_by_month_and_depth_is_tabulated():

@@ -8,10 +8,10 @@ from scene_parts import free_at, line_of, scene_of
 
 import dropper_jax as dj
 from dropper_jax.cli.run_text import text, with_gaps
+from dropper_jax.quantities.variables import STEP_EXTREMES
 from dropper_jax.report.build import report_run
 from dropper_jax.report.tables import largest_table
 from dropper_jax.run.step_facts import step_facts
-from dropper_jax.run.variables import STEP_EXTREMES
 
 #: A rope that goes slack and snaps taut under its moved end, and its load.
 ROPE = scene_of(

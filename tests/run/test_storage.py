@@ -7,8 +7,8 @@ import pytest
 
 import dropper_jax as dj
 from dropper_jax import Solution
+from dropper_jax.quantities.variables import ARRAYS
 from dropper_jax.run.summary import write_angles, write_tensions
-from dropper_jax.run.variables import ARRAYS
 from fitting import read_trace
 
 xarray = pytest.importorskip("xarray")

@@ -10,7 +10,7 @@ from dropper_jax import Line, Model, Point, SceneError, build_model, equilibrium
 from dropper_jax.axial import Rope
 from dropper_jax.effects import LinearDamping, Weight
 from dropper_jax.model import Graph, Member
-from dropper_jax.run.end_forces import fixed_point_loads
+from dropper_jax.quantities.end_forces import fixed_point_loads
 from dropper_jax.scene import line_offsets
 
 PLACES = [(0, 0, 0), (6, 0, 0), (3, 5, 0), (3, 1, -1.0), (3, 2, -1.0)]

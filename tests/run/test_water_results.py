@@ -7,7 +7,7 @@ from scene_parts import free_at, line_of, scene_of
 
 import dropper_jax as dj
 from dropper_jax import plots
-from dropper_jax.run.growth import overgrown
+from dropper_jax.modelling.growth import overgrown
 from dropper_jax.scene import grown
 from dropper_jax.study.flow_regime import regime
 

@@ -8,8 +8,8 @@ from scipy.optimize import brentq
 import dropper_jax as dj
 from dropper_jax import report_run
 from dropper_jax.cli import main
-from dropper_jax.run.end_forces import end_forces
-from dropper_jax.run.line_weights import floating_warnings, line_weights
+from dropper_jax.plausibility.line_weights import floating_warnings, line_weights
+from dropper_jax.quantities.end_forces import end_forces
 
 SPAN, LENGTH, MASS = 30.0, 40.0, 8.0
 WATER = {"weight": {}, "buoyancy": {}, "morison_drag": {}}

@@ -15,7 +15,7 @@ from dropper_jax.sea.make import finite_wave, make_sea
 from dropper_jax.sea.spec import SeaSpec
 from dropper_jax.sea.steady import GivenWave, fitting_theory, highest
 from dropper_jax.sea.stokes5 import stokes5
-from dropper_jax.sea.stream_function import NotSolved, stream_function
+from dropper_jax.sea.stream_function import Inaccurate, NotSolved, stream_function
 
 #: Solutions of Fenton's program FOURIER with its current criterion, as people published its file Solution.res, in
 #: units of depth and gravity: H, T, then length, celerity, volume flux in the frame of the wave, Bernoulli constant
@@ -194,6 +194,21 @@ def test_a_current_is_added_once():
     assert float(mean[0]) < -0.1  # the return flow of a closed flume
 
 
+@pytest.mark.parametrize("speed", [1.0, -1.0])
+@pytest.mark.parametrize("kind", ["uniform", "power"])
+def test_waves_on_a_current_have_the_given_length_and_no_flow_beyond_it(speed, kind):
+    sea = {"current": {"kind": kind, "speed": speed}, "wave_current": "doppler"}
+    low = {"stream": {"height": 0.002}, "linear": {"amplitude": 0.001}}
+    for given in ({"length": 40.0}, {"period": 5.0}):
+        found = {theory: make_sea(sea_of(**sea, **given, **size, theory=theory)).waves for theory, size in low.items()}
+        stream, linear = found["stream"], found["linear"]
+        np.testing.assert_allclose(stream.wave_number[0], linear.wave_number[0], rtol=1e-6)
+        np.testing.assert_allclose(stream.omega[0], linear.omega[0], rtol=1e-6)
+        assert stream.drift is None or abs(float(stream.drift)) < 1e-9
+        if "length" in given:
+            np.testing.assert_allclose(linear.wave_number, 2 * np.pi / 40.0, rtol=1e-9)
+
+
 def test_low_waves_are_linear_ones():
     low = make_sea(sea_of(height=0.002, period=5.0))
     linear = make_sea(sea_of(amplitude=0.001, period=5.0, theory="linear"))
@@ -202,6 +217,12 @@ def test_low_waves_are_linear_ones():
         np.testing.assert_allclose(a, b, atol=2e-6)
     by_length = sea_of(theory="linear", amplitude=1.0, length=float(linear.waves.shortest))
     assert float(make_sea(by_length).waves.omega[0]) == pytest.approx(2 * np.pi / 5.0, rel=1e-12)
+
+
+def test_a_wave_that_needs_more_harmonics_is_not_called_breaking():
+    # 0.9 of the highest wave, of 60 depths
+    with pytest.raises(Inaccurate, match="with 80 harmonics"):
+        stream_function(GivenWave(0.7259, 1.0, 9.81, length=60.0))
 
 
 @pytest.mark.parametrize(
@@ -218,6 +239,10 @@ def test_low_waves_are_linear_ones():
         (
             {"theory": "linear", "current_criterion": "stokes"},
             "waves.current_criterion: 'stokes' is not used by theory 'linear'",
+        ),
+        (
+            {"theory": "linear", "period": None, "length": 10.0, "current": {"speed": -3.0}, "wave_current": "doppler"},
+            "wave_current: the current stops waves of 10 m",
         ),
         ({"interpolation": "grid"}, "interpolation: 'grid' cannot be combined with waves of"),
         (

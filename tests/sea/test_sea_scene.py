@@ -10,7 +10,7 @@ from scene_parts import fixed, free, line_of, system
 import dropper_jax as dj
 from dropper_jax import build_model
 from dropper_jax.load.sea_warnings import sea_warnings
-from dropper_jax.run.line_weights import wet_weights
+from dropper_jax.plausibility.line_weights import wet_weights
 from dropper_jax.sea import Waves
 from dropper_jax.sea.make import make_sea
 from dropper_jax.sea.spec import SeaSpec, sea_names
@@ -230,14 +230,20 @@ def dataset():
     return make
 
 
-@pytest.mark.parametrize("coming", [np.arange(0.0, 360.0, 10.0), np.arange(180.0, 275.0, 10.0)], ids=["all", "sector"])
+@pytest.mark.parametrize(
+    "coming",
+    [np.arange(0.0, 360.0, 10.0), np.arange(180.0, 275.0, 10.0), np.arange(-180.0, 180.0, 10.0)],
+    ids=["all", "sector", "signed"],
+)
 def test_a_wavespectra_dataset_becomes_a_sea_of_its_energy_and_course(dataset, coming):
     frequency = np.linspace(0.05, 0.3, 26)
-    density = np.exp(-((frequency - 0.1) ** 2) / 2e-4)[:, None] * (coming == 270.0)
+    density = np.exp(-((frequency - 0.1) ** 2) / 2e-4)[:, None] * (np.mod(coming, 360.0) == 270.0)
     waves = from_wavespectra(dataset(density, frequency, coming), seed=1)
     assert 0.5 * np.sum(waves["amplitude"] ** 2) == pytest.approx(np.sum(density) * 0.01 * 10.0, rel=1e-6)
     np.testing.assert_allclose(waves["direction"], 0.0, atol=1e-12)  # from the west, so towards +x
     assert dj.Scene.from_dict(changed(sea__waves=waves)).sea.waves.kind == "components"
+    every = from_wavespectra(dataset(np.ones((26, len(coming))), frequency, coming))
+    dj.Scene.from_dict(changed(sea__waves=every))  # no direction beyond a turn
 
 
 FREQUENCIES = np.linspace(0.05, 0.3, 6)
@@ -262,6 +268,8 @@ def test_a_wavespectra_dataset_with_falling_frequencies_is_that_with_rising_ones
         ((DENSITY, np.nan * FREQUENCIES, FROM_WEST), "freq: "),
         ((DENSITY, FREQUENCIES[[0, 2, 1, 3, 4, 5]], FROM_WEST), "freq: "),
         ((DENSITY, 0.1 * np.ones(6), FROM_WEST), "freq: "),
+        ((np.ones((6, 5)), FREQUENCIES, np.arange(0.0, 361.0, 90.0)), "dir: "),  # north twice
+        ((np.ones((6, 3)), FREQUENCIES, [0.0, 10.0, 30.0]), "dir: "),
         ((np.ones((2, 6, 2)), FREQUENCIES, FROM_WEST, ("time", "freq", "dir")), "efth: has the dimensions ("),
         ((DENSITY[:, :1], FREQUENCIES, FROM_WEST[:1]), "efth: has the dimensions ("),
     ],
@@ -275,6 +283,16 @@ def test_an_elevation_that_does_not_change_is_refused(tmp_path, refusal):
     file.write_text("t_s,elevation_m\n" + "".join(f"{i},0.3\n" for i in range(8)))
     waves = {"kind": "elevation", "file": str(file)}
     assert "has one elevation at all times" in refusal(dj.load_scene, changed(sea__waves=waves))
+
+
+@pytest.mark.parametrize(("hs", "height"), [(0.0, -5.0), (2.0, 40.0)], ids=["calm", "line in air"])
+def test_an_interpolated_sea_has_the_water_of_its_components(hs, height):
+    sea = {"depth": 50.0, "waves": {"kind": "spectrum", "hs": hs, "tp": 7.0, "count": 5}, "interpolation": "grid"}
+    spec = SeaSpec.read(sea, "sea")
+    r = jnp.asarray([[2.0, 1.0, height], [-3.0, 0.0, height - 2.0]])
+    found = make_sea(spec, (np.array([0.0, 0.0, height]), 5.0)).at(r, jnp.asarray(3.0))
+    exact = make_sea(spec).at(r, jnp.asarray(3.0))
+    np.testing.assert_allclose(found.velocity, exact.velocity, atol=1e-3)
 
 
 def test_the_interpolated_sea_keeps_its_stated_error():

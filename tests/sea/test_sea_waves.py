@@ -64,16 +64,6 @@ def test_kinematics_equal_the_closed_forms(period, depth):
     np.testing.assert_allclose(found.acceleration, a, atol=1e-10)
 
 
-def test_limits_of_deep_and_shallow_water_are_met():
-    deep, shallow = regular(1.0, 300.0, stretching="none"), regular(600.0, 1.0, stretching="none")
-    k = float(deep.waves.wave_number[0])
-    assert k == pytest.approx((2 * np.pi) ** 2 / G, rel=1e-12)
-    r = jnp.array([[0.0, 0.0, -0.4]])
-    speed = np.linalg.norm(deep.at(r, jnp.array(0.2)).velocity)
-    assert speed == pytest.approx(2 * np.pi * np.exp(-0.4 * k), rel=1e-10)
-    assert 2 * np.pi / 600.0 / float(shallow.waves.wave_number[0]) == pytest.approx(np.sqrt(G), rel=2e-5)
-
-
 def test_velocity_is_the_time_integral_of_the_acceleration_ramp_included():
     for options in ({"stretching": "none"}, {"stretching": "constant"}, {"stretching": "none", "ramp": 9.0}):
         sea = mixed(**options)
@@ -82,20 +72,13 @@ def test_velocity_is_the_time_integral_of_the_acceleration_ramp_included():
         np.testing.assert_allclose(sea.at(jnp.asarray(PLACES), jnp.asarray(4.0)).acceleration, rate, atol=1e-8)
 
 
-def test_velocity_is_free_of_divergence_and_of_rotation():
-    sea = mixed(stretching="none")
-    gradient = jax.jit(jax.vmap(jax.jacfwd(lambda r: sea.at(r[None], jnp.asarray(2.0)).velocity[0])))(
-        jnp.asarray(PLACES)
-    )
-    assert np.max(np.abs(np.trace(gradient, axis1=1, axis2=2))) < 1e-8
-    assert np.max(np.abs(gradient - np.swapaxes(gradient, 1, 2))) < 1e-8
-
-
-def test_the_convective_part_is_u_grad_u():
+def test_velocity_is_free_of_divergence_and_of_rotation_and_its_convective_part_is_u_grad_u():
     sea = mixed(stretching="none")
     r, t = jnp.asarray(PLACES), jnp.asarray(2.0)
     motion = sea.at(r, t)
     gradient = jax.jit(jax.vmap(jax.jacfwd(lambda place: sea.at(place[None], t).velocity[0])))(r)
+    assert np.max(np.abs(np.trace(gradient, axis1=1, axis2=2))) < 1e-8
+    assert np.max(np.abs(gradient - np.swapaxes(gradient, 1, 2))) < 1e-8
     expected = jnp.einsum("nij,nj->ni", gradient, motion.velocity)
     np.testing.assert_allclose(sea.convective(r, t, motion), expected, atol=1e-12)
 
@@ -123,6 +106,14 @@ def test_kd_of_95_is_finite_in_float32_with_its_derivatives():
     assert np.all(np.isfinite(jax.jit(jax.grad(value))(r)))
     k32 = wave_number(jnp.float32(8.65), jnp.float32(12.46), jnp.float32(G))
     assert float(k32) == pytest.approx(8.65**2 / G, rel=1e-6)
+
+
+def test_kinematics_far_above_the_surface_are_finite_with_their_derivatives():
+    r = jnp.asarray([[0.0, 0.0, 3000.0], [1.0, 2.0, 20.0]], jnp.float32)
+    sea = jax.tree.map(lambda x: jnp.asarray(x, jnp.float32), mixed(stretching="none"))
+    drag = lambda r: jnp.sum(jnp.sum(sea.at(r, jnp.float32(1.0)).velocity ** 2, axis=1) * (r[:, 2] < 0.0))  # noqa: E731
+    assert drag(r) == 0.0
+    assert np.all(np.isfinite(jax.jit(jax.grad(drag))(r)))
 
 
 def test_a_waves_component_needs_no_direction_list():

@@ -8,8 +8,8 @@ import pytest
 from scene_parts import fixed, free, line_of, system
 
 import dropper_jax as dj
-from dropper_jax.run.wake_model import Elements, solve_wakes
-from dropper_jax.run.wakes import scene_wakes
+from dropper_jax.modelling.wake_model import Elements, solve_wakes
+from dropper_jax.modelling.wakes import scene_wakes
 
 D, C = 0.2, 1.3
 

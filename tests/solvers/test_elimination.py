@@ -5,8 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from dropper_jax.model.geometry import Member
-from dropper_jax.model.graph import Graph
+from dropper_jax.model import Graph, Member
 from dropper_jax.solvers.elimination import eliminate, elimination_order, solve
 from dropper_jax.solvers.saddle import find_nodes_before_last_link
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
-from dropper_jax.run.build import build_model, equilibrium
-from dropper_jax.run.fixed_points import without_body
+from dropper_jax.modelling.build import build_model, equilibrium
+from dropper_jax.modelling.fixed_points import without_body
 from dropper_jax.statics.rigid_group import moved_to, stiffness_of_group
 
 #: Six moorings with the matrices that MoorPy gives: chains on the bed, polyester, six lines, uneven lengths, two lines.

@@ -146,3 +146,27 @@ def test_slow_motion_ends_where_descent_does_with_the_stiffness_of_all_forces():
 def test_random_longlines_are_found_balanced_and_stable():
     rows = [layouts.judged(seed) for seed in range(48)]
     assert [row["name"] for row in rows if not row["ok"]] == []
+
+
+def test_links_that_push_hang_like_a_rope_instead_of_a_column():
+    links, length, weight = 12, 2.0 / 12, 0.2 * G
+    line = line_of("line", "a", "b", links, length, mass=0.2, nodes="shared", axial={"law": "elastic", "EA": 1e6})
+    pose = found(system([fixed("a", 0.0, 0.0, 0.0), fixed("b", 0.0, 0.0, 1.2)], [line]))
+    force = pose.tension[:, None] * np.diff(pose.positions, axis=0) / length
+    assert np.diff(force, axis=0) == pytest.approx(np.tile([0.0, 0.0, weight], (links - 1, 1)), abs=1e-3)
+    assert np.max(np.abs(pose.tension)) < links * weight  # a column of these links has 4e5 N
+
+
+def test_a_heavy_buoy_on_a_thread_floats_at_the_draught_of_archimedes():
+    mass = RHO * np.pi / 4 * 5.0
+    thread = {"mass": 1e-5, "diameter": 1e-5, "axial": {"law": "rope", "EA": 1e-2}}
+    pose = found(
+        system(
+            [fixed("a", 0.0, 0.0, -20.0), free("b", 0.0, 0.0, -5.0)],
+            [line_of("line", "a", "b", 4, 5.0, **thread)],
+            sea={"depth": 20.0},
+            buoy=[{"name": "spar", "point": "b", "mass": mass, "diameter": 1.0, "height": 8.0}],
+            effects={"weight": {}, "buoyancy": {}},
+        )
+    )
+    assert pose.positions[-1, 2] == pytest.approx(-5.0, rel=1e-5)

@@ -16,7 +16,7 @@ from dropper_jax.plots.run import readable
 from dropper_jax.run.summary import write_tensions
 from dropper_jax.stepping.integrate import advance
 from dropper_jax.stepping.progress import begin
-from dropper_jax.stepping.record import Record
+from dropper_jax.stepping.step_record import StepRecord
 
 #: The rope is taut for some 4 ms, within an interval of 20 ms.
 CASE = {"period": 0.008, "dt": 0.02, "duration": 0.5}
@@ -288,10 +288,20 @@ def test_a_run_that_finds_its_steps_in_one_program_is_the_same_and_has_derivativ
     assert int(few.first_bad[-1]) >= 0
 
 
+@pytest.mark.check
+def test_means_of_a_run_in_one_program_are_those_of_a_scheme_that_reports_tensions_late(falling):
+    scene = falling(**CASE, accuracy=0.01, integrator="generalized_alpha")
+    model, start = dj.build(scene)
+    stepper = dj.make_stepper(model, "generalized_alpha")
+    rows = dj.integrate(stepper, model, start, 0.02, 25, accuracy=0.01, most=2000)[1]
+    run = dj.simulate(scene)
+    np.testing.assert_allclose(rows.tension, run.tension[1:], rtol=1e-7, atol=1e-7 * np.max(run.tension))
+
+
 def test_repeated_steps_that_are_far_too_long_are_divided(followed, falling):
     model, start = dj.build(falling(**CASE))
     stepper = dj.make_stepper(model, track_work=False)
-    across = Record.empty(model, 32)._replace(length=jnp.full(32, 0.02)).to_repeat()  # five times the snap
+    across = StepRecord.empty(model, 32)._replace(length=jnp.full(32, 0.02)).to_repeat()  # five times the snap
     carry = begin(stepper, model, start, follows=True, record=across)
     run = jax.jit(partial(advance, stepper, saves=25))
     after, rows = run(model, carry, jnp.asarray(0.02), accuracy=jnp.asarray(0.01))

@@ -46,14 +46,17 @@ def test_generalized_alpha_steps_from_a_built_state_with_its_acceleration():
     np.testing.assert_allclose(one.v[:, 2], -9.81 * STEP, rtol=1e-3)
 
 
-def test_iterations_of_an_explicit_scheme_are_refused_in_one_line():
-    with pytest.raises(dj.SceneError, match="^iterations: are given, but integrator 'rk4' solves nothing"):
-        dj.make_stepper(dj.build_model(ROPE), "rk4", iterations=3)
-
-
-def test_a_step_without_corrections_is_refused_in_one_line():
-    with pytest.raises(dj.SceneError, match="^iterations: 0 is out of range; allowed: 1 or more corrections$"):
-        dj.make_stepper(dj.build_model(ROPE), iterations=0)
+@pytest.mark.parametrize(
+    ("settings", "reason"),
+    [
+        ({"integrator": "rk4", "iterations": 3}, "iterations: are given, but integrator 'rk4' solves nothing"),
+        ({"iterations": 0}, "iterations: 0 is out of range; allowed: 1 or more corrections"),
+        ({"halvings": 1.5}, "halvings: 1.5 is out of range; allowed: 0 or more halvings"),
+        ({"tolerance": np.nan}, "residual_tolerance: nan is out of range; allowed: a number >= 0"),
+    ],
+)
+def test_settings_of_a_step_that_have_no_meaning_are_refused_in_one_line(settings, reason, refusal):
+    assert refusal(dj.make_stepper, dj.build_model(ROPE), **settings).startswith(reason)
 
 
 @pytest.mark.parametrize("call", [dj.make_stepper, dj.simulate])

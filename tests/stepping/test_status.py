@@ -20,20 +20,20 @@ def lab():
     return model, s, stepper, run
 
 
-def test_a_number_of_steps_that_is_none_is_refused(lab):
+@pytest.mark.parametrize(
+    ("given", "reason"),
+    [
+        ({"steps": 0}, "steps: 0 is not a number of steps; allowed: a whole number >= 1"),
+        ({"steps": 2.5}, "steps: 2.5 is not a number of steps; allowed: a whole number >= 1"),
+        ({"save_every": 0}, "save_every: 0 is not a number of steps"),
+        ({"accuracy": 0.01, "most": 0}, "most: 0 is not a number of steps"),
+        ({"dt": np.full(3, 0.005)}, r"dt: has the shape \(3,\); allowed: \(\) or \(4,\)"),
+    ],
+)
+def test_numbers_and_lengths_of_steps_that_fit_no_run_are_refused(lab, given, reason):
     model, s, stepper, _ = lab
-    for steps in (0, 2.5):
-        with pytest.raises(ValueError, match=f"steps: {steps} is not a number of steps; allowed: a whole number >= 1"):
-            dj.integrate(stepper, model, s, 0.005, steps)
-
-
-def test_saved_steps_and_lengths_of_steps_that_fit_no_run_are_refused(lab):
-    model, s, stepper, _ = lab
-    for save_every in (0, -1):
-        with pytest.raises(ValueError, match=f"save_every: {save_every} is not a number of steps"):
-            dj.integrate(stepper, model, s, 0.005, 4, save_every)
-    with pytest.raises(ValueError, match=r"dt: has the shape \(3,\); allowed: \(\) or \(4,\)"):
-        dj.integrate(stepper, model, s, np.full(3, 0.005), 4)
+    with pytest.raises(ValueError, match=reason):
+        dj.integrate(stepper, model, s, **{"dt": 0.005, "steps": 4, **given})
 
 
 def test_a_state_that_is_not_a_number_is_reported_at_the_first_step(lab):

@@ -3,6 +3,7 @@
 import contextlib
 import io
 import json
+import tomllib
 
 import numpy as np
 import pytest
@@ -11,12 +12,12 @@ from hard_scenes import chain
 import dropper_jax as dj
 from dropper_jax import load_scene
 from dropper_jax.cli import main
-from dropper_jax.run.build import build
+from dropper_jax.modelling.build import build
 from dropper_jax.stepping.stepper import make_stepper
 from dropper_jax.study.accuracy import accuracy, advice
 from dropper_jax.study.counted_work import evaluation_work, step_work
 from dropper_jax.study.damping import numerical_damping
-from dropper_jax.study.euler_claims import euler_claims, single_pendulum
+from dropper_jax.study.euler_claims import SINGLE_PENDULUM, euler_claims
 from dropper_jax.study.march import march_with_accuracy
 from dropper_jax.study.reference import instant_tension
 from dropper_jax.study.schemes import Scheme, parse
@@ -116,11 +117,11 @@ def test_an_interrupted_comparison_keeps_its_rows(monkeypatch, capsys) -> None:
     row = {"label": "rattle", "integrator": "rattle", "gamma": None, "dtype": "float64", "solver": "condensed"}
     row |= {"dt": 0.01, "status": "ok", "resolved": False, **dict.fromkeys((*errors, *costs), 1.0)}
 
-    def stop(*_, each, **__):
-        each(row)
+    def stop(*_):
+        yield row
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("dropper_jax.study.accuracy.measure", stop)
+    monkeypatch.setattr("dropper_jax.study.accuracy.Comparison.rows", stop)
     assert main(["accuracy", SCENE, "--span", "1.0", "--dts", "0.015625", "--integrators", "rattle", "--json"]) == 130
     printed = capsys.readouterr()
     found = json.loads(printed.out)
@@ -147,7 +148,7 @@ def test_equivalent_damping_of_a_damped_run_is_its_coefficient() -> None:
 
 def test_the_path_of_a_motion_of_constant_speed_is_that_speed_squared_times_the_time() -> None:
     """The integral of |v|^2 includes the start, also for steps that follow an accuracy."""
-    table = single_pendulum().to_dict()
+    table = tomllib.loads(SINGLE_PENDULUM)
     table["effects"]["weight"]["gravity"] = 0.0
     table["start"] = {"kind": "angles", "zero": "down", "polar": [0.0], "polar_rate": [3.0]}
     model, s = build(load_scene(table), "float64")

@@ -58,9 +58,7 @@ def test_halves_of_links_are_the_same_line():
     diameter = np.array([0.1, 0.2, 0.3, 0.4])
     scene = load_scene(hanging(4, diameter=diameter.tolist(), outer_diameter=(2.0 * diameter).tolist()))
     finer = twice_the_links(scene).lines[0]
-    assert finer.links == 8
-    assert finer.total == pytest.approx(10.0)
-    assert finer.mass.sum() == pytest.approx(20.0)
+    assert (finer.links, finer.total, finer.mass.sum()) == pytest.approx((8, 10.0, 20.0))
     np.testing.assert_allclose(finer.diameter, np.repeat(diameter, 2))
     np.testing.assert_allclose(finer.outer_diameter, np.repeat(2.0 * diameter, 2))
     np.testing.assert_allclose(finer.EA, 1e5)
@@ -93,6 +91,17 @@ def test_halves_have_the_table_of_tensions_of_their_link():
             np.testing.assert_array_equal(half.tension, line.tables[link // 2].tension)
 
 
+@pytest.mark.parametrize(
+    ("where", "finer"),
+    [({"end": "to"}, range(6, 8)), ({"end": "from", "links": 3}, range(6)), ({"link": 4}, range(6, 8))],
+)
+def test_both_halves_of_hauled_links_are_hauled(where, finer):
+    length = 2.5 * where.get("links", 1)
+    haul = {**where, "time": [0.0, 1.0], "length": [length, 2.0 * length]}
+    hauled = twice_the_links(load_scene(hanging(4, length_in_time=[haul]))).lines[0].length_in_time[0]
+    assert (hauled.numbers(8), hauled.length.tolist()) == (finer, [length, 2.0 * length])
+
+
 def test_new_nodes_of_a_given_start_are_in_the_middle_of_links_never_between_lines():
     x = [0.0, 1.0, 2.0, 2.0, 3.0, 4.0]
     z = [0.0, -1.0, -1.0, -1.0, -1.0, 0.0]
@@ -109,6 +118,8 @@ def test_new_nodes_of_a_given_start_are_in_the_middle_of_links_never_between_lin
 def test_what_has_no_halves_is_refused(refusal):
     refused = refusal(twice_the_links, load_scene("dropper-release-a-compound"))
     assert "centre_of_mass: compound links have no halves" in refused
+    hauled = load_scene(hanging(4, length_in_time=[{"link": 2, "time": [0.0, 1.0], "length": [2.5, 5.0]}]))
+    assert "length_in_time.link: 2 has no halves" in refusal(twice_the_links, hauled)
 
 
 @pytest.mark.check

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 import sea_cases
 
-import dropper_jax as dj
 from dropper_jax import as_toml
 from dropper_jax.study.response import responses
 
@@ -35,13 +34,9 @@ def test_mean_amplitude_and_phase_are_those_of_scipy(tmp_path, json_of):
         (["wet-pendulum-wave", "--periods", "2:3"], "is not LO:HI:N"),
         (["wet-pendulum-wave", "--periods", "0:3:4"], "is out of range"),
         (["dropper-north-sea", "--periods", "5:6:2"], "needs regular waves"),
+        (["string", "--periods", "3:3:1"], "sea.waves: a response needs"),
         (["wet-pendulum-wave", "--periods", "50:60:2"], "run.duration: 120 s is too short"),
     ],
 )
 def test_what_cannot_be_answered_is_refused(arguments, words, printed):
     assert words in printed(["response", *arguments, "--quiet"], 2).err
-
-
-def test_periods_need_waves():
-    with pytest.raises(dj.SceneError, match="sea.waves"):
-        responses(dj.load_scene("string"), [3.0])

@@ -6,7 +6,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from dropper_jax.study import pictures
+from dropper_jax.study import rest_pictures
+from dropper_jax.study.mussels_picture import draw_mussels
+from dropper_jax.study.response import draw_responses
+from dropper_jax.study.tide import draw_tide
 
 
 @pytest.mark.parametrize(
@@ -15,10 +18,10 @@ from dropper_jax.study import pictures
 def test_modes_of_a_long_line_are_seen_from_where_they_show(moved, seen):
     # 100 m along x, 20 m high, 2 m wide: moves along y show from above, moves along z from the side
     rest = np.linspace([0.0, 0.0, -20.0], [100.0, 2.0, 0.0], 11)
-    assert pictures._plane(rest, np.tile(moved, (11, 1))) == seen
+    assert rest_pictures._plane(rest, np.tile(moved, (11, 1))) == seen
     # one across a short line is seen from the front
     short = np.linspace([0.0, 0.0, -20.0], [1.0, 0.0, 0.0], 11)
-    assert pictures._plane(short, np.tile((0.0, 1.0, 0.0), (11, 1))) == (1, 2)
+    assert rest_pictures._plane(short, np.tile((0.0, 1.0, 0.0), (11, 1))) == (1, 2)
 
 
 def test_a_pose_leaves_its_picture_and_its_result(tmp_path, json_of):
@@ -49,9 +52,9 @@ def test_curves_are_drawn_from_plain_rows(tmp_path):
         for d in (2.0, 8.0)
     ]
     for file in (
-        pictures.responses("pendulum", rows, tmp_path / "response.png"),
-        pictures.tide("farm", tide, tmp_path / "tide.png"),
-        pictures.mussels("farm", grown, tmp_path / "growth.png"),
+        draw_responses("pendulum", rows, tmp_path / "response.png"),
+        draw_tide("farm", tide, tmp_path / "tide.png"),
+        draw_mussels("farm", grown, tmp_path / "growth.png"),
     ):
         with Image.open(file) as image:
             assert image.height > 500

@@ -9,7 +9,7 @@ import numpy as np
 from dropper_jax.base.read import Values, declared_fields
 from dropper_jax.base.records import names_of
 from dropper_jax.decks.reading.points import wet_floats_note
-from dropper_jax.decks.writing.pieces import detachment, stretches
+from dropper_jax.decks.writing.stretches import detachment, stretches
 from dropper_jax.effects import EFFECTS
 from dropper_jax.load.scene import Scene
 from dropper_jax.scene import BodySpec
@@ -148,6 +148,8 @@ def _lines(scene: Scene) -> Iterator[str]:
     nodes = scene.link_mass_nodes
     for line in scene.lines:
         of = f"line {line.name!r}"
+        if line.axial_law == "damped_rope" and has_several_laws(scene):
+            yield f"{of}: axial law 'damped_rope' is read again as 'rope', that of other lines; a file has one law"
         if line.axial_law == "tabulated":
             yield f"{of}: MoorDyn joins the rows of a table by straight lines and ends at the last one"
         if not line.goes_slack:
@@ -158,6 +160,11 @@ def _lines(scene: Scene) -> Iterator[str]:
             yield f"{of}: breaking load is not represented"
         if line.length_in_time:
             yield f"{of}: lengths that change in time are not represented"
+
+
+def has_several_laws(scene: Scene) -> bool:
+    """Whether some lines are ropes and others damped ropes, which only free text of a file can distinguish."""
+    return {"rope", "damped_rope"} <= {line.axial_law for line in scene.lines}
 
 
 def _points(scene: Scene) -> Iterator[str]:

@@ -16,7 +16,7 @@ from dropper_jax.decks.reading.joints import Part
 from dropper_jax.decks.reading.points import read_ends
 from dropper_jax.decks.reading.reader import line_parts
 from dropper_jax.decks.reading.sections import Deck, looks_like_moordyn, split_file
-from dropper_jax.run.end_forces import end_forces
+from dropper_jax.quantities.end_forces import end_forces
 from dropper_jax.run.simulate import Solution
 from dropper_jax.scene import LineSlice
 from dropper_jax.scene.slices import point_nodes

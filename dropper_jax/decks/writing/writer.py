@@ -16,11 +16,12 @@ from dropper_jax.base.read import Plain, Table, Values
 from dropper_jax.base.records import by_name, names_of
 from dropper_jax.decks.reading.water import CURRENT, FREQUENCIES
 from dropper_jax.decks.writing.bodies import body_numbers, body_tables, check_bodies, rule, section, words_of
-from dropper_jax.decks.writing.differences import differences, moved_points
-from dropper_jax.decks.writing.pieces import Stretch, detachment, line_types, short, stretches
+from dropper_jax.decks.writing.differences import differences, has_several_laws, moved_points
+from dropper_jax.decks.writing.line_types import name_line_types, short
+from dropper_jax.decks.writing.stretches import Stretch, detachment, stretches
 from dropper_jax.effects.buoyancy import displaced_diameter
 from dropper_jax.load.scene import Scene, load_scene
-from dropper_jax.run.growth import overgrown
+from dropper_jax.modelling.growth import overgrown
 from dropper_jax.sea.current_spec import CurrentSpec
 from dropper_jax.sea.make import make_current, wave_components
 
@@ -104,7 +105,7 @@ def _front(scene: Scene, parts: list[Stretch]) -> Iterator[str]:
         yield f"! notes = {_toml(scene.notes)}"
     for key, value in scene.to_dict()["run"].items():
         yield f"! run.{key} = {_toml(value)}"
-    if any(line.axial_law == "damped_rope" for line in scene.lines):
+    if any(line.axial_law == "damped_rope" for line in scene.lines) and not has_several_laws(scene):
         yield '! law = "damped_rope"'  # the axial law of MoorDyn's lines; by default they become ropes when read
     whole: dict[str, list[str]] = {}
     for part in parts:
@@ -117,11 +118,11 @@ def _front(scene: Scene, parts: list[Stretch]) -> Iterator[str]:
 
 def _toml(value: Plain) -> str:
     """A value as TOML, in which JSON's escapes of characters above U+FFFF are invalid."""
-    return json.dumps(value, ensure_ascii=False)
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")  # a control character only in TOML
 
 
 def _tables(scene: Scene, parts: list[Stretch], path: Path) -> Iterator[str]:
-    kinds = line_types(parts)
+    kinds = name_line_types(part.kind for part in parts)
     types = []
     for ((diameter, mass, stiffness, *rest), table), name in kinds.items():
         axial = stiffness if table is None else _table_file(path, name)
@@ -258,7 +259,7 @@ def _seafloor_file(scene: Scene, path: Path) -> str | None:
 
 def _files(scene: Scene, parts: list[Stretch], path: Path) -> Iterator[tuple[str, str]]:
     """Name and text of each accompanying file."""
-    for (_, table), name in line_types(parts).items():
+    for (_, table), name in name_line_types(part.kind for part in parts).items():
         if table is not None:
             head = [f"--- axial law of {name} ---", "Strain Tension", "(-) (N)"]
             yield _table_file(path, name), _rows_text(head, table).rstrip()  # MoorDyn rejects an empty last line

@@ -51,18 +51,8 @@ def assess(site: Site, folder: str | Path, step: Table | None = None) -> Table:
             by_point[name].append(_anchor_row(site, anchors.get(name), storm, loads))
     found = {
         "status": "failed" if failed else "ok",
-        "schema": 1,
-        "site": site.name,
-        "scene": site.scene.name,
-        "dt_s": site.steps.get("dt"),
-        "accuracy": site.steps.get("accuracy"),
-        "duration_s": site.run.duration,
-        "skip_s": site.run.skip,
-        "seeds": len(site.seeds),
+        **_site_values(site),
         "final_check": len(site.seeds) >= FINAL_SEEDS and not failed,
-        "characteristic": site.run.characteristic,
-        "factors": asdict(site.factors),
-        "standard": site.lists.standard,
         "cases": cases,
         "parts": [_assess_part(part, rows[part.name], site, (step or {}).get(part.name)) for part in site.parts],
         "anchors": [_assess_point(name, anchors.get(name), by_point[name]) for name in fixed],
@@ -73,6 +63,23 @@ def assess(site: Site, folder: str | Path, step: Table | None = None) -> Table:
     found["flags"] = flags_of(found, site)
     found["passes"] = _passes(found)
     return found
+
+
+def _site_values(site: Site) -> Table:
+    """What the report says of the site and its runs."""
+    return {
+        "schema": 1,
+        "site": site.name,
+        "scene": site.scene.name,
+        "dt_s": site.steps.get("dt"),
+        "accuracy": site.steps.get("accuracy"),
+        "duration_s": site.run.duration,
+        "skip_s": site.run.skip,
+        "seeds": len(site.seeds),
+        "characteristic": site.run.characteristic,
+        "factors": asdict(site.factors),
+        "standard": site.lists.standard,
+    }
 
 
 def _labels(site: Site, storm: Storm) -> Table:

@@ -14,9 +14,9 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.records import column
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model, State
-from dropper_jax.run.build import build_model, initial_state, stepper_of
+from dropper_jax.modelling.build import build_model, initial_state, stepper_of
+from dropper_jax.modelling.growth import overgrown
 from dropper_jax.run.chunks import OWN, compile_run, first_carry
-from dropper_jax.run.growth import overgrown
 from dropper_jax.run.observation import breaks
 from dropper_jax.scene import RunSpec
 from dropper_jax.statics.static_pose import equilibrium

@@ -20,10 +20,13 @@ from dropper_jax.scene import whole_lines
 from fitting.farm.cases.case_run import STATUS
 from fitting.farm.cases.run_arrays import Found
 from fitting.farm.site import Case, Site, Storm
+from fitting.sweep.effect_files import effect_digests
 
 #: Increased when older files can no longer be used.
 RUN_FORMAT = 2
+#: The folder of the runs, and the number of hexadecimal digits in the name of a file.
 RUNS = "runs"
+NAME_LENGTH = 20
 
 
 class CasesStopped(StoreStopped):
@@ -34,7 +37,7 @@ class CaseStore(Store[Case, Found]):
     """The folder of a site's runs with one step: a file for each, whose name is the mark and the key of its inputs.
 
     Attributes:
-        links: of each line.
+        links: by name of a line, which of all links are its own.
 
     Raises:
         SceneError: the folder cannot be made, or is a file.
@@ -46,21 +49,11 @@ class CaseStore(Store[Case, Found]):
         self.path = Path(folder) / RUNS
         self.site = site
         self.links = {line.name: line.links for line in whole_lines(site.scene)}
+        self._shared = _digest(json.dumps(_shared_inputs(site), sort_keys=True))
         try:
             self.path.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise SceneError(f"--out: {str(folder)!r} cannot be made: {error.strerror or error}") from None
-        run = site.run
-        shared = {
-            "format": RUN_FORMAT,
-            "scene": site.scene.as_written(),
-            "run": [run.duration, site.steps.get("dt", site.steps), run.skip, run.ramp],
-            "exclusion": site.exclusion is not None,
-            "curved": site.curve_lines,
-        }
-        if site.quantities:
-            shared["quantities"] = site.quantities
-        self._shared = hashlib.sha256(json.dumps(shared, sort_keys=True).encode()).hexdigest()
 
     def file(self, case: Case) -> Path:
         """The file of a run."""
@@ -73,8 +66,8 @@ class CaseStore(Store[Case, Found]):
             "waves": storm.sea_state.waves(storm.direction, case.seed),
             "broken": broken,
         }
-        text = self._shared + json.dumps(own, sort_keys=True)
-        return self.path / f"{hashlib.sha256(text.encode()).hexdigest()[:20]}.npz"
+        name = _digest(self._shared + json.dumps(own, sort_keys=True))[:NAME_LENGTH]
+        return self.path / f"{name}.npz"
 
     def has(self, key: Case) -> bool:
         return self.read(key) is not None
@@ -89,7 +82,14 @@ class CaseStore(Store[Case, Found]):
         write_archive(self.file(key), found)
 
     def runs_of(self, storm: Storm, seeds: Sequence[int] | None = None) -> tuple[list[Found], list[Table]]:
-        """Successful runs of a load case, and a row for every other run."""
+        """Runs of a load case that ended well, and a row for every other one.
+
+        Args:
+            seeds: default: all of the site.
+
+        Returns:
+            the arrays of the former, and {case, seed, status, time_s: of the failed step, why} of the latter.
+        """
         good = []
         bad = []
         for seed in self.site.seeds if seeds is None else seeds:
@@ -104,5 +104,30 @@ class CaseStore(Store[Case, Found]):
         return good, bad
 
     def maxima(self, runs: Sequence[Found], line: str) -> np.ndarray:
-        """Maximum tension (seeds,) [N] of a line."""
+        """Maximum tension (runs,) [N] of a line."""
         return np.array([run["largest"][self.links[line]].max() for run in runs])
+
+
+def _shared_inputs(site: Site) -> Table:
+    """The inputs that all runs of a site share, as plain values."""
+    run = site.run
+    shared = {
+        "format": RUN_FORMAT,
+        "scene": site.scene.as_written(),
+        "run": [run.duration, site.steps.get("dt", site.steps), run.skip, run.ramp],
+        "exclusion": site.exclusion is not None,
+        "curved": site.curve_lines,
+    }
+    # only where there are any: earlier versions, which lacked these, gave the other runs the same names
+    if site.quantities:
+        shared["quantities"] = site.quantities
+    if site.scene.failures:  # their breaks were stored as those of a state
+        shared["failures"] = len(site.scene.failures)
+    if effects := effect_digests(site.scene):
+        shared["effects"] = effects
+    return shared
+
+
+def _digest(text: str) -> str:
+    """SHA-256 of a text."""
+    return hashlib.sha256(text.encode()).hexdigest()

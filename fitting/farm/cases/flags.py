@@ -28,6 +28,8 @@ def flags_of(found: Table, site: Site) -> list[str]:
         notes.append(f"not a final check: {found['seeds']} of at least {FINAL_SEEDS} seeds")
     if found["standard"] and found["standard"]["broken"] and "broken" not in site.kinds:
         notes.append(f"{found['standard']['name']}: the check includes one broken line; `states` has none")
+    if found["characteristic"] == "most_probable":
+        notes += _mean_notes(found)
     for part in found["parts"]:
         notes += _part_notes(part)
     for case in found["cases"]:
@@ -50,6 +52,20 @@ def flags_of(found: Table, site: Site) -> list[str]:
         line = "backbone: {shallowest_m:.3g} to {deepest_m:.3g} m deep at rest, outside its limits"
         notes.append(line.format_map(own))
     return notes
+
+
+def _mean_notes(found: Table) -> list[str]:
+    """A line on the parts and points whose load is a mean although a most probable maximum was asked for."""
+    loads = {f"part {part['part']}": part["worst"] for part in found["parts"]}
+    for anchor in found["anchors"]:
+        loads[f"point {anchor['point']}"] = anchor["worst"] and anchor["worst"]["total_n"]
+    means = [name for name, load in loads.items() if load is not None and load["kind"] == "mean"]
+    if not means:
+        return []
+    return [
+        f"{', '.join(means)}: the load is the mean of the seeds' maxima, not the most probable one of the storm: fewer "
+        "than 3 seeds, or seeds with equal maxima or without load"
+    ]
 
 
 def exceeds_uplift(anchor: Table) -> bool:

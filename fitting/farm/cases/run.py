@@ -14,7 +14,7 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
-from dropper_jax.base.errors import Progress, silent
+from dropper_jax.base.progress import Progress, silent
 from dropper_jax.effects import REGISTERED_FILES, register_file, register_installed
 from fitting.farm.cases.case_run import Runner
 from fitting.farm.cases.case_store import CasesStopped, CaseStore

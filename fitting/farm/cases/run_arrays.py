@@ -12,11 +12,11 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.evaluation.fatigue import RANGE_ROUNDING, cycles
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model, State
-from dropper_jax.run.end_links import EndLinks, line_ends
-from dropper_jax.run.quantities import Quantity
-from dropper_jax.run.quantity_extremes import quantity_signals
-from dropper_jax.run.quantity_names import quantity
-from dropper_jax.run.statistics import statistic
+from dropper_jax.quantities.end_links import EndLinks, line_ends
+from dropper_jax.quantities.quantities import Quantity
+from dropper_jax.quantities.quantity_extremes import quantity_signals
+from dropper_jax.quantities.quantity_names import quantity
+from dropper_jax.quantities.statistics import statistic
 from dropper_jax.scene import RunSpec, whole_lines
 from dropper_jax.stepping.progress import Trajectory
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from dropper_jax.base.errors import Progress
+from dropper_jax.base.progress import Progress
 from dropper_jax.base.read import Table
 from dropper_jax.base.records import column
 from fitting.farm.cases.case_store import CaseStore
@@ -42,7 +42,7 @@ def step_errors(
     numbers = dict.fromkeys(column(worst.values(), "case"))
     seeds = site.seeds[: site.run.step_seeds]
     cases = [Case(site.storms[number], seed) for number in numbers for seed in seeds]
-    sites = [site, *map(site.finer, range(1, min(site.run.halvings, 2) + 1))]
+    sites = [site, *map(site.finer, range(1, site.run.halvings + 1))]
     for finer in sites[1:]:
         run_cases(finer, folder, cases=cases, workers=workers, scheduler=scheduler, progress=progress)
     return {name: _error(sites, folder, row, seeds) for name, row in worst.items()}

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from dropper_jax.base.errors import Progress, silent
+from dropper_jax.base.progress import Progress, silent
 from dropper_jax.study.gradient_check import GradientCheck, check_gradient
 from fitting.farm.optimise.design import Design
 from fitting.farm.optimise.windows import Window

@@ -16,7 +16,7 @@ import numpy as np
 
 from dropper_jax.model import Model
 from fitting.farm.optimise.models import Still
-from fitting.farm.site.case import Break
+from fitting.farm.site.states import Break
 
 
 def link_of(model: Model, broken: Break) -> int:

@@ -14,8 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from dropper_jax.base.errors import Progress, SceneError
+from dropper_jax.base.errors import SceneError
 from dropper_jax.base.parallel_runs import run_parallel
+from dropper_jax.base.progress import Progress
 from dropper_jax.base.records import names_of
 from dropper_jax.scene.run import DEFAULT_ACCURACY
 from fitting.farm.optimise.full_storm import Storms, full_storm
@@ -35,7 +36,7 @@ from fitting.farm.site.site import LONGEST_INTERVAL
 
 #: Change of a variable up and down in derivatives of windows, relative to its range, and of the assumptions.
 #: Differences to one side are not enough: near a leg that is almost taut they are off by more than half.
-DIFFERENCE_STEP = 2e-3
+WINDOW_DIFFERENCE_STEP = 2e-3
 
 
 class Design:
@@ -127,7 +128,7 @@ class Design:
         """Derivatives of the soft peaks of windows (q, p + a) by the variables, and by the assumptions if wanted, else
         0."""
         spans = [v.span for v in self.variables]
-        sizes = DIFFERENCE_STEP * np.array([*spans, *[float(assumptions)] * len(ASSUMPTIONS)])
+        sizes = WINDOW_DIFFERENCE_STEP * np.array([*spans, *[float(assumptions)] * len(ASSUMPTIONS)])
         return slopes(found, sizes, lambda done, of: say(done / of, f"derivatives: {done} of {of}"))
 
     def measure(self, x: np.ndarray, say: Progress) -> tuple[tuple[Window, ...], Values]:

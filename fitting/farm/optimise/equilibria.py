@@ -13,7 +13,7 @@ from jax import Array
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import SceneError
 from dropper_jax.model import Model, State, state
-from dropper_jax.run.model_slopes import shift_model
+from dropper_jax.modelling.model_slopes import shift_model
 from dropper_jax.statics.descent import find_rest
 from dropper_jax.statics.host_stiffness import stiffness
 from dropper_jax.statics.rest_problem import system_tolerance, unbalanced

@@ -11,11 +11,11 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from dropper_jax.base.errors import silent
 from dropper_jax.base.fields import component, option
+from dropper_jax.base.progress import silent
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model, State, state
-from dropper_jax.run.build import build_model, stepper_of
+from dropper_jax.modelling.build import build_model, stepper_of
 from dropper_jax.run.chunks import compile_run, first_carry, run_chunks
 from fitting.farm.optimise.equilibria import near_rest
 from fitting.farm.optimise.models import in_waves, sea_of, still_scene
@@ -52,7 +52,7 @@ def full_storm(site: Site, scene: Scene, case: Case, quantities: tuple[LimitedSi
     own = still_scene(site, scene, case.storm)
     model = build_model(own)
     start = near_rest(model, state(model, near.r, tension=near.tension))
-    model = in_waves(model, sea_of(site, scene, case, site.run.ramp or max(site.run.skip, 1.0)))
+    model = in_waves(model, sea_of(site, scene, case, site.ramp))
     run = own.run
     stepper = stepper_of(model, run, track_work=False)
     pieces = compile_run(stepper, model, first_carry(stepper, model, start, run), run, StepPeaks(quantities))

@@ -19,7 +19,7 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.records import without_keys
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model
-from dropper_jax.run.build import build_model
+from dropper_jax.modelling.build import build_model
 from dropper_jax.sea import Sea
 from dropper_jax.sea.make import make_sea
 from fitting.farm.optimise.variables import Variable, with_design
@@ -27,7 +27,7 @@ from fitting.farm.site import Case, Site, Storm
 from fitting.farm.site.site import water_of
 
 #: Step of the differences relative to the range of a variable.
-DIFFERENCE_STEP = 1e-4
+MODEL_DIFFERENCE_STEP = 1e-4
 #: Relative changes of the site's assumptions: heights of all waves, speed of the current. They follow the variables in
 #: every derivative, so that the end of a design reports the cost of an error in them.
 ASSUMPTIONS = ("wave height", "current")
@@ -100,7 +100,7 @@ def shifted_designs(
 ) -> Iterator[tuple[float, np.ndarray, np.ndarray]]:
     """For each variable two designs (p,), in which it alone is higher and lower, and their distance."""
     for axis, variable in zip(np.eye(len(variables)), variables, strict=True):
-        step = DIFFERENCE_STEP * variable.span
+        step = MODEL_DIFFERENCE_STEP * variable.span
         yield 2 * step, values + step * axis, values - step * axis
 
 
@@ -109,8 +109,8 @@ def idle(found: Still, k: int) -> bool:
     return not any(np.any(slope[k]) for slope in found.slopes.values())
 
 
-def sea_of(site: Site, scene: Scene, case: Case, ramp: float, begin: float = 0.0) -> Sea:
-    """The sea of a case; its waves rise from t = 0 over the ramp [s], with the phase of time `begin` [s]."""
+def sea_of(site: Site, scene: Scene, case: Case, ramp: float | None, begin: float = 0.0) -> Sea:
+    """The sea of a case; its waves rise from t = 0 over the ramp [s], if any, with the phase of time `begin` [s]."""
     spec = water_of(site.prepared(scene).with_values(site.changes(case)))
     sea = make_sea(replace(spec, interpolation="none", ramp=ramp))
     waves = sea.waves

@@ -21,9 +21,9 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.numerics import horizontal_norm, safe_norm
 from dropper_jax.base.records import names_of
 from dropper_jax.model import Model
-from dropper_jax.run.end_links import load_on_fixed_point
-from dropper_jax.run.quantities import Quantity
-from dropper_jax.run.quantity_names import quantity
+from dropper_jax.quantities.end_links import load_on_fixed_point
+from dropper_jax.quantities.quantities import Quantity
+from dropper_jax.quantities.quantity_names import quantity
 from fitting.farm.site import Anchor, Part
 
 #: Width of soft peaks over their height: they exceed the hard ones by 2 to 6 %, which a factor compensates.

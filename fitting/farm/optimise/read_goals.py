@@ -22,12 +22,12 @@ from itertools import chain
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import Plain, Values, check_keys, read_list, read_number, read_table, read_text, refuse
 from dropper_jax.base.records import names_of
-from dropper_jax.run.growth import overgrown
-from dropper_jax.run.scene_model import bare_model
+from dropper_jax.modelling.growth import overgrown
+from dropper_jax.modelling.scene_model import bare_model
 from fitting.farm.optimise.goals import DepthRange, Goals, Objective, StormLimit
 from fitting.farm.optimise.quantities import named_quantity
 from fitting.farm.site import Site
-from fitting.farm.site.case import match_names, read_patterns
+from fitting.farm.site.patterns import match_names, read_patterns
 
 #: Keys of `[objective]` by the quantity to minimise.
 OBJECTIVES = {

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from dropper_jax.base.errors import Progress, SceneError, silent
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.progress import Progress, silent
 from dropper_jax.study.gradient_check import GradientCheck
 from fitting.farm.optimise.along_gradient import check_along
 from fitting.farm.optimise.design import Design

@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from dropper_jax.base.errors import Progress
+from dropper_jax.base.progress import Progress
 from fitting.farm.optimise.design import Design
 from fitting.farm.optimise.programme import PENALTY_AT_START
 from fitting.farm.optimise.search_round import SMALLEST_REACH, run_round, try_design

@@ -13,9 +13,11 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import atomic_write
 from dropper_jax.base.json_values import jsonable
 from dropper_jax.base.read import Table
+from dropper_jax.base.records import without_keys
 from dropper_jax.study.gradient_check import NOT_TRUSTED, GradientCheck
 from fitting.farm.optimise.design import Design
 from fitting.farm.optimise.search_state import Search, Start
+from fitting.sweep.effect_files import effect_digests
 
 
 def save_search(file: Path | None, digest: str, search: Search, along: GradientCheck) -> None:
@@ -26,15 +28,10 @@ def save_search(file: Path | None, digest: str, search: Search, along: GradientC
 
 
 def digest_inputs(design: Design) -> str:
-    """Digest of the inputs that a state belongs to."""
-    site = design.site
-    table = {
-        "scene": site.scene.to_dict(),
-        "raw": site.raw,
-        "run": str(site.run),
-        "cases": [c.storm.name for c in site.cases],
-    }
-    return hashlib.sha256(json.dumps(jsonable(table), sort_keys=True, default=str).encode()).hexdigest()
+    """Digest of the inputs that a state belongs to: the whole site but its name, and the user's files of effects."""
+    site = without_keys(design.site.portable(), ("name", "description"))
+    text = json.dumps(jsonable([site, effect_digests(design.site.scene)]), sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def load_search(file: Path | None, digest: str, design: Design) -> tuple[Search, GradientCheck]:

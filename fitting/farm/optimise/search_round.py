@@ -15,7 +15,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dropper_jax.base.errors import Progress, SceneError
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.progress import Progress
 from fitting.farm.optimise.design import Design
 from fitting.farm.optimise.programme import PENALTY_AT_START, programme, violation
 from fitting.farm.optimise.search_state import Search

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from dropper_jax.base.errors import Check, raises_first
+from dropper_jax.base.errors import Check
 from dropper_jax.base.fields import parameter
 from dropper_jax.base.read import DeclaredSection
 from dropper_jax.base.read import count as whole_number
@@ -33,10 +33,9 @@ class SearchSettings(DeclaredSection):
     reach: float = parameter("first reach of a step", unit="-", above=0.0, high=1.0, default=0.15)
     margin: float = parameter("below the limits", unit="-", low=0.0, high=0.5, default=0.01)
 
-    @raises_first
-    def check(self, path: str) -> Iterator[Check]:
+    def checks(self) -> Iterator[Check]:
         yield (
             not WINDOW_RAMP < self.before <= self.window,
-            f"{path}.before: {self.before:g} s; allowed: more than the {WINDOW_RAMP:g} s in which waves rise, up to "
+            f"before: {self.before:g} s; allowed: more than the {WINDOW_RAMP:g} s in which waves rise, up to "
             f"the window of {self.window:g} s",
         )

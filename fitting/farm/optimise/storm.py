@@ -26,8 +26,8 @@ from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.parallel_runs import run_parallel
 from dropper_jax.model import Model, State
+from dropper_jax.modelling.model_slopes import shift_model
 from dropper_jax.residual import Stepper
-from dropper_jax.run.model_slopes import shift_model
 from dropper_jax.sea import Sea
 from dropper_jax.stepping.equal_steps import advance_and_save
 from dropper_jax.stepping.integrate import empty_trajectory, scan_steps

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dropper_jax.base.errors import Check, SceneError, raises_first
+from dropper_jax.base.errors import Check, SceneError
 from dropper_jax.base.fields import option, parameter
 from dropper_jax.base.read import DeclaredSection, Plain, ScenePath, plain, read_items, refuse
 from dropper_jax.load.scene import Scene
@@ -64,17 +64,14 @@ class Variable(DeclaredSection):
         sizes = () if found.catalogue is None else tuple(np.unique(found.catalogue).tolist())
         return replace(found, path=where, value=float(value), catalogue=sizes)
 
-    @raises_first
-    def check(self, path: str) -> Iterator[Check]:
-        yield not self.low < self.high, f"{path}.high: {self.high} leaves an empty interval; allowed: > {self.low:g}"
+    def checks(self) -> Iterator[Check]:
+        yield not self.low < self.high, f"high: {self.high} leaves an empty interval; allowed: > {self.low:g}"
         if self.catalogue is not None:
             empty = len(self.catalogue) == 0
-            yield empty, f"{path}.catalogue: [] is empty; allowed: at least one size; or leave the key out"
+            yield empty, "catalogue: [] is empty; allowed: at least one size; or leave the key out"
             for i, size in enumerate(self.catalogue):
-                yield (
-                    not self.low <= size <= self.high,
-                    f"{path}.catalogue.{i}: {size} is out of bounds; allowed: {self.low:g} to {self.high:g}",
-                )
+                outside = not self.low <= size <= self.high
+                yield outside, f"catalogue.{i}: {size} is out of bounds; allowed: {self.low:g} to {self.high:g}"
 
     @property
     def span(self) -> float:

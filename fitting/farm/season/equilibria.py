@@ -13,10 +13,10 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import Table
 from dropper_jax.base.records import without_keys
 from dropper_jax.load.scene import Scene
-from dropper_jax.run.build import build_model
-from dropper_jax.run.end_forces import fixed_point_loads
-from dropper_jax.run.growth import overgrown
-from dropper_jax.run.line_weights import wet_weights
+from dropper_jax.modelling.build import build_model
+from dropper_jax.modelling.growth import overgrown
+from dropper_jax.plausibility.line_weights import wet_weights
+from dropper_jax.quantities.end_forces import fixed_point_loads
 from dropper_jax.scene import whole_lines
 from dropper_jax.statics.static_pose import equilibrium
 from fitting.farm.site import Site

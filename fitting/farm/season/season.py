@@ -8,13 +8,14 @@ from dataclasses import asdict, dataclass, field
 
 import numpy as np
 
-from dropper_jax.base.errors import Progress, SceneError, part_of, silent
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.progress import Progress, part_of, silent
 from dropper_jax.base.read import Table
 from dropper_jax.load.library import FAMILIES, PREFIX
 from fitting.farm.season.equilibria import RestOnFloats, WaterState, find_float_loads, find_rest_on_floats, list_waters
 from fitting.farm.season.schedule import schedule, spread
 from fitting.farm.site import Site
-from fitting.farm.site.case import match_names, short
+from fitting.farm.site.patterns import first_names, match_names
 from fitting.farm.site.sections import SeasonValues
 
 #: Maximum number of times that the bounds on the number of floats are tightened.
@@ -78,20 +79,26 @@ def season(site: Site, progress: Progress | None = None) -> Table:
     high = [row.most for row in rows]
     for _ in range(MAX_TIGHTENED):
         on_floats = []
-        is_tightened = False
+        is_narrowed = False
         for i, (row, floats) in enumerate(zip(rows, schedule(low, high, season.start), strict=True)):
             say(0.5 + 0.5 * i / len(rows), f"{row.month}: equilibria, floats: {floats}")
             found = farm.on_floats(row, floats)
             on_floats.append(found)
-            if (found.sinking_m or 0.0) < 0.0 and low[i] <= high[i]:
-                low[i] = max(low[i], floats + 1)
-                is_tightened = True
-            elif (found.lifting_m or 0.0) < 0.0 and low[i] < high[i]:
-                high[i] = min(high[i], floats - 1)
-                is_tightened = True
-        if not is_tightened:
+            is_narrowed |= _narrow_bounds(low, high, i, found)
+        if not is_narrowed:
             break
     return farm.table(rows, on_floats)
+
+
+def _narrow_bounds(low: list[int], high: list[int], i: int, found: FarmOnFloats) -> bool:
+    """Narrow the bounds of month i by a float, in place, if the farm is outside its limits; whether it was."""
+    if (found.sinking_m or 0.0) < 0.0 and low[i] <= high[i]:
+        low[i] = max(low[i], found.floats + 1)
+    elif (found.lifting_m or 0.0) < 0.0 and low[i] < high[i]:
+        high[i] = min(high[i], found.floats - 1)
+    else:
+        return False
+    return True
 
 
 def _lift(site: Site, season: SeasonValues) -> float:
@@ -218,8 +225,8 @@ def double_crops(site: Site) -> list[str]:
     if not both:
         return []
     return [
-        f"{short(both)}: mussels of [[growth]] are added to a crop of the library, so floats carry both. Use a bare "
-        "rope as type of these lines"
+        f"{first_names(both)}: mussels of [[growth]] are added to a crop of the library, so floats carry both. Use a "
+        "bare rope as type of these lines"
     ]
 
 

@@ -23,7 +23,7 @@
     directions = [0.0, 90.0]        [deg] towards which the waves travel, from x towards y
     currents = [0.0, 0.9]           [m/s], with the profile of the scene; or tables as [sea.current]
     current_direction = "waves"     with them, or [deg]
-    levels = [-1.0, 1.0]            [m] of the tide above the scene's level
+    levels = [-1.0, 1.0]            [m] of the tide above z = 0, in place of the scene's level
     months = ["may", "september"]   of [[growth]]; default: the bare scene
     states = ["intact", "west-leg"] or a line (patterns: each of their lines) that breaks in its middle link,
     standard = "ns-9415"            keeps pairs of return periods: `return_period` of sea states and currents; or
@@ -68,7 +68,8 @@
 Patterns are those of a shell: `loop-*`, `?-leg`, `[ab]*`.
 """
 
-from fitting.farm.site.case import Anchor, Case, Part, Storm
+from fitting.farm.site.case import Case, Storm
+from fitting.farm.site.parts import Anchor, Part
 from fitting.farm.site.reader import packaged_sites, read_site, site_text
 from fitting.farm.site.site import Site
 

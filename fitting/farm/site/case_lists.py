@@ -1,15 +1,15 @@
-"""`[cases]` of a site: lists of values that load cases combine, and pairs of return periods of a standard."""
+"""`[cases]` of a site: lists of values that load cases combine."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import option, parameter
 from dropper_jax.base.read import Plain, Table, Values, plain, read_list, read_number, read_text, refuse
 from dropper_jax.base.records import column
-from fitting.farm.site.sections import Section, read_years, standards
+from fitting.farm.site.sections import Section
+from fitting.farm.site.standards import pop_return_periods, read_years
 
 
 @dataclass(frozen=True)
@@ -28,10 +28,10 @@ class CaseLists(Section):
 
     @classmethod
     def values_of(cls, table: Values, path: str) -> Table:
-        """Currents become tables with `name`; those without `direction` use the common one."""
+        """Currents become tables with `name`; those without `direction` use the common one, None: that of the waves."""
         own = dict(table)
-        standard = _case_standard(own, path)
-        currents = own.pop("currents", [])
+        standard = pop_return_periods(own, path)
+        currents = _currents(own.pop("currents", []), f"{path}.currents")
         heading = own.pop("current_direction", "waves")
         if heading == "waves":
             heading = None
@@ -40,54 +40,28 @@ class CaseLists(Section):
             heading = read_number(heading, f"{path}.current_direction", {"unit": "deg"}, allowed)
         found = super().values_of(own, path)
         for key in ("directions", "levels"):
-            if len(found[key]) == 0:
-                raise refuse(f"{path}.{key}", [], "is empty", "at least one; or leave the key out")
-            found[key] = list(map(float, found[key]))
-            if len(set(found[key])) < len(found[key]):
-                raise refuse(f"{path}.{key}", found[key], "has a duplicate value", "every value once")
-        found["current_direction"] = heading
-        allowed = "a list of speeds [m/s], or of tables as [sea.current]"
-        currents = read_list(currents, f"{path}.currents", None, allowed)
-        tables = [_current(item, f"{path}.currents.{i}") for i, item in enumerate(currents)]
-        names = column(tables, "name")
-        if len(set(names)) < len(names):
-            raise refuse(f"{path}.currents", names, "has a duplicate current", "every current once")
-        return found | {"currents": tuple(tables), "standard": standard}
+            found[key] = _distinct_numbers(found[key], f"{path}.{key}")
+        return found | {"current_direction": heading, "currents": currents, "standard": standard}
 
 
-def _case_standard(table: Table, path: str) -> Table | None:
-    """Pairs of return periods, taken out of `[cases]`: those of a standard, or the site's `pairs`; None without any."""
-    name = table.pop("standard", None)
-    given = table.pop("pairs", None)
-    if name is None and given is None:
-        return None
-    known = standards("cases")
-    found: Table = {
-        "broken": False,
-        "source": "",
-        "edition": "-",
-        "clause": "-",
-        "checked": "to be checked by you",
-    }
-    if name is not None:
-        found |= known[read_text(name, f"{path}.standard", known)]
-    if given is not None:
-        allowed = "pairs of return periods of waves and current [years]"
-        given = read_list(given, f"{path}.pairs", None, allowed)
-        if not given:
-            raise refuse(f"{path}.pairs", [], "is empty", f"{allowed}; or leave the key out")
-        found["pairs"] = []
-        for i, row in enumerate(given):
-            where = f"{path}.pairs.{i}"
-            waves, current = read_list(row, where, 2, "[waves, current]")
-            found["pairs"].append([read_years(waves, where), read_years(current, where)])
-        found["source"] = "; ".join(filter(None, (found["source"], "pairs: given for this site")))
-    if not found.get("pairs"):
-        raise SceneError(
-            f"{path}.standard: the return periods of {name!r} are not known here. Use `pairs` with those of waves and "
-            "current, such as [[50, 10], [10, 50]]"
-        )
-    return {"name": name, **found}
+def _distinct_numbers(values: Sequence[float], path: str) -> list[float]:
+    """The values; rejects none at all, and duplicates."""
+    found = list(map(float, values))
+    if not found:
+        raise refuse(path, [], "is empty", "at least one; or leave the key out")
+    if len(set(found)) < len(found):
+        raise refuse(path, found, "has a duplicate value", "every value once")
+    return found
+
+
+def _currents(given: Plain, path: str) -> tuple[Table, ...]:
+    """Currents as tables with names; rejects duplicate names."""
+    items = read_list(given, path, None, "a list of speeds [m/s], or of tables as [sea.current]")
+    tables = tuple(_current(item, f"{path}.{i}") for i, item in enumerate(items))
+    names = column(tables, "name")
+    if len(set(names)) < len(names):
+        raise refuse(path, names, "has a duplicate current", "every current once")
+    return tables
 
 
 def _current(item: Plain, path: str) -> Table:

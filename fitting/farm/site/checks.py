@@ -1,4 +1,4 @@
-"""Checks of a site's values against each other: times of runs, hours of a year, currents of one kind, breaking seas."""
+"""Checks of a site: times of runs, hours of a year, currents, mussels and crops of all cases, breaking seas."""
 
 from __future__ import annotations
 
@@ -40,6 +40,22 @@ def check_currents(site: Site) -> None:
             "cases.currents: the scene's current is a table of heights, which a speed cannot scale. Use tables as "
             "[sea.current] with heights and velocities"
         )
+
+
+def check_waters(site: Site) -> None:
+    """Reject currents, mussels and values of `[crop]` that the scene does not take.
+
+    Raises:
+        SceneError: with the first load case that has them.
+    """
+    base = site.prepared()
+    storms = site.storms
+    distinct = {storm.current_name: storm for storm in reversed(storms)}
+    for storm in (*distinct.values(), *{(storm.month, storm.crop): storm for storm in reversed(storms)}.values()):
+        try:
+            base.with_values(site.still_changes(storm))
+        except SceneError as error:
+            raise SceneError(f"cases: {storm.name}: {error}") from None
 
 
 def check_breaking(site: Site) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,8 +12,39 @@ from dropper_jax.base.read import Values, read_items, refuse
 from dropper_jax.base.records import names_of, without_keys
 from dropper_jax.load.scene import Scene
 from dropper_jax.scene import whole_lines
-from fitting.farm.site.case import Anchor, Part, find_owners, match_names, read_patterns, short
-from fitting.farm.site.sections import AnchorTable, Factors, PartTable
+from fitting.farm.site.patterns import first_names, match_names, read_patterns
+from fitting.farm.site.sections import AnchorTable, Curve, Factors, PartTable
+
+
+@dataclass(frozen=True)
+class Part:
+    """Lines of one kind.
+
+    Attributes:
+        name: in reports.
+        lines: names of its lines, as specified in the scene.
+        capacity: (lines,) [N] breaking load; the minimum if the links of a line differ.
+        factors: on its loads, with source, edition and clause.
+        curve: its fatigue curve, or None.
+        of_scene: whether the capacity is the breaking load of the scene's lines, and so follows its parameters.
+    """
+
+    name: str
+    lines: tuple[str, ...]
+    capacity: np.ndarray
+    factors: Factors
+    curve: Curve | None
+    of_scene: bool
+
+
+@dataclass(frozen=True)
+class Anchor:
+    """Fixed points of one kind, with their anchors and the factors on their loads."""
+
+    name: str
+    points: tuple[str, ...]
+    table: AnchorTable
+    factor: dict[str, float]
 
 
 def refuse_duplicates(path: str, names: Sequence[str]) -> None:
@@ -43,10 +74,10 @@ def read_parts(
         capacity = np.array([_capacity(part, specs[name].breaking_load, name, path) for name in names])
         found.append(Part(part.name, names, capacity, own, part.curve, part.capacity is None))
     refuse_duplicates("part.name", names_of(found))
-    owners = find_owners(groups, "line")
+    owners = _find_owners(groups, "line")
     left = [name for name in lines if name not in owners]
     if left:
-        raise SceneError(f"part: no part has the lines {short(left)}. Use a [[part]] with them, or `unchecked`")
+        raise SceneError(f"part: no part has the lines {first_names(left)}. Use a [[part]] with them, or `unchecked`")
     return tuple(found)
 
 
@@ -84,6 +115,21 @@ def read_anchors(table: Values, scene: Scene, factors: Factors, kinds: Sequence[
         groups.append((path, points))
         own = _complete_factors(anchor.factor, factors, kinds, f"{path}.factor")
         found.append(Anchor(anchor.name or ", ".join(anchor.points), points, anchor, own.by_kind))
-    find_owners(groups, "point")
+    _find_owners(groups, "point")
     refuse_duplicates("anchor.name", names_of(found))
     return tuple(found)
+
+
+def _find_owners(groups: Sequence[tuple[str, Sequence[str]]], what: str) -> dict[str, str]:
+    """The path of the group of each name; groups are (path, names).
+
+    Raises:
+        SceneError: a name that belongs to two groups.
+    """
+    owner: dict[str, str] = {}
+    for path, names in groups:
+        for name in names:
+            if name in owner:
+                raise SceneError(f"{path}: {what} {name!r} already belongs to {owner[name]}; allowed: one of the two")
+            owner[name] = path
+    return owner

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping, Sequence
 from importlib import resources
 from importlib.resources.abc import Traversable
 from pathlib import Path
@@ -22,17 +22,18 @@ from dropper_jax.base.read import (
 from dropper_jax.base.records import names_of
 from dropper_jax.load.packaged import find_scene, is_packaged, parse_toml
 from dropper_jax.load.scene import Scene
-from dropper_jax.run.growth import overgrown
-from dropper_jax.run.quantity_names import quantity
-from dropper_jax.run.scene_model import bare_model
-from dropper_jax.run.statistics import PERIOD
+from dropper_jax.modelling.growth import overgrown
+from dropper_jax.modelling.scene_model import bare_model
+from dropper_jax.quantities.quantity_names import quantity
+from dropper_jax.quantities.statistics import PERIOD
 from dropper_jax.scene import whole_lines
-from fitting.farm.site.case import BROKEN, breaks, kinds_of, match_names
 from fitting.farm.site.case_lists import CaseLists
-from fitting.farm.site.checks import check_breaking, check_currents, check_hours, check_times
+from fitting.farm.site.checks import check_breaking, check_currents, check_hours, check_times, check_waters
 from fitting.farm.site.parts import read_anchors, read_parts, refuse_duplicates
+from fitting.farm.site.patterns import match_names
 from fitting.farm.site.sections import Backbone, Exclusion, Factors, GrowthTable, RunValues, SeasonValues, SeaState
 from fitting.farm.site.site import Site, water_of
+from fitting.farm.site.states import BROKEN, kinds_of, read_states
 
 #: Sections that are read here, and those that other modules read.
 SITE_KEYS = (
@@ -54,17 +55,8 @@ def read_site(source: str | Path | Values) -> Site:
     Raises:
         SceneError: one line with the section, the value and the allowed range.
     """
-    file = None
-    if isinstance(source, Mapping):
-        table = source
-    else:
-        file = Path(source)
-        table = parse_toml(site_text(file), str(file))
-    if "line" in table:
-        raise SceneError(
-            "line: this is a scene, not a site; `dropper cases small-longline --print` prints a site to edit"
-        )
-    check_keys(table, (*SITE_KEYS, *PASSED), "")
+    file = None if isinstance(source, Mapping) else Path(source)
+    table = _site_table(source)
     scene = _scene(table, (file or Path()).parent)
     water_of(scene)
     lines = tuple(names_of(whole_lines(scene)))
@@ -73,16 +65,14 @@ def read_site(source: str | Path | Values) -> Site:
     states = read_items(SeaState.read, table.get("sea_state", []), "sea_state", needed=True)
     refuse_duplicates("sea_state", names_of(states))
     check_hours(states)
-    broken = breaks(scene, lists.states, "cases.states")
+    broken = read_states(scene, lists.states, "cases.states")
     kinds = kinds_of(broken)
     check_times(run, lists, BROKEN in kinds)
     factors = Factors.read(table.get("factors", {}), "factors")
     growth = _growth(table, lines)
     crop = _crop(table)
-    for path, names, known in (("cases.months", lists.months, growth), ("cases.crops", lists.crops, crop)):
-        for i, name in enumerate(names):
-            read_text(name, f"{path}.{i}", known)
-        refuse_duplicates(path, names)
+    _check_names(lists.months, growth, "cases.months", "growth")
+    _check_names(lists.crops, crop, "cases.crops", "crop")
     default_name = file.stem if file else scene.name
     site = Site(
         name=read_text(table.get("name", default_name), "name"),
@@ -105,8 +95,31 @@ def read_site(source: str | Path | Values) -> Site:
     )
     check_currents(site)
     check_breaking(site)
-    site.prepared()
+    check_waters(site)
     return site
+
+
+def _site_table(source: str | Path | Values) -> Values:
+    """The table of a TOML file, of a packaged name, or as given; its keys are checked."""
+    if isinstance(source, Mapping):
+        table = source
+    else:
+        table = parse_toml(site_text(source), str(Path(source)))
+    if "line" in table:
+        raise SceneError(
+            "line: this is a scene, not a site; `dropper cases small-longline --print` prints a site to edit"
+        )
+    check_keys(table, (*SITE_KEYS, *PASSED), "")
+    return table
+
+
+def _check_names(names: Sequence[str], existing: Collection[str], path: str, section: str) -> None:
+    """Reject names at a path that a section of the site does not have, and duplicates."""
+    if names and not existing:
+        raise SceneError(f"{section}: missing; needed: {', '.join(names)}, named in {path}")
+    for i, name in enumerate(names):
+        read_text(name, f"{path}.{i}", existing)
+    refuse_duplicates(path, names)
 
 
 def _optional_sections(table: Values, scene: Scene, lines: tuple[str, ...]) -> Table:

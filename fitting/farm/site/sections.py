@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from importlib import resources
 from typing import Self
 
 import numpy as np
 
+from dropper_jax.base.errors import Check
 from dropper_jax.base.fields import option, parameter
 from dropper_jax.base.read import (
     DeclaredSection,
@@ -30,21 +29,10 @@ from dropper_jax.base.read import count as whole_number
 from dropper_jax.base.records import select_keys, without_keys, without_none
 from dropper_jax.scene import AnchorSpec, GrowthSpec
 from dropper_jax.sea.wave_spec import WaveSpec
+from fitting.farm.site.standards import read_years, standards
 
 #: Hours of a year of 365.25 days.
 HOURS_PER_YEAR = 8766.0
-
-
-def standards(what: str) -> dict[str, Table]:
-    """`factors` or load `cases` by name of the standard, each with edition and clause."""
-    return tomllib.loads((resources.files("dropper_jax") / "data" / "standards.toml").read_text(encoding="utf-8"))[what]
-
-
-def read_years(value: Plain, path: str) -> str:
-    """A return period as text: years, or `associated`."""
-    if isinstance(value, str):
-        return read_text(value, path)
-    return f"{read_number(value, path, {'above': 0.0, 'unit': 'years'}, 'years, or a text'):g}"
 
 
 class Section(DeclaredSection):
@@ -91,12 +79,12 @@ class RunValues(Section):
     storm: float = parameter("duration of the storm", unit="s", above=0.0, default=10800.0)
     characteristic: str = option("characteristic load", choices=("mean", "most_probable"), default="mean")
     confidence: float = parameter("level of intervals", unit="-", low=0.5, high=0.999, default=0.9)
-    halvings: int = whole_number("of the step, for its error", low=0, default=1)
+    halvings: int = whole_number("of the step, for its error", low=0, high=2, default=1)
     step_seeds: int = whole_number("seeds of the runs with halved steps", default=3)
 
-    def check(self, path: str) -> None:
-        if self.accuracy is not None and self.dt is not None:
-            raise refuse(f"{path}.dt", self.dt, "excludes accuracy", "one of both")
+    def checks(self) -> Iterator[Check]:
+        both = self.accuracy is not None and self.dt is not None
+        yield both, f"dt: {self.dt} excludes accuracy; allowed: one of both"
 
 
 @dataclass(frozen=True)
@@ -262,7 +250,7 @@ class SeasonValues(Section):
     currents: np.ndarray | None = parameter("of the static poses", unit="m/s", shape="table", default=None)
     levels: np.ndarray | None = parameter("of the static poses", unit="m", shape="table", default=None)
 
-    def check(self, path: str) -> None:
+    def checks(self) -> Iterator[Check]:
         for key, values in (("currents", self.currents), ("levels", self.levels)):
-            if values is not None and len(values) == 0:
-                raise refuse(f"{path}.{key}", [], "is empty", "at least one; or leave the key out")
+            empty = values is not None and len(values) == 0
+            yield empty, f"{key}: [] is empty; allowed: at least one; or leave the key out"

@@ -16,14 +16,21 @@ from dropper_jax.base.records import names_of, select_keys, without_keys
 from dropper_jax.load.scene import Scene
 from dropper_jax.scene import whole_lines
 from dropper_jax.sea.spec import SeaSpec
-from fitting.farm.site.case import NEVER, PROFILE, Anchor, Break, Case, Part, Storm, kinds_of, match_names
+from fitting.farm.site.case import Case, Storm
 from fitting.farm.site.case_lists import CaseLists
+from fitting.farm.site.parts import Anchor, Part
+from fitting.farm.site.patterns import match_names
 from fitting.farm.site.sections import Backbone, Exclusion, Factors, RunValues, SeasonValues, SeaState
+from fitting.farm.site.states import Break, kinds_of
 
 #: Keys of a scene's `[run]` that determine its steps and when they are saved.
 STEP_KEYS = ("dt", "accuracy", "save_every", "save_interval")
 #: Longest time [s] between the samples of loads; extremes are those of all steps.
 LONGEST_INTERVAL = 0.1
+#: Time [s] of breaks that belong to other cases: their entries stay in the one compiled program.
+NEVER = 1e9
+#: Fields of a current that cases keep: its profile over depth, but not its change in time.
+PROFILE = ("kind", "exponent", "reference", "veer")
 #: Growth of a line in a month without any.
 BARE = {"depth": [0.0], "thickness": [0.0], "density": 0.0}
 
@@ -48,7 +55,7 @@ class Site:
         growth: mussels by month, and by line the table of `[line.growth]`.
         crop: changes of the scene by `low`, `expected` and `high` of `[crop]`; `growth` is a factor of the thickness.
         states: the broken line; None for the intact farm.
-        quantities: names of further quantities to report for each case (see `dropper_jax.run.quantity_names`).
+        quantities: names of further quantities to report for each case (see `dropper_jax.quantities.quantity_names`).
         raw: sections that are passed on (`variable`, `objective`, `constraint`, `optimise`), unchanged.
         table: plain values of the site as specified.
         file: source file; None for plain values.
@@ -156,6 +163,11 @@ class Site:
             return self.lists.break_time
         return 0.5 * (self.run.skip + self.run.duration)  # the middle of the counted time
 
+    @property
+    def ramp(self) -> float | None:
+        """Time [s] in which waves rise: the site's, otherwise its scene's, otherwise the time that is not counted."""
+        return self.run.ramp or self.sea.ramp or self.run.skip or None
+
     def run_of(self, storm: Storm) -> RunValues:
         """Values of the run of a load case: if a line breaks, the time before the break is not counted."""
         if storm.broken is None:
@@ -215,9 +227,8 @@ class Site:
         broken = [{"line": s.line, "link": s.link, "time": NEVER} for s in self.states if s is not None]
         if broken:
             table["failure"] = [*table.get("failure", []), *broken]
-        ramp = self.run.ramp or table["sea"].get("ramp") or self.run.skip
-        if ramp:
-            table["sea"] = {**table["sea"], "ramp": ramp}
+        if self.ramp is not None:
+            table["sea"] = {**table["sea"], "ramp": self.ramp}
         return Scene.from_dict(table, scene.name).with_values(self.changes(self.cases[0]))
 
     def changes(self, case: Case) -> Table:

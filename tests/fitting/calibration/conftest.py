@@ -18,8 +18,8 @@ from jaxlib.mlir import ir
 from scipy.integrate import solve_ivp
 
 from fitting import Convention, FitSettings, Trace, prepare
-from fitting.calibration.method import as_method, estimate
 from fitting.calibration.summarise import summarise
+from fitting.windows.method import as_method, estimate
 
 LENGTH, MASS = np.array([0.3, 0.25]), np.array([0.12, 0.09])
 CENTRE, INERTIA = np.array([0.2, 0.11]), np.array([7e-4, 4e-4])

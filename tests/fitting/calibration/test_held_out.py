@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fitting.calibration.held_out import score_held_out
-from fitting.calibration.spans import check_spans
+from fitting.windows.spans import check_spans, fitted_spans
 
 SPAN = (6.0, 8.4)
 pytestmark = pytest.mark.usefixtures("optimised")
@@ -28,3 +28,5 @@ def test_a_held_out_span_in_which_no_angle_is_measured_is_refused_before_the_fit
     blind = replace(trace, theta=np.where(inside[:, None], np.nan, trace.theta))
     assert check_spans([trace], [SPAN]) == (SPAN,)
     assert "held-out: 6:8.4 has fewer than 3 measured frames" in refusal(check_spans, [blind], [SPAN])
+    assert "held-out: (6.0, 8.4) has no spans" in refusal(check_spans, [trace], SPAN)
+    assert "until: nan is not a time" in refusal(fitted_spans, [trace], np.nan, [], None)

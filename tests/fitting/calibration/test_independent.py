@@ -11,8 +11,6 @@ from dropper_jax import SceneError
 from fitting import bootstrap, fit, predict, profile
 from fitting.calibration.comparison import compare_laws
 from fitting.calibration.fit import estimate
-from fitting.calibration.law_bic import with_bic
-from fitting.calibration.laws import Law
 from fitting.calibration.prediction import DIVERGED_ANGLE
 from fitting.calibration.summarise import summarise
 from fitting.estimate.descent import CONVERGED_DISTANCE, GradientDescent
@@ -22,6 +20,8 @@ from fitting.estimate.objective import objective_at
 from fitting.estimate.simulator import Key, Program
 from fitting.estimate.step_size import LARGEST_BIAS, step_bias
 from fitting.estimate.uncertainty import uncertainty
+from fitting.laws.law_bic import with_bic
+from fitting.laws.laws import Law
 from fitting.parameters.parameter import Parameter
 from fitting.parameters.targets import LostTarget
 from fitting.report.pictures import one_run_picture

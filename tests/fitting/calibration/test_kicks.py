@@ -10,9 +10,9 @@ import dropper_jax as dj
 from dropper_jax import integrate
 from fitting import Camera, FitSettings, Motion, observe, prepare
 from fitting.calibration.kicks import without_kicks
-from fitting.calibration.method import estimate
-from fitting.calibration.sound_windows import with_sound_windows
 from fitting.calibration.summarise import summarise
+from fitting.windows.method import estimate
+from fitting.windows.sound_windows import with_sound_windows
 
 RATE, DURATION, KICK, TRUTH = 60.0, 12.0, 5.0, 4e-3
 DAMPING = ["effects.linear_damping.b_l", "effects.quadratic_damping.b_q"]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import wrong_laws as study
 
-from fitting.calibration.law_fits import with_law
+from fitting.laws.law_fits import with_law
 from fitting.parameters.missing_forces import FORCE_UNITS
 
 #: Dry friction [N m] of 0.3 % of a rod's weight times its length.
@@ -41,6 +41,13 @@ def test_right_laws_end_ok(ten):
     assert sum(result.status == "model_error" for result in ten) <= 1
     assert all(len(result.laws.tests) >= 6 for result in ten)
     assert np.median([min(test.p for test in result.laws.tests) for result in ten]) > 0.1
+
+
+def test_a_bound_that_excludes_the_truth_is_a_misfit(two, ready, fitted, motion):
+    result = fitted(ready(two.seen(motion, 0), bounds={two.FREE[0]: (2 * two.TRUTH[0], 1.0)}))
+    assert result.uncertainty.at_bound[0]
+    assert result.status == "misfit"
+    assert f"{two.FREE[0]} is held at its bound {2 * two.TRUTH[0]:g}" in result.message
 
 
 def test_dry_friction_that_the_scene_lacks_is_a_model_error_that_names_it_and_nothing_else(rubbed):

@@ -11,18 +11,40 @@ from scipy.stats import chi2, multivariate_normal
 import dropper_jax as dj
 from dropper_jax import SceneError
 from fitting import Convention, Trace, prepare
-from fitting.calibration import compared_laws, comparison, joined_laws
-from fitting.calibration.cross_validation import Scores, blocks, last_third, other_runs, score_window
-from fitting.calibration.decision import chance, decide, decide_joined, shares, verdict
-from fitting.calibration.laws import LAW_PARTS, LAWS, Law, contains
-from fitting.calibration.undetected_parts import undetected_parts
+from fitting.calibration import comparison
 from fitting.estimate.normal_equations import Prior
+from fitting.laws import compared_laws, joined_laws
+from fitting.laws.cross_validation import Scores, blocks, last_third, other_runs, score_window
+from fitting.laws.decision import chance, decide, decide_joined, shares, verdict
+from fitting.laws.equivalent_laws import equivalent_laws
+from fitting.laws.laws import LAW_PARTS, LAWS, Law, contains
+from fitting.laws.undetected_parts import undetected_parts
 
 
 def test_every_subset_of_the_parts_is_a_law_listed_after_those_it_contains():
     assert len(LAWS) == 2 ** len(LAW_PARTS) == len({frozenset(parts) for parts in LAWS.values()})
     names = list(LAWS)
     assert all(names.index(a) > names.index(b) for a in names for b in names if contains(a, b))
+
+
+@pytest.mark.parametrize(
+    ("laws", "left_out"),
+    [
+        (["linear", "joint viscous", "linear + joint viscous"], {"joint viscous": 0, "linear + joint viscous": 0}),
+        (["joint viscous", "quadratic"], {}),
+        (["linear + joint viscous"], {}),
+    ],
+    ids=["all", "none of the other", "no smaller one"],
+)
+def test_a_law_is_left_out_only_for_one_of_the_list_that_gives_the_same_motion(laws, left_out):
+    """Of one link, a viscous joint acts as linear drag does."""
+    names = [LAW_PARTS[part] for part in ("linear", "quadratic", "joint viscous")]
+    jacobian = np.array([[1.0, 2.0, 0.5], [2.0, 1.0, 1.0]]).reshape(1, 2, 1, 3)
+    fullest = SimpleNamespace(
+        problem=SimpleNamespace(names=names, freedoms=0), evaluation=SimpleNamespace(jacobian=jacobian)
+    )
+    expected = {law: laws[i] for law, i in left_out.items()}
+    assert equivalent_laws(laws, SimpleNamespace(names=[names[0]]), fullest) == expected
 
 
 def test_a_window_is_scored_by_its_density_given_all_that_was_fitted():

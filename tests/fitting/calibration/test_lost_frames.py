@@ -5,8 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from fitting.calibration.lost_frames import best_jump
-from fitting.calibration.outliers import count_outliers
+from fitting.windows.lost_frames import best_jump
+from fitting.windows.outliers import count_outliers
 
 
 def swinging(count):

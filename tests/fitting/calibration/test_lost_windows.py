@@ -10,11 +10,11 @@ from hard_scenes import single_line
 from dropper_jax import load_scene, simulate
 from dropper_jax.run.summary import write_angles
 from fitting import Camera, fit, observe, prepare, read_trace, simulate_truth
-from fitting.calibration.lost_windows import lost_windows, recover_windows
-from fitting.calibration.method import estimate
-from fitting.calibration.sound_windows import with_sound_windows
 from fitting.estimate.least_squares import fit_windows
 from fitting.estimate.windows import Starts, fill
+from fitting.windows.lost_windows import lost_windows, recover_windows
+from fitting.windows.method import estimate
+from fitting.windows.sound_windows import with_sound_windows
 
 pytestmark = [pytest.mark.usefixtures("optimised"), pytest.mark.check]
 NAMES = ("effects.linear_damping.b_l", "effects.quadratic_damping.b_q")

@@ -72,7 +72,7 @@ def test_errors_grow_with_the_noise():
     ("settings", "text"),
     [
         ({"durations": [-1.0]}, "duration: -1.0 is not positive"),
-        ({"durations": [0.01]}, "longer than the trace"),
+        ({"durations": [0.01]}, "too few frames at 60 Hz; allowed: at least 0.17 s"),
         ({"durations": [4.0], "requested": ["gravity"]}, "for: .* is not free"),
         ({"durations": [4.0], "gap_weight": 0.0}, "gap_weight: 0.0 is not positive"),
     ],

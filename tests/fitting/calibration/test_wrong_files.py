@@ -15,11 +15,11 @@ from dropper_jax.cli import main
 from fitting import Camera, Convention, Method, Trace, fit, observe, prepare, simulate_truth, write_trace
 from fitting.calibration import file_diagnosis
 from fitting.calibration.file_diagnosis import name_wrong_file
-from fitting.calibration.likely_cause import driven_beginning
-from fitting.calibration.rising_energy import refuse_rising_energy
-from fitting.calibration.short_windows import fit_short_windows, moving_pieces
-from fitting.calibration.wrong_files import refuse_wrong_file
+from fitting.calibration.likely_cause import INTERPOLATED_FRACTION, driven_beginning, interpolated_fraction
 from fitting.traces.conventions import settle_convention
+from fitting.windows.rising_energy import refuse_rising_energy
+from fitting.windows.short_windows import fit_short_windows, moving_pieces
+from fitting.windows.wrong_files import refuse_wrong_file
 
 pytestmark = pytest.mark.usefixtures("optimised")
 HELD = single_line(
@@ -209,6 +209,16 @@ def test_the_right_rig_with_errors_of_its_model_above_a_low_noise_is_not_called_
     assert given > file_diagnosis.WRONG_CHI_SQUARE
     assert found.part < file_diagnosis.OTHER_RIG_MISS
     assert name_wrong_file(prepared) == ""
+
+
+@pytest.mark.parametrize("step", [0.0, 0.0016], ids=["clicked", "encoder"])
+def test_readings_of_an_encoder_are_not_taken_for_interpolated_ones(step):
+    """Every fifth frame is clicked; or readings in steps, of which many lie in a row too."""
+    t = np.arange(2500) / 500
+    theta = 1.2 * np.cos(5 * t)
+    readings = step * np.round(theta / step) if step else np.interp(t, t[::5], theta[::5])
+    found = interpolated_fraction(Trace("x", t, readings[:, None]))
+    assert (found > INTERPOLATED_FRACTION) == (not step)
 
 
 def test_a_beginning_that_a_hand_moves_is_named_by_the_time_of_the_clock(two, ready, motion):

@@ -43,7 +43,7 @@ def test_runs_whose_names_contain_an_at_sign_are_combined_by_parameter():
     scene = load_scene("dropper-release-a")
     t = np.arange(0.0, 1.0, 0.1)
     runs = [{"name": name, "file": {"t": t, "a": 0.0 * t}} for name in ("a@1", "b@2")]
-    channel = {"name": "angle", "kind": "angle", "column": "a", "unit": "rad", "link": 1}
+    channel = {"name": "angle", "kind": "angle", "column": "a", "unit": "rad", "link": 1, "noise": 0.01}
     problem = make_problem({"run": runs, "channel": [channel]}, scene, ["b_q"], ["b_l"], {}, {}, {})
     values = np.arange(1.0, 1.0 + len(problem.parameters))
     (found,) = over_runs(problem, values, 1e-12 * np.eye(len(values)))

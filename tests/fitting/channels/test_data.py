@@ -1,5 +1,7 @@
 """Files of channels: what they say is read, and what cannot be is refused in one line."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -99,6 +101,14 @@ def test_a_file_of_its_own_clock_and_missing_samples_are_read(scene, tmp_path):
     assert [len(t) for t in data.runs[0].t] == [4, 3]
     assert np.isnan(data.runs[0].values[0][1, 0])
     assert (data.sensors[0].noise, data.sensors[0].relative, data.runs[0].name) == (0.01, True, "a")
+    for deep, words in (
+        ([1.0, np.nan, np.nan], "run.0: channel 'deep' has fewer than 3 samples"),
+        ([1.0, 2.0, np.inf], "run.0: channel 'deep' has an infinite sample"),
+        ([0.0, 0.0, 0.0], "channel 'deep': is zero in all samples"),
+    ):
+        run = replace(data.runs[0], values=(data.runs[0].values[0], np.array(deep)[:, None]))
+        with pytest.raises(SceneError, match=words):
+            replace(data, runs=(run,)).first_noise()
 
 
 def changed(section, index, **values):

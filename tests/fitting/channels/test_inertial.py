@@ -139,6 +139,9 @@ def test_states_saved_too_rarely_are_refused():
 def test_a_brief_run_has_the_states_that_cubics_of_an_accelerometer_need():
     """Three samples a little over an interval apart; cubics need four rows besides two lost at either end."""
     t = [0.0, 0.012, 0.024]
-    data = {"run": [{"file": {"t": t, "along": [0.0] * 3, "across": [0.0] * 3}}], "channel": CHANNELS[:1]}
+    data = {
+        "run": [{"file": {"t": t, "along": [0.0] * 3, "across": [0.0] * 3}}],
+        "channel": [{**CHANNELS[0], "noise": 0.1}],
+    }
     problem = make_problem(data, load_scene(scene()), ["b_l"], [], {}, {}, {})
     assert problem.plan(0).saves + 1 - 2 * 2 >= 4

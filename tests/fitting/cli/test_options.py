@@ -65,7 +65,3 @@ def test_a_sweep_against_a_trace_in_which_every_case_failed_is_printed():
         "compile_s": 1.0, "run_s": 1.0, "steps_per_s": 10.0, "status": "failed", "out": "x.zarr", "trace": trace,
     }  # fmt: skip
     assert "1 failed" in sweep.text(found)
-
-
-def test_a_frame_rate_is_one_number(printed):
-    assert "'60,120' is not a number" in printed(["plan", SCENE, "--free", "b_l", "--rate", "60,120"], 2).err

@@ -52,6 +52,8 @@ def test_a_loss_is_given_by_its_name_or_itself_and_starts_with_one_of_a_single_m
     assert as_loss("squares") is initial_loss(LEAST_SQUARES) is LEAST_SQUARES
     assert as_loss("huber") == initial_loss(StudentT()) == Huber(3.0)
     assert as_loss(Huber(2.0)) == Huber(2.0)
+    with pytest.raises(SceneError, match="loss: 3 is unknown"):
+        as_loss(3)
 
 
 def test_students_loss_is_the_log_density_of_t_with_its_freedom():

@@ -13,9 +13,9 @@ import dropper_jax as dj
 from dropper_jax import SceneError
 from fitting import Camera, FitSettings, Trace, observe, prepare, simulate_truth
 from fitting.calibration.comparison import compare_laws
-from fitting.calibration.cross_validation import blocks, with_released_fitted
 from fitting.calibration.fit import estimate
 from fitting.calibration.summarise import summarise
+from fitting.laws.cross_validation import blocks, with_released_fitted
 
 #: Two links, the lower one held aside by a force at the free end.
 START = {"kind": "static", "release_nodes": [2], "release_force": [[1.6, 0.0, 0.0]]}

@@ -7,11 +7,11 @@ from scipy.optimize import fsolve
 import dropper_jax as dj
 from dropper_jax import SceneError
 from fitting import Trace
-from fitting.calibration.still_spans import advice_on_rest, still_spans
 from fitting.estimate.noise import Noise
 from fitting.estimate.rest import rests, static_pose
 from fitting.estimate.simulator import Simulator
 from fitting.parameters.paths import resolve
+from fitting.windows.still_spans import advice_on_rest, still_spans
 
 LENGTH, MASS, END = np.array([0.15, 0.14, 0.16, 0.15]), np.array([0.05, 0.06, 0.05, 0.05]), 0.38
 NAMES = ["effects.linear_damping.b_l", "line.0.length", "point.1.position.0", "camera.offset", "marker.node.2.1"]

@@ -7,7 +7,7 @@ import pytest
 
 import dropper_jax as dj
 from fitting import profile
-from fitting.estimate.uncertainty import intervals
+from fitting.estimate.uncertainty import intervals, prior_conflicts
 from fitting.parameters.parameter import Parameter
 from fitting.parameters.targets import CameraTarget
 
@@ -43,3 +43,21 @@ def test_a_profile_without_points_or_of_a_parameter_that_is_not_free_is_refused(
     problem = SimpleNamespace(names=["effects.linear_damping.b_l"])
     result = SimpleNamespace(scene=dj.load_scene("dropper-release-a"), solution=SimpleNamespace(problem=problem))
     assert words in refusal(profile, result, name, points=points)
+
+
+@pytest.mark.parametrize("prior_error", [0.02, 1.0, 30.0])
+def test_a_prior_that_the_data_contradict_is_as_far_off_as_both_estimates(prior_error):
+    """Two estimates of one number, 10 +- 0.5 by the data and 13 +- s by the prior: (13 - 10)/sqrt(0.5^2 + s^2)."""
+    data, error, mean = 10.0, 0.5, 13.0
+    information = 1 / error**2 + 1 / prior_error**2
+    value = (data / error**2 + mean / prior_error**2) / information
+    parameters = [SimpleNamespace(prior=(mean, prior_error)), SimpleNamespace(prior=None)]
+    solution = SimpleNamespace(
+        values=np.array([value, 1.0]),
+        free=np.array([0, 1]),
+        free_information=np.diag([information, 1.0]),
+        problem=SimpleNamespace(parameters=parameters),
+    )
+    errors = SimpleNamespace(at_bound=np.zeros(2, bool), inflation=1.0, noise=1.0)
+    found = prior_conflicts(solution, errors)
+    np.testing.assert_allclose(found, [(data - mean) / np.hypot(error, prior_error), 0.0], rtol=1e-6)

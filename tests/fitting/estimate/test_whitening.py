@@ -11,7 +11,7 @@ from fitting.estimate.blocks import TimePieces, correlation_time, resample
 from fitting.estimate.factors import Factor
 from fitting.estimate.noise import Noise
 from fitting.estimate.normal_equations import Evaluation
-from fitting.estimate.residuals import Solution
+from fitting.estimate.solution import Solution
 from fitting.estimate.whitening import log_volume, whiten
 from fitting.estimate.windows import Windows
 

@@ -58,11 +58,6 @@ def test_an_unknown_order_is_exit_3_with_a_picture_and_start_decides_it(tmp_path
     np.testing.assert_allclose(read_trace(out).theta, truth, atol=0.01)
 
 
-def test_a_film_without_circles_is_named(tmp_path, refused):
-    write_video(tmp_path / "empty.avi", films.discs(np.zeros((30, 0, 2))), 60.0)
-    assert "empty.avi: no circles" in refused(["track", str(tmp_path / "empty.avi"), "--nodes", "4", "--quiet"])
-
-
 def test_a_disc_that_jumps_for_three_frames_is_marked_with_its_time(tmp_path):
     # a double pendulum whose last disc is somewhere else in frames 40 to 42
     t = np.arange(90) / 60

@@ -9,6 +9,7 @@ import pytest
 from hard_scenes import rods
 
 import dropper_jax as dj
+from dropper_jax import SceneError
 from dropper_jax.cli import main
 from fitting import Motion, View, film, fit, read_trace, write_video
 from fitting.films import track
@@ -170,6 +171,7 @@ def bad(tmp_path_factory):
     (folder / "text.mp4").write_text("this is no video\n" * 50)
     (folder / "empty.avi").write_bytes(b"")
     write_video(folder / "three.avi", spots(3), FPS)
+    write_video(folder / "none.avi", films.discs(np.zeros((30, 0, 2))), FPS)
     films.save_images(folder, chessboards(View(), count=2))
     return folder
 
@@ -180,6 +182,7 @@ def bad(tmp_path_factory):
         ("missing.avi", ["--nodes", "3"], "no such video"),
         ("text.mp4", ["--nodes", "3"], "cannot be read as a video"),
         ("empty.avi", ["--nodes", "3"], "cannot be read as a video"),
+        ("none.avi", ["--nodes", "4"], "none.avi: no circles"),
         ("three.avi", ["--nodes", "5"], "at most 3 circles in a frame, but 5 nodes"),
         ("three.avi", ["--nodes", "1"], "at least 2"),
         ("three.avi", ["--nodes", "3", "--scale", "-1"], "--scale: -1 is out of range"),
@@ -196,6 +199,22 @@ def bad(tmp_path_factory):
 def test_what_a_user_can_correct_is_one_line_and_exit_code_2(bad, refused, monkeypatch, video, more, words):
     monkeypatch.chdir(bad)
     assert words in refused(["track", video, *more, "--quiet"])
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"scale": -1.0}, "--scale: -1; allowed: a number > 0"),
+        ({"distance": np.nan}, "--distance: nan; allowed"),
+        ({"fps": 0.0}, "--fps: 0; allowed"),
+        ({"first": "bottom"}, "--first: 'bottom' is unknown; allowed: auto, left, right, top"),
+        ({"begin": np.nan}, "--from, --until: nan to None s"),
+        ({"end": np.inf}, "--from, --until: 0 to inf s"),
+    ],
+)
+def test_values_from_python_are_checked_as_those_of_the_command(bad, given, words):
+    with pytest.raises(SceneError, match=words):
+        track(bad / "three.avi", 3, **given)
 
 
 def test_a_calibration_with_an_error_above_one_pixel_is_refused(tmp_path, refused, bad):

@@ -7,6 +7,7 @@ import pytest
 from written_files import DAMPING, LENGTH, RATE, double_pendulum, points, swing, write
 
 from dropper_jax import SceneError
+from fitting.from_file.angle_unit import unit_of_angle
 from fitting.from_file.cells import read_cells
 from fitting.from_file.columns import find_columns
 from fitting.from_file.pendulum import main_period
@@ -62,6 +63,13 @@ def test_headers_units_and_decimals_give_the_same_trace(read, head, times, angle
 @pytest.mark.parametrize(("unit", "size"), [("rad", 1.0), ("deg", 57.29578)])
 def test_unit_of_angle_follows_from_the_period_without_a_name(read, unit, size):
     assert any(f"angle in {unit}" in note for note in read("t,signal", [T, size * PHI]).notes)
+
+
+def test_a_small_noisy_swing_of_some_degrees_is_no_swing_of_as_many_radians():
+    """5.7 rad would be beyond the upright; the noise hides how the period grows."""
+    t, phi = swing(8.0, start=0.1)
+    noisy = np.degrees(phi) + 2.0 * np.random.default_rng(0).standard_normal(len(t))
+    assert unit_of_angle(t, noisy, main_period(t, noisy[:, None])) == ("deg", 0.0)
 
 
 def test_a_unit_that_the_period_contradicts_is_noted(read):

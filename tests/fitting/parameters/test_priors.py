@@ -16,25 +16,28 @@ from fitting.parameters.scene_parameters import find_parameters
 NAME = "measured-double-pendulum"
 
 
-def found(priors, free, scene=NAME):
-    table = dj.load_scene(scene).to_dict()
+def found(priors, free, start=None):
+    table = dj.load_scene(NAME).to_dict()
     scene = Scene.from_dict({**table, "fit": {"prior": priors}})
     model = build_model(dj.load_scene(scene))
-    return rig_priors(scene, model, resolve(model, free))
+    return rig_priors(scene, model, adjust_parameters(resolve(model, free), start))
 
 
-def test_a_prior_holds_every_free_number_of_its_path():
-    parameters, known = found([{"of": "line.0.length", "sigma": 0.5, "unit": "mm"}], ["line.0.length", "line.0.mass.0"])
+@pytest.mark.parametrize("start", [None, {"line.0.length": 0.3}], ids=["", "started elsewhere"])
+def test_a_prior_holds_every_free_number_of_its_path_at_the_value_of_the_scene(start):
+    prior = {"of": "line.0.length", "sigma": 0.5, "unit": "mm"}
+    parameters, known = found([prior], ["line.0.length", "line.0.mass.0"], start)
     assert [p.prior for p in parameters] == [(0.172719, pytest.approx(5e-4)), (0.2, pytest.approx(5e-4)), None]
     assert known.common == ()
     assert known.carried == 0
 
 
 def test_a_common_prior_holds_the_mean_share_and_leaves_the_ratios():
-    parameters, known = found(
-        [{"of": "line.0.mass", "sigma": 0.3, "unit": "%", "common": True}], ["line.0.mass", "line.0.inertia"]
-    )
+    prior = {"of": "line.0.mass", "sigma": 0.3, "unit": "%", "common": True}
+    parameters, known = found([prior], ["line.0.mass", "line.0.inertia"])
     values = np.array([p.value for p in parameters])
+    moved = found([prior], ["line.0.mass", "line.0.inertia"], {"line.0.mass": 0.3})[1]
+    np.testing.assert_array_equal(moved.common[0].share, known.common[0].share)
     prior = prior_of(parameters, values * np.array([1.006, 1.006, 1, 1]), known.common)
     assert prior.cost == pytest.approx(0.5 * (0.006 / 0.003) ** 2)
     assert known.carried == 0

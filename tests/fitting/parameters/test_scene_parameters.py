@@ -7,7 +7,7 @@ import pytest
 from hard_scenes import single_line
 
 from dropper_jax import SceneError, build_model, load_scene
-from dropper_jax.run.quantity_names import quantity
+from dropper_jax.quantities.quantity_names import quantity
 from fitting import Camera, fit, fitted_scene, observe, simulate_truth
 from fitting.parameters.names import full_names
 from fitting.parameters.parameter import with_parameter_values

@@ -55,6 +55,13 @@ def differences(of, path, value, start="static"):
     return (8 * (at[1] - at[-1]) - (at[2] - at[-2])) / (12 * h * value)
 
 
+def test_the_gravity_of_the_weight_is_that_of_the_sea_too():
+    """Stiff legs without a current: all forces at rest are proportional to gravity."""
+    scene = {**TABLE, "line_type": [{**TABLE["line_type"][0], "EA": 1e9}], "sea": {"depth": 10.0}}
+    found = local(study(scene, "tension.first.start", ["effects.weight.gravity"]))
+    assert found.scaled[0] == pytest.approx(1.0, abs=1e-5)
+
+
 @pytest.mark.check
 def test_a_run_from_the_static_pose_differentiates_through_it(storm):
     at = jnp.asarray(storm.values)

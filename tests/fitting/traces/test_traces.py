@@ -169,6 +169,14 @@ def test_the_noise_of_a_motion_is_found(t, motion, size, within):
     np.testing.assert_allclose(noise(Trace("x", t, theta)), size, rtol=within)
 
 
+def test_missing_samples_leave_the_noise_as_it_is():
+    rng = np.random.default_rng(1)
+    theta = np.sin(9 * FRAMES)[:, None] + 0.003 * rng.standard_normal((len(FRAMES), 2))
+    theta[::2, 0] = np.nan  # as of two cameras that take turns
+    theta[rng.random(len(FRAMES)) < 0.3, 1] = np.nan
+    np.testing.assert_allclose(noise(Trace("x", FRAMES, theta)), 0.003, rtol=0.1)
+
+
 def test_the_noise_is_at_least_the_rounding_of_the_sensor():
     t = np.arange(600) / 60
     rounded = np.round(np.exp(-t) * np.sin(9 * t) / 0.01) * 0.01
@@ -286,6 +294,9 @@ def test_a_file_without_a_time_names_whole_columns_and_what_to_do(tmp_path, head
     assert words in refusal(read_trace, path, links)
 
 
+SWINGS = np.sin(np.arange(20.0))[:, None] * [1.0, 0.5]
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -296,17 +307,24 @@ def test_a_file_without_a_time_names_whole_columns_and_what_to_do(tmp_path, head
         ({"se": np.ones(20)}, r"x: se has shape \(20,\); allowed: \(20, 2\)"),
         ({"t": -np.arange(20.0)}, "x: t: decreases from row to row"),
         ({"t": np.where(np.arange(20) == 3, np.nan, np.arange(20.0))}, "x: t: row 4 is missing"),
+        ({"t": np.zeros(0), "theta": np.zeros((0, 2))}, "x: theta_1: every sample is missing"),
+        ({"theta": np.zeros((20, 2)) + 0j}, "x: t, theta and se are not arrays of numbers"),
+        ({}, "x: theta: is constant"),
+        ({"theta": SWINGS, "se": -np.ones((20, 2))}, "x: se: -1 is not positive"),
+        ({"theta": SWINGS, "convention": Convention("up")}, "x: zero = 'up' is unknown"),
+        ({"theta": SWINGS, "model_error": np.nan}, "x: model_error = nan: not an angle"),
     ],
 )
-def test_a_trace_in_memory_whose_arrays_do_not_fit_together_is_refused(change, words):
+def test_a_trace_in_memory_that_cannot_be_fitted_is_refused(change, words):
     given = {"t": np.arange(20.0), "theta": np.zeros((20, 2))} | change
     with pytest.raises(SceneError, match=words):
         as_trace(Trace("x", **given), 2)
 
 
-def test_a_trace_of_lists_has_arrays():
-    trace = as_trace(Trace("x", list(range(20)), [[0.0, 0.1]] * 20, se=[[1.0, 1.0]] * 20), 2)
-    assert trace.links == 2
+def test_a_trace_of_lists_has_arrays_in_which_infinite_samples_are_missing():
+    theta = [*SWINGS.tolist()[:-1], [np.inf, 0.1]]
+    trace = as_trace(Trace("x", list(range(20)), theta, se=[[1.0, 1.0]] * 20), 2)
+    np.testing.assert_array_equal(trace.theta[19], [np.nan, 0.1])
     assert trace.total_error.shape == (20, 2)
 
 

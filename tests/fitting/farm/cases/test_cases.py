@@ -16,6 +16,7 @@ import pytest
 
 import dropper_jax as dj
 from dropper_jax import SceneError
+from dropper_jax.effects import EFFECTS, register_file
 from dropper_jax.evaluation.record import record
 from dropper_jax.evaluation.tension import anchors
 from dropper_jax.scene import line_slices
@@ -27,7 +28,8 @@ from fitting.farm.cases.page import page_text
 from fitting.farm.cases.run_arrays import QuantityValues
 from fitting.farm.cases.step_errors import step_errors
 from fitting.farm.site import Case, read_site
-from fitting.farm.site.sections import RunValues, standards
+from fitting.farm.site.sections import RunValues
+from fitting.farm.site.standards import standards
 
 DT = 0.02
 #: A buoy on two legs.
@@ -246,6 +248,44 @@ def test_a_run_that_an_earlier_version_stored_is_found_under_the_same_name(site,
     np.testing.assert_array_equal(store.read(site.cases[0])["largest"], np.arange(4.0))
 
 
+EFFECT = """
+from typing import ClassVar
+import jax.numpy as jnp
+import dropper_jax as dj
+
+@dj.component
+class Nothing(dj.Effect):
+    name: ClassVar[str] = "nothing"
+    constant: ClassVar[bool] = True
+
+    def force(self, k):
+        return jnp.zeros_like(k.r)
+"""
+
+
+def test_runs_with_other_effects_of_the_user_or_own_failures_of_the_scene_are_other_runs(tmp_path, monkeypatch):
+    """A change of the file of effects makes stored runs invalid, of scenes that use it only."""
+    monkeypatch.setattr(EFFECTS, "data", EFFECTS.data.copy())
+    monkeypatch.setattr("fitting.sweep.effect_files.REGISTERED_FILES", [])
+    file = tmp_path / "effects.py"
+    failure = {"line": "east-leg", "link": 1, "time": 0.1}
+    using = {**SCENE, "effects": {**SCENE["effects"], "nothing": {}}}
+
+    def stored_name(scene):
+        site = small_site(scene=scene)
+        return Store(tmp_path, site).file(site.cases[0]).name
+
+    plain = stored_name(SCENE)
+    names = {plain, stored_name({**SCENE, "failure": [failure]})}
+    for text in ("a = 1", "a = 2"):
+        file.write_text(f"{text}\n{EFFECT}")
+        register_file(str(file))
+        monkeypatch.setattr("fitting.sweep.effect_files.REGISTERED_FILES", [str(file.resolve())])
+        names.add(stored_name(using))
+        assert stored_name(SCENE) == plain
+    assert len(names) == 4
+
+
 def test_utilisation_is_factor_times_the_mean_of_the_seeds_maxima_over_capacity(site, folder, found):
     row = found["parts"][0]["cases"][3]
     store = Store(folder, site)
@@ -313,6 +353,15 @@ def test_a_step_that_errs_by_more_than_five_per_cent_and_a_missing_run_are_flagg
     found = assess(more, folder)
     assert (found["status"], len(found["failed"]), found["passes"]) == ("failed", 4, False)
     assert any("4 of 16 runs are missing" in flag for flag in found["flags"])
+
+
+def test_two_seeds_have_no_most_probable_maximum_and_the_report_says_so(folder):
+    run = {**SITE["run"], "seeds": 2, "characteristic": "most_probable"}
+    found = assess(small_site(run=run), folder)
+    (flag,) = (flag for flag in found["flags"] if "not the most probable one" in flag)
+    assert flag.startswith("part legs, point west-anchor, point east-anchor: the load is the mean of the seeds' maxima")
+    run["seeds"] = 3
+    assert not any("not the most probable one" in flag for flag in assess(small_site(run=run), folder)["flags"])
 
 
 def test_a_run_that_fails_is_kept_with_its_reason(tmp_path):

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from dropper_jax import SceneError, build, build_model, load_scene, packaged_scene
-from dropper_jax.base.errors import silent
 from dropper_jax.base.json_values import jsonable
-from dropper_jax.run.end_forces import fixed_point_loads
+from dropper_jax.base.progress import silent
+from dropper_jax.quantities.end_forces import fixed_point_loads
 from dropper_jax.scene import line_slices
 from dropper_jax.statics.rest_problem import unbalanced
 from dropper_jax.study.gradient_check import GradientCheck
 from fitting.farm.optimise.broken_link import link_of, with_link_mask
-from fitting.farm.optimise.design import DIFFERENCE_STEP
+from fitting.farm.optimise.design import WINDOW_DIFFERENCE_STEP
 from fitting.farm.optimise.equilibria import near_rest, solve_rest
 from fitting.farm.optimise.models import still, still_model
 from fitting.farm.optimise.programme import programme
@@ -333,8 +333,8 @@ def test_slopes_of_windows_are_those_of_designs_built_and_brought_to_rest_again(
     (slopes,) = design.slopes([found], silent)
     spans = np.array([variable.span for variable in design.variables])
     by_range = []
-    for change in np.diag(DIFFERENCE_STEP * spans):
+    for change in np.diag(WINDOW_DIFFERENCE_STEP * spans):
         ends = [peaks(design.start + sign * change, height=found.hard).soft for sign in (1.0, -1.0)]
-        by_range.append((ends[0] - ends[1]) / (2.0 * DIFFERENCE_STEP))
+        by_range.append((ends[0] - ends[1]) / (2.0 * WINDOW_DIFFERENCE_STEP))
     slopes = slopes[:, : len(spans)] * spans
     np.testing.assert_allclose(np.transpose(by_range), slopes, rtol=0.02, atol=0.01 * np.max(np.abs(slopes)))

@@ -2,20 +2,23 @@
 
 import dataclasses
 import threading
+import tomllib
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from dropper_jax.base.errors import silent
 from dropper_jax.base.parallel_runs import run_parallel
+from dropper_jax.base.progress import silent
 from dropper_jax.study.gradient_check import GradientCheck
 from fitting.farm.optimise import along_gradient
 from fitting.farm.optimise.optimum import Optimum, design_warnings
 from fitting.farm.optimise.search import measure, run_search
+from fitting.farm.optimise.search_file import digest_inputs
 from fitting.farm.optimise.search_round import MAX_RESIDUAL, run_round
 from fitting.farm.optimise.search_state import Search
 from fitting.farm.optimise.values import Values, dominated_slopes
+from fitting.farm.site import read_site, site_text
 
 #: Two runs that show what the gradient predicts.
 TRUE_GRADIENT = GradientCheck.of(1.0, 1.0)
@@ -87,11 +90,25 @@ def test_two_runs_along_the_gradient_show_whether_it_predicts_the_highest_peak(m
     assert warned == (status == "not_trusted")
 
 
-def test_parallel_runs_keep_their_order_and_the_first_is_alone():
+def test_a_search_belongs_to_all_values_of_its_site_but_the_name():
+    table = tomllib.loads(site_text("small-longline").decode())
+
+    def digest(**sections):
+        return digest_inputs(SimpleNamespace(site=read_site({**table, **sections})))
+
+    higher = [{**table["sea_state"][0], "hs": 1.01 * table["sea_state"][0]["hs"]}, *table["sea_state"][1:]]
+    stronger = [{**part, "factor": 2.5} for part in table["part"]]
+    assert digest(name="another") == digest()
+    assert len({digest(), digest(sea_state=higher), digest(part=stronger), digest(set={"sea.density": 1026.0})}) == 4
+
+
+def test_parallel_runs_keep_their_order_and_the_first_is_alone_and_errors_are_raised():
     alone, seen = [], []
 
     def one(i):
         alone.append(threading.current_thread() is threading.main_thread())
+        if i == 6:
+            raise ValueError("six")
         return i * i
 
     assert run_parallel(one, list(range(6)), seen.append, workers=3) == [i * i for i in range(6)]
@@ -99,21 +116,13 @@ def test_parallel_runs_keep_their_order_and_the_first_is_alone():
     assert not any(alone[1:])
     assert seen == [1, 2, 3, 4, 5, 6]
     assert run_parallel(one, [], seen.append) == []
+    with pytest.raises(ValueError, match="six"):
+        run_parallel(one, [4, 5, 6, 7], lambda _: None, workers=2)
 
 
 def test_runs_of_compiled_programs_start_together():
     both = threading.Barrier(2, timeout=10.0)  # broken unless two wait at the same time
     run_parallel(lambda _: both.wait(), [0, 1], lambda _: None, workers=2, alone=0)
-
-
-def test_what_a_parallel_run_raises_is_raised():
-    def one(i):
-        if i == 2:
-            raise ValueError("two")
-        return i
-
-    with pytest.raises(ValueError, match="two"):
-        run_parallel(one, list(range(5)), lambda _: None, workers=2)
 
 
 def design_of(of, variables, **settings):

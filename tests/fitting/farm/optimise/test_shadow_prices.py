@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dropper_jax.base.errors import silent
+from dropper_jax.base.progress import silent
 from fitting.farm.optimise.models import ASSUMPTIONS
 from fitting.farm.optimise.run import read_problem
 from fitting.farm.optimise.search_round import run_round

@@ -88,7 +88,8 @@ def test_a_case_changes_what_it_names_and_nothing_else(site):
     broken = [(f.line, f.link, f.time) for f in scene.failures if f.time < 1e6]
     assert broken == [("backbone-1", 1, 40.0)]  # halfway between the 20 s that do not count and the end
     assert (scene.run.dt, scene.run.duration) == (0.05, 60.0)
-    assert scene.sea.ramp == 20.0
+    assert scene.sea.ramp == site.ramp == 20.0
+    assert read_site(changed(set={"sea.ramp": 7.0})).ramp == 7.0  # the scene's own
 
 
 def test_a_break_without_a_link_is_in_the_middle_of_the_line(site):
@@ -141,6 +142,9 @@ def test_parts_take_capacity_and_factor_of_their_own_or_of_the_tables(site):
         ({"cases": {"directions": []}}, "cases.directions: [] is empty"),
         ({"cases": {"currents": [{"speed": 1.0}, 1.0]}}, "cases.currents: ['1 m/s', '1 m/s'] has a duplicate current"),
         ({"cases": {"months": ["june"]}}, "cases.months.0: 'june' is unknown; known: may, september"),
+        ({"growth": [], "cases": {"months": ["june"]}}, "growth: missing; needed: june, named in cases.months"),
+        ({"crop": {"line_type.sock.mass": [17.0, 21.8, -26.0]}}, "crop high: line_type.sock.mass: -26.0 is out of"),
+        ({"cases": {"currents": [0.5, {"speed": 1.0, "direction": "x"}]}}, "1 m/s: sea.current.direction: 'x' is"),
         ({"part": SITE["part"][:2]}, "part: no part has the lines backbone"),
         ({"part": [*SITE["part"], {"name": "x", "lines": "chain*"}]}, "part.3.lines: 'chain*' matches no line"),
         ({"part": [*SITE["part"], {"name": "x", "lines": "*-2", "capacity": 1.0}]}, "'dropper-2' already belongs to"),

@@ -122,7 +122,7 @@ def _drifter_by_scipy(
 
     def path(t: np.ndarray, start: np.ndarray) -> np.ndarray:
         y = np.concatenate([start, [0.0, 0.0]])
-        return solve_ivp(move, (0.0, t[-1]), y, t_eval=t, rtol=1e-9, atol=1e-9, max_step=0.01).y[:2].T
+        return solve_ivp(move, (0.0, t[-1]), y, t_eval=t, rtol=1e-11, atol=1e-12, max_step=0.01).y[:2].T
 
     return path
 
@@ -270,7 +270,8 @@ def _row_by_scipy(t: np.ndarray) -> np.ndarray:
 
     rest = np.zeros((1, 2))
     y = np.concatenate([start.ravel(), np.zeros(2 * FLOATS)])
-    found = solve_ivp(move, (0.0, t[-1]), y, t_eval=t, method="DOP853", rtol=1e-7, atol=1e-8)
+    # With `rtol` 1e-7 one rounding of the start moves the floats by 2e-7 m: the stored path must fit any processor.
+    found = solve_ivp(move, (0.0, t[-1]), y, t_eval=t, method="DOP853", rtol=1e-10, atol=1e-11)
     return found.y[: 2 * FLOATS].T.reshape(-1, FLOATS, 2)
 
 

@@ -371,6 +371,8 @@ def refine(
     return jax.lax.while_loop(unsolved, correct, start)[0]
 
 
+# inlined in programs; called alone it is one, compiled once
+@partial(jax.jit, static_argnames="stepper", inline=True)
 def step(stepper: Stepper, model: Model, s: State, h: Array) -> tuple[State, Array]:
     """The state after a step of h [s], and the largest scaled row of its equations (NaN if it is not finite).
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any, NamedTuple, TypeVar
 
 import jax
@@ -129,13 +130,20 @@ def step_lengths(
         accuracy: that the steps follow, as `run.accuracy` of a scene, with one dt for all intervals; by default a step
             covers an interval, or parts of it where it does not converge.
     """
+    if most is None and accuracy is None:
+        most = intervals + max(64, intervals // 2)
+    elif most is None:
+        most = MOST_CHOSEN
+    return _step_lengths(stepper, model, s, dt, intervals, most, accuracy)
+
+
+@partial(jax.jit, static_argnames=("stepper", "intervals", "most"), inline=True)
+def _step_lengths(
+    stepper: Stepper, model: Model, s: State, dt: Array, intervals: int, most: int, accuracy: Array | None
+) -> Steps:
     model, s, dt = jax.lax.stop_gradient((model, s, jnp.asarray(dt, model.dtype)))
     if accuracy is None:
-        if most is None:
-            most = intervals + max(64, intervals // 2)
         return _halved_steps(stepper, model, s, dt, intervals, most)
-    if most is None:
-        most = MOST_CHOSEN
     accuracy = jnp.asarray(accuracy, model.dtype)
     length, _, failed = find_lengths(stepper, model, s, dt, intervals, accuracy, most)
     none = jnp.zeros(intervals, jnp.int32)
@@ -241,6 +249,23 @@ def integrate(
         shapes.append((steps,))
     if dt.shape not in shapes:
         raise ValueError(f"dt: has the shape {dt.shape}; allowed: {' or '.join(map(str, shapes))}")
+    return _integrate(stepper, model, s, dt, steps, save_every, checkpoint, warn, accuracy, most)
+
+
+# not inlined: JAX then keeps the program of a gradient too, 0.05 in place of 8 s for the second one
+@partial(jax.jit, static_argnames=("stepper", "steps", "save_every", "checkpoint", "warn", "most"))
+def _integrate(
+    stepper: Stepper,
+    model: Model,
+    s: State,
+    dt: Array,
+    steps: int,
+    save_every: int,
+    checkpoint: bool,
+    warn: bool,
+    accuracy: Array | None,
+    most: int | None,
+) -> tuple[State, Trajectory]:
     meter = growth_meter(model, s, dt) if warn else None
     follows = accuracy is not None
     if follows or (stepper.halvings and stepper.integrator.implicit):

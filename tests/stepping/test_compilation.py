@@ -58,3 +58,23 @@ def test_a_run_that_differs_in_values_only_is_not_compiled_again(compiled):
     assert compiled == []
     dj.simulate(scene, dt=0.01, duration=0.2, iterations=5)  # a setting of the step is part of the program
     assert compiled
+
+
+def test_steps_runs_and_gradients_called_without_jit_are_compiled_once(compiled):
+    model, start = dj.build("double-pendulum-chaotic")
+    stepper = dj.make_stepper(model, "energy_momentum")
+
+    def height(model, dt):
+        return dj.integrate(stepper, model, start, dt, steps=4)[1].r[-1, 2, 2]
+
+    def call_each(model, dt):
+        state, _ = dj.step(stepper, model, start, dt)
+        lengths = dj.step_lengths(stepper, model, start, dt, 4)
+        gradient = jax.grad(height)(model, dt)
+        return jax.block_until_ready((state, lengths, height(model, dt), gradient))
+
+    heavier = jax.tree.map(lambda x: 1.01 * x, model)
+    call_each(model, 0.01)
+    compiled.clear()
+    call_each(heavier, 0.008)
+    assert compiled == []

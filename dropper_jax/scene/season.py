@@ -124,8 +124,11 @@ class SeasonSpec(DeclaredSection):
         field = noise * np.where(grid == 0.0, 1.0, np.sqrt(1.0 - keep**2))
         for i in range(1, len(grid)):
             field[i] += keep * field[i - 1]
+        share = arc / step % 1.0
+        # between two grid points, whose correlation is `keep`, the interpolated field has a variance below 1
+        normal = np.interp(arc, grid, field) / np.sqrt(1.0 - 2.0 * (1.0 - keep) * share * (1.0 - share))
         spread = np.sqrt(np.log1p(self.deviation**2))
-        return np.exp(spread * np.interp(arc, grid, field) - 0.5 * spread**2)
+        return np.exp(spread * normal - 0.5 * spread**2)
 
     def holding(self, density: float, water: float, gravity: float) -> float | None:
         """Acceleration [m/s^2] at which a mussel detaches: `(F - g (m - rho V))/(m + rho V/2)`; None without a force.

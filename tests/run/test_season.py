@@ -106,6 +106,9 @@ def test_random_layers_have_their_mean_deviation_and_correlation():
     assert np.all(factor > 0.0)
     assert np.mean(factor) == pytest.approx(1.0, abs=0.02)
     assert np.std(factor) == pytest.approx(0.3, rel=0.05)
+    # at grid points, a tenth of the correlation length apart, and between them
+    spread = np.log(season.factor("dropper-1", np.arange(0.0, 40_000.0, 0.05)).reshape(-1, 4))
+    assert np.std(spread, axis=0) == pytest.approx(np.sqrt(np.log(1.09)), rel=0.01)
     field = np.log(factor) - np.mean(np.log(factor))
     # four samples apart is one correlation length
     assert np.mean(field[4:] * field[:-4]) / np.mean(field**2) == pytest.approx(np.exp(-1.0), abs=0.03)

@@ -33,14 +33,14 @@ class LinkStart(NamedTuple):
         d: link vectors (n, 3) [m].
         rate: their rates (n, 3) [m/s]; None if no link stretches.
         acceleration: their mean second derivatives over the last step (n, 3) [m/s^2]; None if no memory is kept.
-        lightness: sum of the inverse masses of the nodes at both ends of the links (n,) [1/kg], 0 for fixed ones; None
+        inverse_reduced_mass: sum of 1/m of the nodes at both ends of the links (n,) [1/kg], 0 for fixed ones; None
             without `acceleration`.
     """
 
     d: Array
     rate: Array | None
     acceleration: Array | None = None
-    lightness: Array | None = None
+    inverse_reduced_mass: Array | None = None
 
 
 @dataclass(frozen=True)

@@ -102,7 +102,7 @@ class Seabed(Effect):
     def normal(self, k: Kinematics) -> Array:
         """Contact force (nodes,) [N], never negative."""
         area = k.line.node_share(k.line.needed_diameter * k.line.length)
-        for effect in k.model.having(ContactArea):
+        for effect in k.model.effects_with(ContactArea):
             area = area + effect.contact_area(k.model)
         n = self.upward(k.r)
         return area * self.pressure(k, self, (self.bed_height(k.r) - k.r[:, 2]) * n[..., 2], -dot(k.v, n))

@@ -150,7 +150,7 @@ def _clip_to_limit(p: Array, limit: Array) -> Array:
 
 
 def _find_seabed(k: Kinematics) -> Seabed:
-    return k.model.having(Seabed)[0]
+    return k.model.effects_with(Seabed)[0]
 
 
 def _normal(k: Kinematics) -> Array:

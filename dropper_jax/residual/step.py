@@ -422,7 +422,7 @@ def explicit_row(model: Model, s: State, s1: State) -> Array:
 
 def mark_too_far(model: Model, s: State, s1: State, row: Array) -> Array:
     """The largest row of a step from s to s1; `TOO_FAR` if nodes moved farther than an effect can follow."""
-    watching = model.having(LimitsTimeStep)
+    watching = model.effects_with(LimitsTimeStep)
     if not watching:
         return row
     ends = tuple(model.kinematics(now.r, now.v, now.t) for now in (s, s1))

@@ -30,7 +30,7 @@ class StoreStopped(RuntimeError):
 class Store(ABC, Generic[Key, Found]):
     """Chunks of results, each under its key. `path` is the file or folder that errors name.
 
-    Creating a store on an existing folder resumes it, unless it belongs to another request (see `differences`).
+    Creating a store on an existing folder resumes it, unless it belongs to another request, by `request_differences`.
     """
 
     path: Path
@@ -117,7 +117,7 @@ def read_archive(path: str | Path) -> tuple[dict[str, Any], dict[str, np.ndarray
     return json.loads(str(arrays.pop("meta", "{}"))), arrays
 
 
-def differences(here: Mapping[str, Any], there: Mapping[str, Any]) -> list[str]:
+def request_differences(here: Mapping[str, Any], there: Mapping[str, Any]) -> list[str]:
     """Paths at which two requests, as plain values, differ, with both values."""
     one = _comparable_items(here)
     other = _comparable_items(there)

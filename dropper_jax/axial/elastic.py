@@ -59,12 +59,6 @@ class Elastic(AxialLaw):
             return d
         return jnp.where(self.intact[:, None] > 0.0, d, length[:, None] * jnp.eye(1, 3, dtype=d.dtype))
 
-    def zero_broken(self, per_link: Array) -> Array:
-        """Values (n,) of links, zero for broken ones."""
-        if self.intact is None:
-            return per_link
-        return self.intact * per_link
-
     def spring(self, size: Array, length: Array) -> Array:
         """Tension (n,) [N] of links of length `size` (n,) [m], without damping."""
         return self.EA / length * (size - length)

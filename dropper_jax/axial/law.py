@@ -78,6 +78,13 @@ class AxialLaw(ABC):
         """(n,): 0 if the link has broken, else 1; None if no link can break."""
         return None
 
+    def zero_broken(self, per_link: Array) -> Array:
+        """Values (n,) of links, zero for broken ones."""
+        intact = self.intact
+        if intact is None:
+            return per_link
+        return intact * per_link
+
     def axial_stiffness(self) -> Array | float:
         """EA (n,) [N], or one number; zero for links that do not stretch."""
         return 0.0

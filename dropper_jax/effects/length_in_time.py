@@ -18,7 +18,7 @@ from dropper_jax.base.records import names_of
 from dropper_jax.effects.changing_links import ChangingLinks, LengthFunction, LengthTable, Winch, WinchState
 from dropper_jax.model import Effect, Kinematics, Line, Model, ModelView
 from dropper_jax.scene import SceneData
-from dropper_jax.scene.length_in_time import LengthInTimeSpec
+from dropper_jax.scene.length_in_time import LengthInTimeSpec, WinchSpec
 
 
 @component
@@ -81,19 +81,16 @@ def changing_lengths(scene: SceneData) -> list[Effect]:
                 entries.append(_make_table(line.name, spec, links))
             else:
                 kind = ControlledLength
-                entries.append(_make_winch(spec, links))
+                measured = links[0] if spec.end == "from" else links[-1]
+                entries.append(_make_winch(spec.control, links, measured))
         start += line.links
     if not entries:
         return []
     return [kind(tuple(entries))]
 
 
-def _make_winch(spec: LengthInTimeSpec, links: tuple[int, ...]) -> Winch:
-    """The winch of an entry, which measures the tension of the link at its end."""
-    control = spec.control
-    measured = links[-1]
-    if spec.end == "from":
-        measured = links[0]
+def _make_winch(control: WinchSpec, links: tuple[int, ...], measured: int) -> Winch:
+    """The winch of these links, which measures the tension of one of them."""
     return Winch(
         target=as_array(control.target),
         gain=as_array(control.gain),
@@ -155,7 +152,7 @@ def with_length_in_time(
     """
     chosen = _links_at_end(model, line, end, links)
     entry = LengthFunction(jax.tree.map(jnp.asarray, parameters), function, chosen)
-    effect = model.effect(LengthInTime.name) or LengthInTime()
+    effect = next((e for e in model.effects if isinstance(e, LengthInTime)), LengthInTime())
     for other in effect.entries:
         if not set(chosen).isdisjoint(other.links):
             raise SceneError(f"links: {links} at {end!r} have another length in time; allowed: one for each link")

@@ -66,8 +66,6 @@ class SeabedFriction(Law):
         law = values["law"]
         static = values["static"]
         kinetic = values["kinetic"]
-        if "seabed" not in scene.effects:
-            raise SceneError(f"{path}: needs the contact force of [effects.seabed]; it is missing")
         if "joint_friction" in scene.effects:
             raise SceneError(f"{path}: cannot be combined with [effects.joint_friction]; allowed: one of them")
         if static is not None and static < kinetic:

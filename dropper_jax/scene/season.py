@@ -17,6 +17,8 @@ from dropper_jax.base.read import DeclaredSection, count, part, plain, read_matr
 ADDED_MASS = 0.5
 #: Distance of the grid points of the random thickness, in correlation lengths.
 GRID_STEP = 0.1
+#: Minimum correlation length [m]: a long line with a shorter one has more grid points than fit into memory.
+MIN_CORRELATION = 1e-3
 THICKNESS = {"unit": "m", "shape": "table", "low": 0.0}
 
 
@@ -43,7 +45,7 @@ class SeasonSpec(DeclaredSection):
     deviation: float = parameter(
         "standard deviation of the thickness divided by its mean", unit="-", low=0.0, default=0.0
     )
-    correlation: float = parameter("correlation length of the thickness", unit="m", above=0.0, default=1.0)
+    correlation: float = parameter("correlation length of the thickness", unit="m", low=MIN_CORRELATION, default=1.0)
     seed: int = count("seed of the random thickness", low=0, default=0)
     attachment: float | None = parameter("attachment strength of one mussel", unit="N", above=0.0, default=None)
     mussel_mass: float | None = parameter("mass of one mussel", unit="kg", above=0.0, default=None)

@@ -43,7 +43,7 @@ def refuse(model: Model, s: State) -> str | None:
         import diffrax  # noqa: F401
     except ImportError:
         return "diffrax is not installed (extra `peers`)"
-    if model.line.compound or model.line.axial.elastic or model.laws or model.moving:
+    if model.line.compound or model.line.axial.elastic or model.laws or model.has_moving_ends:
         return "only rigid links with point masses, still ends and smooth forces are written for diffrax"
     return None
 
@@ -56,7 +56,7 @@ def derivative(t: jax.Array, y: tuple[jax.Array, jax.Array], model: Model) -> tu
     unit = k.links / model.line.length[:, None]
     free = model.force(k) * inverse[:, None]
     zero = jnp.zeros_like(free[:1])
-    bend = jnp.diff(jnp.concatenate([zero, free, zero] if model.end_held else [zero, free]), axis=0)
+    bend = jnp.diff(jnp.concatenate([zero, free, zero] if model.both_ends_fixed else [zero, free]), axis=0)
     rate = k.link_velocities
     rhs = jnp.sum(unit * bend, axis=-1) + jnp.sum(rate * rate, axis=-1) / model.line.length
     near = jnp.concatenate([jnp.zeros(1), inverse])[: model.line.links]
@@ -118,7 +118,7 @@ def angle_derivative(t: jax.Array, y: tuple[jax.Array, jax.Array], model: Model)
     turn = angles[:, None] - angles[None, :]
     matrix = shared * jnp.cos(turn)
     load = -(shared * jnp.sin(turn)) @ rates**2 - model.effects[0].gravity * beyond * length * jnp.cos(angles)
-    if not model.end_held:
+    if not model.both_ends_fixed:
         return rates, jnp.linalg.solve(matrix, load)
     close = length * jnp.stack([-jnp.sin(angles), jnp.cos(angles)])
     bend = (length * jnp.stack([jnp.cos(angles), jnp.sin(angles)])) @ rates**2

@@ -89,7 +89,7 @@ def xml(model: Model, integrator: str, dt: float, hard: bool) -> str:
             f'<site name="node{i}" pos="{lengths[i]:.17g} 0 0"/>{body}</body>'
         )
     closing = ""
-    if model.end_held:
+    if model.both_ends_fixed:
         # time constant of the closing constraint over the step; below 2 MuJoCo itself raises it
         if hard:
             stiff = f'solref="{2.0 * dt:g} 1" solimp="0.999999 0.999999 0.001"'

@@ -11,7 +11,7 @@ From a scene to the next state:
       |     residual.step.step
       |       integrators/   problem(model, state, h)  the scheme writes the residual R(u) = 0 of the step
       |         effects/, axial/, sea/                 with forces, laws of tension, water
-      |       residual.step.newton                     u <- u - P^-1 R(u)
+      |       residual.newton.newton                   u <- u - P^-1 R(u)
       |         solvers/     linearise(problem, u)     the matrix P, by jax.jacfwd
       |       residual.step.solution                   du = -(dR/du)^-1 dR/dp dp: its exact derivative
       |       problem.finish(u)

@@ -59,12 +59,6 @@ class Elastic(AxialLaw):
             return d
         return jnp.where(self.intact[:, None] > 0.0, d, length[:, None] * jnp.eye(1, 3, dtype=d.dtype))
 
-    def zero_broken(self, per_link: Array) -> Array:
-        """Values (n,) of links, zero for broken ones."""
-        if self.intact is None:
-            return per_link
-        return self.intact * per_link
-
     def spring(self, size: Array, length: Array) -> Array:
         """Tension (n,) [N] of links of length `size` (n,) [m], without damping."""
         return self.EA / length * (size - length)
@@ -197,11 +191,13 @@ class StretchStep(NamedTuple):
         d, stretching = law._stretching(start.d, start.rate, length)
         size = safe_norm(d)
         expected = size + h * stretching
-        if start.acceleration is None or start.lightness is None:
+        if start.acceleration is None or start.inverse_reduced_mass is None:
             return cls(size, expected, length, h, weight=0.0, memory=0.0)
         turning = dot(start.rate, start.rate) - stretching**2
         acceleration = law.zero_broken((dot(d, start.acceleration) + turning) / size)
-        highest = 2.0 * law.EA / length * start.lightness  # square of the highest frequency of a line of such links
+        highest = (
+            2.0 * law.EA / length * start.inverse_reduced_mass
+        )  # square of the highest frequency of a line of such links
         resolved = UNRESOLVED_FREQUENCY**2 / (highest * h**2)
         weight = jnp.maximum(1.0 - resolved, 0.0) ** 2
         return cls(size, expected, length, h, weight, acceleration * h**2)

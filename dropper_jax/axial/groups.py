@@ -5,7 +5,7 @@ from __future__ import annotations
 import operator
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
-from typing import Any
+from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -14,6 +14,9 @@ from jax import Array
 
 from dropper_jax.axial.law import AxialLaw, LinkStart, SlackTangent, sum_works
 from dropper_jax.base.fields import component, option
+
+#: A result of a method of a law.
+Result = TypeVar("Result")
 
 
 @component
@@ -43,25 +46,25 @@ class Groups(AxialLaw):
                 found.append(jnp.ones(len(m), known[0].dtype))
             else:
                 found.append(law.intact)
-        return self._together(found)
+        return self._in_link_order(found)
 
     def axial_stiffness(self) -> Array:
-        return self._together(jnp.broadcast_to(law.axial_stiffness(), len(m)) for law, m in self._each())
+        return self._in_link_order(jnp.broadcast_to(law.axial_stiffness(), len(m)) for law, m in self._each())
 
     def _each(self) -> Iterator[tuple[AxialLaw, np.ndarray]]:
         """Each law and the indices of its links."""
         return zip(self.laws, map(np.array, self.members), strict=True)
 
-    def _together(self, found: Iterable[Array]) -> Array:
+    def _in_link_order(self, found: Iterable[Array]) -> Array:
         """Values of the groups in the order of the links."""
         return jnp.concatenate(list(found))[np.argsort(np.concatenate(self.members))]
 
-    def _results(self, method: str, *of_links: Any, step: tuple[Array, ...] = ()) -> list[Any]:
-        """Results of a method of each law for its own links, with `step` (h,) where it takes one."""
+    def _results(self, call: Callable[..., Result], *of_links: Any) -> list[Result]:
+        """Results of a method of each law for its own links."""
         found = []
         for law, m in self._each():
             own = jax.tree.map(operator.itemgetter(m), of_links)
-            found.append(getattr(law, method)(*own, *step))
+            found.append(call(law, *own))
         return found
 
     def _change_each(self, change: Callable[[AxialLaw, np.ndarray], AxialLaw]) -> Groups:
@@ -90,25 +93,26 @@ class Groups(AxialLaw):
         return tuple(dict.fromkeys(name for law in self.laws for name in law.work_names))
 
     def residual(self, start: LinkStart, d1: Array, tension: Array, length: Array, h: Array) -> Array:
-        return self._together(self._results("residual", start, d1, tension, length, step=(h,)))
+        results = self._results(lambda law, *own: law.residual(*own, h), start, d1, tension, length)
+        return self._in_link_order(results)
 
     def at_rest(self, d: Array, tension: Array, length: Array) -> Array:
-        return self._together(self._results("at_rest", d, tension, length))
+        return self._in_link_order(self._results(lambda law, *own: law.at_rest(*own), d, tension, length))
 
     def direction(self, d0: Array, d1: Array, mean: Array, length: Array) -> Array:
-        return self._together(self._results("direction", d0, d1, mean, length))
+        return self._in_link_order(self._results(lambda law, *own: law.direction(*own), d0, d1, mean, length))
 
     def tension(self, d: Array, rate: Array, length: Array) -> Array:
-        return self._together(self._results("tension", d, rate, length))
+        return self._in_link_order(self._results(lambda law, *own: law.tension(*own), d, rate, length))
 
     def instant(self, d: Array, rate: Array, tension: Array, length: Array) -> Array:
-        return self._together(self._results("instant", d, rate, tension, length))
+        return self._in_link_order(self._results(lambda law, *own: law.instant(*own), d, rate, tension, length))
 
     def energy(self, d: Array, length: Array) -> Array:
-        return sum(self._results("energy", d, length), jnp.zeros((), d.dtype))
+        return sum(self._results(lambda law, *own: law.energy(*own), d, length), jnp.zeros((), d.dtype))
 
     def works(self, start: LinkStart, d1: Array, length: Array, h: Array) -> dict[str, Array]:
-        return sum_works(self._results("works", start, d1, length, step=(h,)))
+        return sum_works(self._results(lambda law, *own: law.works(*own, h), start, d1, length))
 
     def powers(self, d: Array, rate: Array, tension: Array, length: Array) -> dict[str, Array]:
-        return sum_works(self._results("powers", d, rate, tension, length))
+        return sum_works(self._results(lambda law, *own: law.powers(*own), d, rate, tension, length))

@@ -33,14 +33,14 @@ class LinkStart(NamedTuple):
         d: link vectors (n, 3) [m].
         rate: their rates (n, 3) [m/s]; None if no link stretches.
         acceleration: their mean second derivatives over the last step (n, 3) [m/s^2]; None if no memory is kept.
-        lightness: sum of the inverse masses of the nodes at both ends of the links (n,) [1/kg], 0 for fixed ones; None
+        inverse_reduced_mass: sum of 1/m of the nodes at both ends of the links (n,) [1/kg], 0 for fixed ones; None
             without `acceleration`.
     """
 
     d: Array
     rate: Array | None
     acceleration: Array | None = None
-    lightness: Array | None = None
+    inverse_reduced_mass: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -77,6 +77,13 @@ class AxialLaw(ABC):
     def intact(self) -> Array | None:
         """(n,): 0 if the link has broken, else 1; None if no link can break."""
         return None
+
+    def zero_broken(self, per_link: Array) -> Array:
+        """Values (n,) of links, zero for broken ones."""
+        intact = self.intact
+        if intact is None:
+            return per_link
+        return intact * per_link
 
     def axial_stiffness(self) -> Array | float:
         """EA (n,) [N], or one number; zero for links that do not stretch."""

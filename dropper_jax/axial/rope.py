@@ -11,7 +11,7 @@ from dropper_jax.axial.elastic import Elastic, StretchStep
 from dropper_jax.axial.law import AxialLaw, LinkStart, SlackTangent
 from dropper_jax.base.fields import component, option
 from dropper_jax.base.numerics import dot, positive_part, safe_norm
-from dropper_jax.base.springs import mean_positive_part, never_more
+from dropper_jax.base.springs import limit_damper, mean_positive_part
 
 #: Bound of the tension over a step that goes slack, over the tension of the spring at its end. Larger ones take effect
 #: closer to the slack length, but have a steeper slope there.
@@ -127,7 +127,7 @@ class Rope(Elastic):
         return self._elongation(size, step.length) - self._elongation(step.size, step.length)
 
     def _limit_damper(self, dashpot: Array, spring: Array) -> Array:
-        return never_more(dashpot, spring)
+        return limit_damper(dashpot, spring)
 
 
 @component

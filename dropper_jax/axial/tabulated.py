@@ -82,13 +82,18 @@ class Tabulated(Rope):
         )
 
     def spring(self, size: Array, length: Array) -> Array:
-        _, s, beyond, _, a, b, c = self._passed_intervals(size, length)
-        return jnp.sum(s * (a + s * (b + s * c)), axis=-1) + self.slope[:, -1] * beyond[:, -1]
+        passed = self._passed_intervals(size, length)
+        s = passed.s
+        within = s * (passed.a + s * (passed.b + s * passed.c))
+        return jnp.sum(within, axis=-1) + self.slope[:, -1] * passed.beyond[:, -1]
 
     def _stored_energy(self, size: Array, length: Array) -> Array:
         """The integral of the curve over the strain, times the length."""
-        width, s, beyond, rise, a, b, c = self._passed_intervals(size, length)
-        within = width * s**2 * (a / 2 + s * (b / 3 + s * c / 4)) + rise * beyond
+        passed = self._passed_intervals(size, length)
+        s = passed.s
+        beyond = passed.beyond
+        cubic = passed.a / 2 + s * (passed.b / 3 + s * passed.c / 4)
+        within = passed.width * s**2 * cubic + passed.rise * beyond
         return length * (jnp.sum(within, axis=-1) + 0.5 * self.slope[:, -1] * beyond[:, -1] ** 2)
 
     def _slack(self, length: Array) -> Array:

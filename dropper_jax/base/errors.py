@@ -83,6 +83,8 @@ def first_failure(statuses: Iterable[str]) -> str | None:
 def nearest(word: str, candidates: Iterable[str]) -> str:
     """A hint with the nearest valid name, or with all valid names if none is similar."""
     candidates = sorted(candidates)
+    if not candidates:
+        return "none exist"
     close = difflib.get_close_matches(word, candidates, n=1)
     if close:
         return f"did you mean {close[0]!r}?"

@@ -2,11 +2,11 @@
 
 A spring with the mean force over the step, `(psi1 - psi0)/(s1 - s0)`, conserves all energy, including that of
 vibrations that the step does not resolve. A spring with its force at the end of the step takes (h omega)^2/4 of all of
-them at every step. `lag` lies between the two. It is zero while the spring moves as expected from the velocities at the
-start of the step, or more slowly. It is half of the amount by which the spring runs ahead of them. It is at most the
-change itself, with which the force is that at the end. It never adds energy, since it has the sign of the change. A
-vibration loses (h omega)^2/4 of its energy per period and none before its peak. Unresolved vibrations shrink to a third
-per step.
+them at every step. With `unresolved_force` it lies between the two. It is zero while the spring moves as expected
+from the velocities at the start of the step, or more slowly. It is half of the amount by which the spring runs ahead of
+them. It is at most the change itself, with which the force is that at the end. It never adds energy, since it has the
+sign of the change. A vibration loses (h omega)^2/4 of its energy per period and none before its peak. Unresolved
+vibrations shrink to a third per step.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ REST_DEPTH = 1e-10
 
 
 @trace_once
-def lag(before: Array, after: Array, expected: Array, rest: Array | float = 0.0) -> Array:
+def unresolved_force(before: Array, after: Array, expected: Array, rest: Array | float = 0.0) -> Array:
     """Spring force beyond its mean over the step, from the force before, the force after and the expected force.
 
     From a spring at rest any motion is ahead of what was expected. The derivative there is that of `after - expected`,
@@ -48,7 +48,7 @@ def lag(before: Array, after: Array, expected: Array, rest: Array | float = 0.0)
     return 0.5 * (still * ahead + (1.0 - still) * moving)
 
 
-def never_more(damper: Array, spring: Array) -> Array:
+def limit_damper(damper: Array, spring: Array) -> Array:
     """Force that a damper adds to a spring force `spring` >= 0: at most as much again, and at most all of it
     removed. Without a spring force the damper has no force, and no derivative either."""
     return jnp.where(spring > 0.0, jnp.clip(damper, -spring, spring), 0.0)

@@ -30,7 +30,7 @@ class StoreStopped(RuntimeError):
 class Store(ABC, Generic[Key, Found]):
     """Chunks of results, each under its key. `path` is the file or folder that errors name.
 
-    Creating a store on an existing folder resumes it, unless it belongs to another request (see `differences`).
+    Creating a store on an existing folder resumes it, unless it belongs to another request, by `request_differences`.
     """
 
     path: Path
@@ -117,15 +117,20 @@ def read_archive(path: str | Path) -> tuple[dict[str, Any], dict[str, np.ndarray
     return json.loads(str(arrays.pop("meta", "{}"))), arrays
 
 
-def differences(here: Mapping[str, Any], there: Mapping[str, Any]) -> list[str]:
+def request_differences(here: Mapping[str, Any], there: Mapping[str, Any]) -> list[str]:
     """Paths at which two requests, as plain values, differ, with both values."""
-    one = dict(flat_items(json.loads(json.dumps(here))))
-    other = dict(flat_items(there))
+    one = _comparable_items(here)
+    other = _comparable_items(there)
     found = []
     for path in sorted({*one, *other}):
         if one.get(path) != other.get(path):
             found.append(f"{path} = {_short(other.get(path))} there, {_short(one.get(path))} here")
     return found
+
+
+def _comparable_items(values: Mapping[str, Any]) -> dict[str, Plain]:
+    """Leaves by path as JSON has them, with NaN as a text: a number NaN differs from itself."""
+    return dict(flat_items(json.loads(json.dumps(values), parse_constant=str)))
 
 
 def flat_items(value: Plain, path: str = "") -> Iterator[tuple[str, Plain]]:

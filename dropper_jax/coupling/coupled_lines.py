@@ -184,7 +184,7 @@ class CoupledLines:
 
     @property
     def _motion(self) -> CoupledMotion:
-        return self.model.having(CoupledMotion)[-1]
+        return self.model.effects_with(CoupledMotion)[-1]
 
 
 _forces = cached_jit()(CoupledLines.forces)
@@ -209,7 +209,7 @@ def coupled_lines(
     scene = load_scene(scene)
     points = coupled_points(scene, points)
     model = build_model(scene)
-    if any(e.moves(name) for e in model.having(Displacement) for name in points):
+    if any(e.moves(name) for e in model.effects_with(Displacement) for name in points):
         raise SceneError("points: already moved by an effect of the scene; allowed: fixed points")
     home = np.array([scene.point(name).position for name in points])
     rates = np.zeros_like(home) if velocities is None else np.asarray(velocities, float)

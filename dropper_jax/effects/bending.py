@@ -55,34 +55,8 @@ class Bending(Effect):
     def check(cls, values: Values, scene: SceneData) -> None:
         if all(line.links < 2 for line in scene.lines) and not values["clamped"] and not values["joined"]:
             raise SceneError("effects.bending: needs a line of at least 2 links. Use more links, or remove the effect")
-        clamped = values["clamped"]
-        given = values["directions"]
-        if given is None:
-            given = ()
-        if len(given) != len(clamped):
-            raise SceneError(
-                f"effects.bending.directions: has {len(given)} entries; allowed: one for each of the "
-                f"{len(clamped)} points that `clamped` names"
-            )
-        for i, (name, direction) in enumerate(zip(clamped, given, strict=True)):
-            if not np.any(direction):
-                raise SceneError(
-                    f"effects.bending.directions.{i}: {list(direction)} has no direction; allowed: a non-zero vector"
-                )
-            path = f"effects.bending.clamped.{i}"
-            scene.check_line_end(name, path)
-            if name in clamped[:i]:
-                raise SceneError(f"{path}: {name!r} is listed twice; allowed: each point once")
-        ends = {line.name: (line.start, line.end) for line in scene.lines}
-        joined = [set(pair) for pair in values["joined"]]
-        for i, pair in enumerate(values["joined"]):
-            path = f"effects.bending.joined.{i}"
-            for name in pair:
-                if name not in ends:
-                    raise SceneError(f"{path}: {name!r} is not a line; {nearest(name, list(ends))}")
-            common_ends(pair, ends, path)
-            if joined[i] in joined[:i]:
-                raise SceneError(f"{path}: {pair[0]!r} and {pair[1]!r} are listed twice; allowed: each pair once")
+        _check_clamps(values, scene)
+        _check_joints(values, scene)
 
     def potential(self, k: Kinematics) -> Array:
         return self._energy(k, at_pieces(k, self.piece_nodes(k.model))[0])
@@ -152,6 +126,42 @@ class Bending(Effect):
             nodes.append(np.array([[*paths[0], paths[1][0]]]))
         first, second = np.concatenate(links).T
         return first, second, np.concatenate(nodes)
+
+
+def _check_clamps(values: Values, scene: SceneData) -> None:
+    """Reject clamped points without a direction, or at which other than one line ends."""
+    clamped = values["clamped"]
+    given = values["directions"]
+    if given is None:
+        given = ()
+    if len(given) != len(clamped):
+        raise SceneError(
+            f"effects.bending.directions: has {len(given)} entries; allowed: one for each of the "
+            f"{len(clamped)} points that `clamped` names"
+        )
+    for i, (name, direction) in enumerate(zip(clamped, given, strict=True)):
+        if not np.any(direction):
+            raise SceneError(
+                f"effects.bending.directions.{i}: {list(direction)} has no direction; allowed: a non-zero vector"
+            )
+        path = f"effects.bending.clamped.{i}"
+        scene.check_line_end(name, path)
+        if name in clamped[:i]:
+            raise SceneError(f"{path}: {name!r} is listed twice; allowed: each point once")
+
+
+def _check_joints(values: Values, scene: SceneData) -> None:
+    """Reject pairs of lines that do not meet, and pairs that are listed twice."""
+    ends = {line.name: (line.start, line.end) for line in scene.lines}
+    joined = [set(pair) for pair in values["joined"]]
+    for i, pair in enumerate(values["joined"]):
+        path = f"effects.bending.joined.{i}"
+        for name in pair:
+            if name not in ends:
+                raise SceneError(f"{path}: {name!r} is not a line; {nearest(name, list(ends))}")
+        common_ends(pair, ends, path)
+        if joined[i] in joined[:i]:
+            raise SceneError(f"{path}: {pair[0]!r} and {pair[1]!r} are listed twice; allowed: each pair once")
 
 
 def link_at_point(model: ModelView, name: str) -> tuple[int, bool]:

@@ -90,11 +90,8 @@ class ClampMotion(Effect):
 
     def piece_force(self, k: Kinematics, r: Array, v: Array) -> Array:
         link, _ = link_at_point(k.model, self.point)
-        bending = k.model.having(Bending)[0]
-        stiffness = jnp.broadcast_to(bending.EI, k.line.length.shape)[link] / k.line.length[link]
-        intact = k.line.axial.intact
-        if intact is not None:
-            stiffness = stiffness * intact[link]
+        bending = k.model.effects_with(Bending)[0]
+        stiffness = k.line.axial.zero_broken(bending.EI / k.line.length)[link]
         direction = self.leaving(k.t)
 
         def energy(r: Array) -> Array:

@@ -81,7 +81,7 @@ class JointFriction(Law):
             torque = torque * self._pin_direction()
         links = k.model.geometry.links
         after = jnp.concatenate([torque[1:], jnp.zeros_like(torque[:1])])[:links]
-        return -k.model.gather(cross(torque[:links] - after, k.tangents) / safe_norm(k.links)[:, None])
+        return -k.model.geometry.gather(cross(torque[:links] - after, k.tangents) / safe_norm(k.links)[:, None])
 
     def force(self, k: Kinematics) -> Array:
         if self.viscous is None:

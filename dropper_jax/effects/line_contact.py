@@ -181,8 +181,7 @@ class FrictionlessContact(LinksInContact):
 
 def _check_name(where: str, name: str, names: Collection[str], what: str) -> None:
     if name not in names:
-        hint = nearest(name, names) if names else "none exist"
-        raise SceneError(f"{where}: {name!r} is not a {what}; {hint}")
+        raise SceneError(f"{where}: {name!r} is not a {what}; {nearest(name, names)}")
 
 
 def _list_once(path: str, contacts: Iterable[Hashable], listed: set[Hashable]) -> None:

@@ -164,7 +164,7 @@ class MorisonInertia(_InertiaForce):
             total = total + end.collect(mass * (can * change + (cat - can) * momentum / h))
             turning = v0 * _scalar_product(middle, v1) + v1 * _scalar_product(middle, v0)
             force = 0.5 * mass * (cat - can) * turning
-            total = total + k.model.gather(force / length)
+            total = total + k.model.geometry.gather(force / length)
         return total
 
     def kinetic(self, k: Kinematics) -> Array:

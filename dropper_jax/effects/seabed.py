@@ -10,7 +10,7 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, parameter
 from dropper_jax.base.numerics import cross, dot, trace_once
 from dropper_jax.base.read import Values, plain, refuse, rises
-from dropper_jax.base.springs import REST_DEPTH, lag, mean_positive_part, never_more
+from dropper_jax.base.springs import REST_DEPTH, limit_damper, mean_positive_part, unresolved_force
 from dropper_jax.model import ContactArea, Effect, Kinematics
 from dropper_jax.scene import SceneData
 
@@ -50,7 +50,9 @@ class Seabed(Effect):
         if grid:
             x, y, depth = map(len, grid)
             if depth != x * y:
-                raise SceneError(f"effects.seabed.bed_depth: has {depth} entries; allowed: {x * y}, x by x")
+                raise SceneError(
+                    f"effects.seabed.bed_depth: has {depth} entries; allowed: {x * y}, one for each x and y"
+                )
             for key in ("bed_x", "bed_y"):
                 if not rises(values[key], 2):
                     raise SceneError(f"effects.seabed.{key}: needs at least 2 increasing numbers")
@@ -102,7 +104,7 @@ class Seabed(Effect):
     def normal(self, k: Kinematics) -> Array:
         """Contact force (nodes,) [N], never negative."""
         area = k.line.node_share(k.line.needed_diameter * k.line.length)
-        for effect in k.model.having(ContactArea):
+        for effect in k.model.effects_with(ContactArea):
             area = area + effect.contact_area(k.model)
         n = self.upward(k.r)
         return area * self.pressure(k, self, (self.bed_height(k.r) - k.r[:, 2]) * n[..., 2], -dot(k.v, n))
@@ -121,10 +123,12 @@ class Seabed(Effect):
             pressed_before = jnp.maximum(before, 0.0)
             pressed_after = jnp.maximum(after, 0.0)
             expected = jnp.maximum(before + k.h * k.prepared(effect), 0.0)
-            mean = mean_positive_part(before, after) + lag(pressed_before, pressed_after, expected, REST_DEPTH)
+            mean = mean_positive_part(before, after) + unresolved_force(
+                pressed_before, pressed_after, expected, REST_DEPTH
+            )
             spring = jnp.maximum(self.stiffness * mean, 0.0)
             rate = (pressed_after - pressed_before) / k.h
-        return spring + never_more(self.damping * rate, spring)
+        return spring + limit_damper(self.damping * rate, spring)
 
     def force(self, k: Kinematics) -> Array:
         return self.normal(k)[:, None] * self.upward(k.r)

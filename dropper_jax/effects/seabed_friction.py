@@ -66,8 +66,6 @@ class SeabedFriction(Law):
         law = values["law"]
         static = values["static"]
         kinetic = values["kinetic"]
-        if "seabed" not in scene.effects:
-            raise SceneError(f"{path}: needs the contact force of [effects.seabed]; it is missing")
         if "joint_friction" in scene.effects:
             raise SceneError(f"{path}: cannot be combined with [effects.joint_friction]; allowed: one of them")
         if static is not None and static < kinetic:
@@ -150,7 +148,7 @@ def _clip_to_limit(p: Array, limit: Array) -> Array:
 
 
 def _find_seabed(k: Kinematics) -> Seabed:
-    return k.model.having(Seabed)[0]
+    return k.model.effects_with(Seabed)[0]
 
 
 def _normal(k: Kinematics) -> Array:

@@ -128,8 +128,8 @@ class Torsion(Effect):
         """Inertia of nodes (nodes,) [kg m^2], stiffness and damping of links (n,) [N m/rad], [N m s/rad]."""
         length = model.line.length
         half = 0.5 * self.polar_inertia * length
-        stiffness = _zero_broken(model, self.GJ / length)
-        return self._shafts(model).sums(half, half), stiffness, _zero_broken(model, self.damping / length)
+        stiffness = model.line.axial.zero_broken(self.GJ / length)
+        return self._shafts(model).sums(half, half), stiffness, model.line.axial.zero_broken(self.damping / length)
 
     def _strain_torque(self, before: Kinematics, after: Kinematics) -> Array:
         """Torque (n,) [N m] due to the strain, over the step."""
@@ -143,14 +143,14 @@ class CoupledTorsion(Torsion):
     def _strain_torque(self, before: Kinematics, after: Kinematics) -> Array:
         length = after.line.length
         strain = 0.5 * (safe_norm(before.links) + safe_norm(after.links)) / length - 1.0
-        return _zero_broken(after.model, self.coupling * self._shafts(after.model).twists * strain)
+        return after.line.axial.zero_broken(self.coupling * self._shafts(after.model).twists * strain)
 
     def twist_tension(self, model: ModelView) -> Array:
         """Tension (n,) [N] due to the twist."""
         phi = self.at_rest(model) if self.twist is None else self.twist[0]
         shafts = self._shafts(model)
         tension = self.coupling * shafts.twists * shafts.differences(shafts.of_lines(phi)) / model.line.length
-        return _zero_broken(model, tension)
+        return model.line.axial.zero_broken(tension)
 
     force = sum_of_pieces
 
@@ -162,11 +162,3 @@ class CoupledTorsion(Torsion):
         link = r[:, 1] - r[:, 0]
         force = (self.twist_tension(k.model) / jnp.sqrt(dot(link, link) + 1e-30))[:, None] * link
         return jnp.stack([force, -force], axis=1)
-
-
-def _zero_broken(model: ModelView, per_link: Array) -> Array:
-    """Values (n,) of links, zero for broken ones."""
-    intact = model.line.axial.intact
-    if intact is None:
-        return per_link
-    return intact * per_link

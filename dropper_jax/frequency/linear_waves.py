@@ -145,7 +145,7 @@ def _loads_at_phase(model: Model, pose: State, component: Waves, phase_shift: Ar
 
 def tension_changes(model: Model, linear: LinearMotion, x: Array, v: Array) -> Array:
     """Changes of the tensions (k, n) [N] at displacements and velocities (k, free, 3)."""
-    links = jax.vmap(lambda y: model.rates(y, None))
+    links = jax.vmap(lambda y: model.link_rates(y, None))
     return jnp.sum(linear.stretch * links(x) + linear.stretch_rate * links(v), axis=-1)
 
 

@@ -198,7 +198,7 @@ def _most_probable_maximum(mean: np.ndarray, deviation: np.ndarray, period: np.n
 def _check_linear(model: Model, has_sea_states: bool) -> None:
     """Reject what the frequency domain does not describe."""
     check_no_bodies(model)
-    for effect in model.having(Displacement):
+    for effect in model.effects_with(Displacement):
         if not effect.needs_sea:
             raise SceneError(f"effects.{effect.name}: its motion does not come from the sea. Use a run in time")
     if has_sea_states and model.effect("vessel_motion") is not None:

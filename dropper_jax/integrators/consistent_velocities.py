@@ -70,7 +70,7 @@ class InstantProblem(ProjectionProblem):
     """
 
     def __init__(self, k: Kinematics, end_acceleration: Array | None) -> None:
-        super().__init__(k, bool(k.model.having(AddedMass)))
+        super().__init__(k, bool(k.model.effects_with(AddedMass)))
         line = k.line
         self.end_acceleration = end_acceleration
         self.force = k.model.force(k)
@@ -91,7 +91,7 @@ def make_consistent(k: Kinematics, added: bool = False, stretch_rate: Array | No
         added: whether added mass is included.
         stretch_rate: rate of stretch per length of rigid links after the change, (n,) [1/s]; default zero.
     """
-    problem = ProjectionProblem(k, added and bool(k.model.having(AddedMass)))
+    problem = ProjectionProblem(k, added and bool(k.model.effects_with(AddedMass)))
     if stretch_rate is not None:
         problem.stretch_rate = stretch_rate
     change, impulse, _ = _solve_projection(problem)
@@ -140,7 +140,7 @@ def sawtooth_grows(model: Model) -> Array | None:
     Added mass of Morison's form turns with its link and contributes `1/2 v' M_a' v`. Such a velocity grew from rounding
     error to ten times all others within ten minutes of a regular wave, for any step.
     """
-    turning = [e for e in model.having(TurningMass) if e.may_gain_energy]
+    turning = [e for e in model.effects_with(TurningMass) if e.may_gain_energy]
     if model.line.axial.elastic or not turning:
         return None
     return jnp.any(jnp.stack([e.gains_energy() for e in turning]))

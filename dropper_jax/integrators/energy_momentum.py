@@ -25,7 +25,18 @@ from dropper_jax.integrators.consistent_velocities import (
     velocities_after_step_change,
 )
 from dropper_jax.integrators.stop_stuck import stop_stuck_joints, stop_stuck_nodes
-from dropper_jax.model import MOVING_ENDS, AddedMass, Ends, Kinematics, Model, State, Works, book_works, turning
+from dropper_jax.model import (
+    MOVING_ENDS,
+    AddedMass,
+    Ends,
+    Kinematics,
+    Model,
+    State,
+    Works,
+    book_works,
+    non_conservative_forces,
+    turning_work_name,
+)
 from dropper_jax.residual import DisplacementProblem, Implicit, LocalError, NodeRows, PerLaw, Unknowns
 
 
@@ -55,7 +66,7 @@ class EnergyMomentum(Implicit):
 
     def begin(self, model: Model, s: State) -> State:
         """The state with velocities that are consistent with links between moving ends."""
-        if model.moving:
+        if model.has_moving_ends:
             return replace(s, v=initial_velocity(model, s.r, s.v, s.t))
         return s
 
@@ -104,11 +115,11 @@ class MidpointProblem(DisplacementProblem):
         model = self.model
         if model.line.axial.rigid(model.line.links).all():
             return LinkStart(self.links0, None)
-        rate = model.rates(self.s.v, self.ends0)
+        rate = model.link_rates(self.s.v, self.ends0)
         if not self.alone:  # the last step has another length, and may go backwards
             return LinkStart(self.links0, rate)
         acceleration = model.geometry.differences(self.s.acceleration, self.end_acceleration)
-        return LinkStart(self.links0, rate, acceleration, model.link_lightness)
+        return LinkStart(self.links0, rate, acceleration, model.inverse_reduced_mass)
 
     def guess(self) -> Unknowns:
         s = self.s
@@ -210,8 +221,8 @@ class MidpointProblem(DisplacementProblem):
         unchanged = v1, jnp.zeros_like(self.s.tension), jnp.zeros((), v1.dtype)
         v, impulse, gained = jax.lax.cond(jumped, project, lambda: unchanged)
         name = MOVING_ENDS
-        if not model.moving:  # it is the work of what excites the sawtooth
-            name = turning(model.having(AddedMass)[0])
+        if not model.has_moving_ends:  # it is the work of what excites the sawtooth
+            name = turning_work_name(model.effects_with(AddedMass)[0])
         return v, impulse, {name: gained}
 
     def _sawtooth(self, r1: Array, v1: Array) -> Array:
@@ -231,11 +242,11 @@ class MidpointProblem(DisplacementProblem):
         h = self.h
         k = self.instant(u.x)
         links1 = self.link_vectors(u.x)
-        forces = model.working_forces(k)
+        forces = non_conservative_forces(model, k)
         for law, z in zip(model.laws, u.z, strict=False):  # multipliers of constraints do no work
             forces[law.name] = forces.get(law.name, 0.0) + law.law_force(k, z)
         works = {name: h * jnp.sum(force * k.v) for name, force in forces.items()}
-        turned = {turning(e): self._turning(e, k, u) for e in model.having(AddedMass)}
+        turned = {turning_work_name(e): self._turning(e, k, u) for e in model.effects_with(AddedMass)}
         ends = self._end_works(u, self._directions(links1), k)
         axial = line.axial.works(self.start, links1, line.length, h)
         drums = line.axial.drum_works(self.links0, links1, u.y)

@@ -87,7 +87,7 @@ class GeneralizedAlpha(Implicit):
     def refuse(self, model: Model) -> str | None:
         if not model.line.axial.elastic:
             return "it needs tensions that follow from lengths, but the links are rigid; set axial.law"
-        if model.having(LengthOverTime):
+        if model.effects_with(LengthOverTime):
             return "it needs constant lengths, but [[line.length_in_time]] changes them; use energy_momentum"
         if couples_inertia(model):
             return "added mass couples neighbouring nodes here; use energy_momentum"

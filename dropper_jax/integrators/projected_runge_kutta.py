@@ -30,7 +30,7 @@ from jax.flatten_util import ravel_pytree
 
 from dropper_jax.base.numerics import dot, time_just_after
 from dropper_jax.integrators.runge_kutta import powers
-from dropper_jax.model import MOVING_ENDS, Model, State, book_works
+from dropper_jax.model import MOVING_ENDS, Model, State, book_works, end_powers
 from dropper_jax.residual import Embedded, point_masses_only
 from dropper_jax.solvers.condensed import solve_multipliers
 
@@ -77,7 +77,7 @@ def apply_jump(model: Model, r: Array, v: Array, t: Array) -> tuple[Array, Array
     ends = model.ends(t)
     inverse = 1.0 / model.node_mass
     unit = model.links(r, ends) / model.line.length[:, None]
-    impulse = solve_multipliers(unit, inverse, dot(unit, model.rates(v, ends)))
+    impulse = solve_multipliers(unit, inverse, dot(unit, model.link_rates(v, ends)))
     return v + model.tension_force(impulse, unit) * inverse[:, None], impulse[:, None] * unit
 
 
@@ -114,7 +114,7 @@ class ProjectedRungeKutta(Embedded):
 
     def advance_with_error(self, model: Model, s: State, h: Array, tolerance: Array) -> tuple[State, Array]:
         track = bool(s.work.size)
-        if model.moving:
+        if model.has_moving_ends:
             s = _after_jump(model, s, track)
         stages = len(self.b)
         table = _fill_rows([(), *self.a, self.b], stages + 1)
@@ -182,7 +182,7 @@ def _after_jump(model: Model, s: State, track: bool) -> State:
     if not track or before.velocities is None or after.velocities is None:
         return replace(s, v=v)
     mean = before._replace(velocities=0.5 * (before.velocities + after.velocities))
-    work = s.work + book_works(model, {MOVING_ENDS: model.end_powers(impulse, mean)[MOVING_ENDS]})
+    work = s.work + book_works(model, {MOVING_ENDS: end_powers(model, impulse, mean)[MOVING_ENDS]})
     return replace(s, v=v, work=work)
 
 

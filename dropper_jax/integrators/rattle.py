@@ -57,7 +57,7 @@ class RattleProblem(SpeedProblem):
         pull1 = self.unit_forces(after.links)
         loose = u.x + 0.5 * h * model.force(after) / self.mass[:, None]
         # d1 . (rate of the links) = 0 after the second half kick
-        mu = solve_multipliers(pull1, 0.5 * h / self.mass, dot(pull1, model.rates(loose, self.ends1)))
+        mu = solve_multipliers(pull1, 0.5 * h / self.mass, dot(pull1, model.link_rates(loose, self.ends1)))
         v1 = loose + 0.5 * h * model.tension_force(mu, pull1) / self.mass[:, None]
         # the next half step has the same nodal forces, and tensions that continue from these
         onward = 2 * (v1 - u.x) / h + model.tension_force(mu - u.y, pull1) / self.mass[:, None]

@@ -13,7 +13,17 @@ from jax import Array
 
 from dropper_jax.backend.tridiagonal import solve_tridiagonal
 from dropper_jax.base.numerics import local_jacobian
-from dropper_jax.model import AddedMass, Kinematics, Model, State, Works, book_works, turning
+from dropper_jax.model import (
+    AddedMass,
+    Kinematics,
+    Model,
+    State,
+    Works,
+    book_works,
+    end_powers,
+    non_conservative_forces,
+    turning_work_name,
+)
 from dropper_jax.residual import Explicit
 from dropper_jax.solvers.elimination import apply, inverse
 
@@ -40,13 +50,13 @@ def rates(model: Model, r: Array, v: Array, t: Array, track: bool) -> tuple[Rate
 def accelerations(model: Model, k: Kinematics, force: Array, t: Array) -> Array:
     """Accelerations (nodes, 3) [m/s^2] under nodal forces (nodes, 3) [N]; not where `couples_inertia`."""
     line = model.line
-    if model.having(AddedMass):  # each node has its own mass matrix
+    if model.effects_with(AddedMass):  # each node has its own mass matrix
         blocks = local_jacobian(lambda a: model.inertia(k, a), jnp.zeros_like(force))
         return apply(inverse(blocks), force)
     diagonal = model.node_mass
     if not line.compound:
         return force / diagonal[:, None]
-    if model.moving:
+    if model.has_moving_ends:
         force = force - model.nodal_inertia(jnp.zeros_like(force), model.end_acceleration(t))
     off = line.blocks()[1][1 : model.free_nodes]
     zero = jnp.zeros_like(diagonal[:1])
@@ -56,10 +66,10 @@ def accelerations(model: Model, k: Kinematics, force: Array, t: Array) -> Array:
 def powers(model: Model, k: Kinematics, tension: Array, a: Array, laws: Works | None = None) -> Array:
     """Power (k,) [W] in the order of `work_names`; `laws` are those of set-valued laws."""
     line = model.line
-    forces = {name: jnp.sum(force * k.v) for name, force in model.working_forces(k).items()}
-    turned = {turning(e): _turning(model, e, k, a) for e in model.having(AddedMass)}
+    forces = {name: jnp.sum(force * k.v) for name, force in non_conservative_forces(model, k).items()}
+    turned = {turning_work_name(e): _turning(model, e, k, a) for e in model.effects_with(AddedMass)}
     axial = line.axial.powers(k.links, k.link_velocities, tension, line.length)
-    ends = model.end_powers(tension[:, None] * k.tangents, k.ends, k)
+    ends = end_powers(model, tension[:, None] * k.tangents, k.ends, k)
     return book_works(model, forces, laws or {}, turned, axial, ends)
 
 

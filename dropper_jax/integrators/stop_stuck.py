@@ -160,7 +160,7 @@ def _rows(stuck: _StuckJoints, after: Kinematics, bounds: _Bounds, u: Unknowns) 
         joints = (*joints, jnp.where(is_at_bound, on_bound, jnp.where(is_held, at_rest, p)))
     along = u.y
     if not line.axial.elastic:
-        rate = jnp.where(_both_held(model, held)[:, None], moved.link_velocities, model.rates(u.x, None))
+        rate = jnp.where(_both_held(model, held)[:, None], moved.link_velocities, model.link_rates(u.x, None))
         along = jnp.mean(line.mass) * dot(after.tangents, rate)
     return Unknowns(force, along, joints)
 

@@ -43,7 +43,7 @@ class ThesisAngles(Implicit):
         return self.gamma > 0.5
 
     def refuse(self, model: Model) -> str | None:
-        if model.moving:
+        if model.has_moving_ends:
             return "the thesis' scheme holds both ends still; use energy_momentum"
         return super().refuse(model)
 
@@ -62,7 +62,7 @@ def angles_of_state(model: Model, s: State) -> tuple[Array, ...]:
     """The angles that the state carries, or those that correspond to its positions and velocities."""
     if s.angles is not None:
         return s.angles
-    return angles_of_links(model.links(s.r, model.ends(s.t)), model.rates(s.v, None))
+    return angles_of_links(model.links(s.r, model.ends(s.t)), model.link_rates(s.v, None))
 
 
 def angles_of_links(d: Array, rate: Array) -> tuple[Array, ...]:

@@ -302,5 +302,7 @@ def check_scene(scene: SceneData) -> Iterator[Check]:
     for effect, values in scene.effects.items():
         if EFFECTS[effect].needs_water or EFFECTS[effect].needs_sea:
             check_water(effect, scene)
+        for other in EFFECTS[effect].needs:
+            yield other not in scene.effects, f"effects.{effect}: needs [effects.{other}]; it is missing"
         EFFECTS[effect].check(values, scene)
     check_growth(scene)

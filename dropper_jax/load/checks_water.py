@@ -39,7 +39,7 @@ def check_water(effect: str, scene: SceneData) -> Iterator[Check]:
 def check_growth(scene: SceneData) -> Iterator[Check]:
     """Check that growth has water and the diameter of the bare rope, and that the volume follows from the diameter."""
     for i, line in enumerate(scene.lines):
-        season = scene.season is not None and scene.season.on(line.name, line.piece_of)
+        season = scene.season is not None and scene.season.covers(line.name, line.piece_of)
         if line.growth is None and not season:
             continue
         path = f"line.{i}"

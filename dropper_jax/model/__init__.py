@@ -5,7 +5,7 @@ from dropper_jax.model.effect import Effect, HeldMotion, HolonomicConstraint, La
 from dropper_jax.model.graph import Graph, LinkEnd, Member
 from dropper_jax.model.kinematics import Ends, Frozen, Kinematics, ModelView
 from dropper_jax.model.line import Failures, Line, Point
-from dropper_jax.model.model import MOVING_ENDS, Forces, Model
+from dropper_jax.model.model import Model
 from dropper_jax.model.slots import (
     AddedMass,
     ContactArea,
@@ -19,7 +19,17 @@ from dropper_jax.model.slots import (
     at_pieces,
     sum_of_pieces,
 )
-from dropper_jax.model.state import BREAKING, Parted, State, Works, as_parted, book_works, state, turning, work_names
+from dropper_jax.model.state import Parted, State, as_parted, state
+from dropper_jax.model.work import (
+    BREAKING,
+    MOVING_ENDS,
+    Works,
+    book_works,
+    end_powers,
+    non_conservative_forces,
+    turning_work_name,
+    work_names,
+)
 
 __all__ = [
     "AddedMass",
@@ -49,16 +59,17 @@ __all__ = [
     "Potential",
     "State",
     "HolonomicConstraint",
-    "Forces",
     "TurningMass",
     "Works",
     "as_parted",
     "at_pieces",
     "book_works",
     "check_slots",
+    "end_powers",
+    "non_conservative_forces",
     "per_node",
     "state",
     "sum_of_pieces",
-    "turning",
+    "turning_work_name",
     "work_names",
 ]

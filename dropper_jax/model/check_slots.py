@@ -5,8 +5,7 @@ A force of shape (3,) would otherwise be added to every node, and one in another
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from functools import partial
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import jax
@@ -43,14 +42,14 @@ def check_slots(model: Model, effect: Effect) -> None:
             raise _refuse(effect, method, str(jax.tree.structure(found)), str(jax.tree.structure(wanted)))
         for one, other in zip(jax.tree.leaves(found), jax.tree.leaves(wanted), strict=True):
             if one.shape != other.shape or one.dtype != other.dtype:
-                raise _refuse(effect, method, _words(one), _words(other))
+                raise _refuse(effect, method, _shape_in_words(one), _shape_in_words(other))
 
 
 def _refuse(effect: Effect, method: str, found: str, wanted: str) -> SceneError:
     return SceneError(f"effects.{effect.name}.{method}: returns {found}; needed: {wanted}")
 
 
-def _words(one: jax.ShapeDtypeStruct) -> str:
+def _shape_in_words(one: jax.ShapeDtypeStruct) -> str:
     return f"shape {one.shape} of {one.dtype}"
 
 
@@ -60,37 +59,40 @@ def _slots(model: Model, effect: Effect) -> Iterator[Slot]:
     vectors = _array(model, free, 3)
     own = jax.eval_shape(model.initial_internal_state)
 
-    def results(method: str, *more: jax.ShapeDtypeStruct, instants: int = 1) -> Any:
-        """Results of a method of one instant, or of both ends of a step."""
+    def result(method: Callable[..., Any], *more: jax.ShapeDtypeStruct) -> Any:
+        """Result of a method of the effect at one instant, with more arguments."""
 
         def call(r: Array, v: Array, t: Array, at_entry: Any, *rest: Array) -> Any:
             inside = model.with_internal_state(at_entry)
-            return getattr(inside.effect(effect.name), method)(*[inside.instant(r, v, t)] * instants, *rest)
+            return method(inside.effect(effect.name), inside.instant(r, v, t), *rest)
 
         return jax.eval_shape(call, vectors, vectors, number, own, *more)
 
-    for slot, method, more, instants, wanted in (
-        (Force, "force", (), 1, vectors),
-        (Potential, "potential", (), 1, number),
-        (AddedMass, "inertia", (vectors,), 1, vectors),
-        (AddedMass, "kinetic", (), 1, number),
-        (LimitsTimeStep, "too_far", (), 2, jax.ShapeDtypeStruct((), jnp.bool_)),
-        (Stateful, "advance", (_array(model, model.geometry.links), number), 2, own.get(effect.name)),
-    ):
-        if isinstance(effect, slot):
-            yield method, results(method, *more, instants=instants), wanted
-    for slot, method in ((PointMass, "point_mass"), (ContactArea, "contact_area")):
-        if isinstance(effect, slot):
-            yield method, jax.eval_shape(partial(getattr(effect, method), model)), _array(model, free)
+    if isinstance(effect, Force):
+        yield "force", result(lambda e, k: e.force(k)), vectors
+    if isinstance(effect, Potential):
+        yield "potential", result(lambda e, k: e.potential(k)), number
+    if isinstance(effect, AddedMass):
+        yield "inertia", result(lambda e, k, a: e.inertia(k, a), vectors), vectors
+        yield "kinetic", result(lambda e, k: e.kinetic(k)), number
+    if isinstance(effect, LimitsTimeStep):
+        yield "too_far", result(lambda e, k: e.too_far(k, k)), jax.ShapeDtypeStruct((), jnp.bool_)
+    if isinstance(effect, Stateful):
+        tension = _array(model, model.geometry.links)
+        yield "advance", result(lambda e, k, *rest: e.advance(k, k, *rest), tension, number), own[effect.name]
+    if isinstance(effect, PointMass):
+        yield "point_mass", jax.eval_shape(lambda: effect.point_mass(model)), _array(model, free)
+    if isinstance(effect, ContactArea):
+        yield "contact_area", jax.eval_shape(lambda: effect.contact_area(model)), _array(model, free)
     if isinstance(effect, Displacement):
         yield "displace", jax.eval_shape(lambda t: model.displacement(effect, t), number), _array(model, 3)
     if isinstance(effect, Law) and effect.components:
         z = _array(model, effect.rows(model), effect.components)
-        yield "law_force", results("law_force", z), vectors
-        yield "law_residual", results("law_residual", z, number), z
+        yield "law_force", result(lambda e, k, z: e.law_force(k, z), z), vectors
+        yield "law_residual", result(lambda e, k, z, h: e.law_residual(k, z, h), z, number), z
     if isinstance(effect, ElementForce):
         each = _array(model, *effect.piece_nodes(model).shape, 3)
-        yield "piece_force", results("piece_force", each, each), each
+        yield "piece_force", result(lambda e, k, r, v: e.piece_force(k, r, v), each, each), each
 
 
 def _array(model: Model, *shape: int) -> jax.ShapeDtypeStruct:

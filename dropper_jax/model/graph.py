@@ -69,6 +69,7 @@ class Member(NamedTuple):
         links: number of its links.
         start, end: numbers of the points at its ends.
         far: whether a link's mass and forces go to its far node, as in a path; otherwise half of them to each node.
+        piece_of: name of the line of which it is a piece, if attached points cut that line.
     """
 
     name: str
@@ -76,6 +77,7 @@ class Member(NamedTuple):
     start: int
     end: int
     far: bool = False
+    piece_of: str | None = None
 
     @property
     def near_share(self) -> float:
@@ -124,28 +126,17 @@ class Graph:
         return tuple(slice(int(a), int(b)) for a, b in pairwise(ends))
 
     def line_names(self) -> list[str]:
-        """Names of lines as specified, and of the pieces of those that are cut at points."""
+        """Names of lines and pieces, and of the lines that are cut into pieces."""
         names = [member.name for member in self.members]
-        for member in self.members:
-            stem, _, piece = member.name.rpartition("-")
-            if piece.isdecimal():
-                names.append(stem)
-        return [name for name in dict.fromkeys(names) if name]
+        names += [member.piece_of for member in self.members if member.piece_of is not None]
+        return list(dict.fromkeys(names))
 
     def line_links(self, names: Sequence[str]) -> dict[str, np.ndarray]:
-        """Numbers of the links of each line as specified; pieces `name-1`, `name-2` of a cut one belong to it.
-
-        Next to a line `name`, which is not cut, `name-1` is a line of its own.
-        """
+        """Numbers of the links of lines, pieces, or lines that are cut into pieces."""
         found: dict[str, list[np.ndarray]] = {name: [] for name in names}
-        whole = {member.name for member in self.members}
         for member, span in zip(self.members, self.spans, strict=True):
-            own = member.name
-            stem, _, piece = own.rpartition("-")
-            if own not in found and piece.isdecimal() and stem not in whole:
-                own = stem
-            if own in found:
-                found[own].append(np.arange(span.start, span.stop))
+            for name in {member.name, member.piece_of}.intersection(found):
+                found[name].append(np.arange(span.start, span.stop))
         return {name: np.concatenate(parts) for name, parts in found.items()}
 
     @cached_property

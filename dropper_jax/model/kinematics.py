@@ -10,6 +10,7 @@ from typing import Any, NamedTuple, Protocol, TypeVar
 from jax import Array
 
 from dropper_jax.base.numerics import cross, safe_norm
+from dropper_jax.base.records import Named
 from dropper_jax.model.graph import Graph
 from dropper_jax.model.line import Line, Point
 from dropper_jax.sea import Sea, Water
@@ -45,11 +46,8 @@ class ModelView(Protocol):
     def node_mass(self) -> Array:
         """Diagonal of the mass matrix (nodes,) [kg]."""
 
-    def having(self, slot: type[Role]) -> tuple[Role, ...]:
+    def effects_with(self, slot: type[Role]) -> tuple[Role, ...]:
         """The effects that fill a slot, in order."""
-
-    def gather(self, link_force: Array) -> Array:
-        """Sum on the free nodes (nodes, ...) of tension forces of links (n, ...)."""
 
     def force(self, k: Kinematics) -> Array:
         """Sum of the effects' nodal forces (nodes, 3) [N]."""
@@ -63,14 +61,6 @@ class ModelView(Protocol):
 
 #: Data that an effect freezes over a step: any tree of arrays.
 Frozen = Any
-
-
-class Named(Protocol):
-    """Something with a name, as effects are."""
-
-    @property
-    def name(self) -> str:
-        """Its key in `[effects.NAME]`."""
 
 
 class Ends(NamedTuple):

@@ -31,11 +31,6 @@ from dropper_jax.model.slots import (
 )
 from dropper_jax.sea import Sea
 
-#: The name under which the work of moving ends is recorded.
-MOVING_ENDS = "moving_ends"
-#: Forces (nodes, 3) [N] by the name under which their work is recorded.
-Forces = dict[str, Array]
-
 
 def _join_times(times: Iterable[Array | np.ndarray | None]) -> Array | None:
     """All times (k,) [s]; None without any."""
@@ -80,19 +75,19 @@ class Model:
         return self.sea
 
     @property
-    def end_held(self) -> bool:
-        """Whether the second end of a single line is fixed too."""
+    def both_ends_fixed(self) -> bool:
+        """Whether both ends of a single line are fixed."""
         return self.geometry.ends == 2
 
     @property
-    def moving(self) -> bool:
+    def has_moving_ends(self) -> bool:
         """Whether an end follows a prescribed motion."""
-        return bool(self.having(Displacement))
+        return bool(self.effects_with(Displacement))
 
     @property
     def kinks(self) -> Array | None:
         """Times (k,) [s] at which the velocity or acceleration of a fixed point jumps; None if none ever does."""
-        return _join_times(e.kinks for e in self.having(Displacement))
+        return _join_times(e.kinks for e in self.effects_with(Displacement))
 
     @property
     def corners(self) -> Array | None:
@@ -102,7 +97,7 @@ class Model:
             return own
         return _join_times([own, *self.sea.corners])
 
-    def having(self, slot: type[Role]) -> tuple[Role, ...]:
+    def effects_with(self, slot: type[Role]) -> tuple[Role, ...]:
         """The effects that fill a slot (see `model.slots`), in order."""
         return tuple(e for e in self.effects if isinstance(e, slot))
 
@@ -111,25 +106,15 @@ class Model:
         return dataclasses.replace(self, effects=tuple(e for e in self.effects if not isinstance(e, slot)))
 
     @property
-    def working(self) -> tuple[Force, ...]:
-        """The effects whose force is not conservative, so that its work is recorded."""
-        return tuple(e for e in self.having(Force) if not isinstance(e, Potential))
-
-    @property
     def constant_force(self) -> bool:
         """Whether no force depends on positions or velocities."""
-        return all(e.constant for e in self.having(Force))
+        return all(e.constant for e in self.effects_with(Force))
 
     @property
     def reach(self) -> int:
         """How many neighbouring nodes the forces (tensions aside) couple: 0 own node only."""
-        effects = (*self.having(Force), *self.having(AddedMass))
+        effects = (*self.effects_with(Force), *self.effects_with(AddedMass))
         return max([int(self.line.compound), *(e.reach for e in effects)])
-
-    @property
-    def pieces(self) -> tuple[ElementForce, ...]:
-        """Effects of a system of lines that couple nodes in addition to the tensions, element by element."""
-        return self.having(ElementForce)
 
     @property
     def node_reach(self) -> int:
@@ -139,18 +124,12 @@ class Model:
     @property
     def laws(self) -> tuple[Law, ...]:
         """Effects with their own unknowns."""
-        return tuple(law for law in self.having(Law) if law.components)
+        return tuple(law for law in self.effects_with(Law) if law.components)
 
     @property
     def constraints(self) -> tuple[HolonomicConstraint, ...]:
         """Equality constraints between nodes: rigid bodies."""
-        return self.having(HolonomicConstraint)
-
-    def no_multipliers(self) -> tuple[Array, ...]:
-        """Zeros in the shape of the unknowns of laws and constraints (`State.law`)."""
-        laws = [np.zeros((law.rows(self), law.components)) for law in self.laws]
-        constraints = [np.zeros(constraint.rows(self)) for constraint in self.constraints]
-        return tuple(jnp.asarray(zeros, self.dtype) for zeros in (*laws, *constraints))
+        return self.effects_with(HolonomicConstraint)
 
     @property
     def dtype(self) -> jnp.dtype:
@@ -169,7 +148,7 @@ class Model:
     def _position(self, index: int, t: Array) -> Array:
         """Position (3,) [m] of a fixed point at time t."""
         point = self.points[index]
-        moving = [e.motion_of(point.name) for e in self.having(Displacement) if e.moves(point.name)]
+        moving = [e.motion_of(point.name) for e in self.effects_with(Displacement) if e.moves(point.name)]
         return sum((self.displacement(e, t) for e in moving), point.position)
 
     def _held_positions(self, time: Array) -> Array:
@@ -181,14 +160,14 @@ class Model:
 
     def ends(self, t: Array) -> Ends:
         """Positions and velocities of the fixed points at time t."""
-        if not self.moving:
+        if not self.has_moving_ends:
             return Ends(self._held_positions(t))
         t = jnp.asarray(t, self.dtype)
         return Ends(*jax.jvp(self._held_positions, (t,), (jnp.ones_like(t),)))
 
     def end_acceleration(self, t: Array) -> Array | None:
         """Accelerations (held, 3) [m/s^2] of moving ends at time t; None if all ends are at rest."""
-        if not self.moving:
+        if not self.has_moving_ends:
             return None
         return jax.jvp(lambda time: self.ends(time).velocities, (t,), (jnp.ones_like(t),))[1]
 
@@ -222,7 +201,7 @@ class Model:
         """Link vectors (n, 3) [m]."""
         return self.geometry.differences(r, ends.positions)
 
-    def rates(self, v: Array, ends: Ends | None) -> Array:
+    def link_rates(self, v: Array, ends: Ends | None) -> Array:
         """Rates of the link vectors (n, 3) [m/s]; without `ends` the ends are at rest."""
         if ends is None:
             return self.geometry.differences(v, None)
@@ -232,29 +211,22 @@ class Model:
         """All nodes, line after line, both ends of each included (n + lines, 3) [m]."""
         return self.geometry.nodes(r, ends.positions)
 
-    def gather(self, link_force: Array) -> Array:
-        """Sum on the free nodes (nodes, ...) of the links' tension forces (n, ...): + on their first node, - on their
-        last."""
-        return self.geometry.gather(link_force)
-
-    def node(self, line: str | int, j: int) -> int:
-        """Number among the free nodes of node j of a line (see `Kinematics.node`)."""
-        return self.geometry.node(line, j)
-
     @property
     def node_length(self) -> Array:
         """Length assigned to each free node (nodes,) [m]; scales residuals."""
-        return sum((e.node_size(self) for e in self.having(CoupledMass)), self.geometry.link_length(self.line.length))
+        return sum(
+            (e.node_size(self) for e in self.effects_with(CoupledMass)), self.geometry.link_length(self.line.length)
+        )
 
     @property
     def node_mass(self) -> Array:
         """Diagonal of the mass matrix (nodes,) [kg]."""
         if self.known_node_mass is not None:
             return self.known_node_mass
-        return sum((e.point_mass(self) for e in self.having(PointMass)), self.line.node_mass)
+        return sum((e.point_mass(self) for e in self.effects_with(PointMass)), self.line.node_mass)
 
     @property
-    def link_lightness(self) -> Array:
+    def inverse_reduced_mass(self) -> Array:
         """Sum of 1/m of both nodes of each link (n,) [1/kg]; a fixed point counts as zero."""
         inverse = self.geometry.everywhere(1.0 / self.node_mass, None)
         return inverse[self.geometry.first] + inverse[self.geometry.last]
@@ -280,25 +252,7 @@ class Model:
             own = self.geometry.at_ends(*self.line.inertia_forces(a, ends))
         else:
             own = self.node_mass[:, None] * a
-        return sum((e.coupled(self, a) for e in self.having(CoupledMass)), own)
-
-    def end_powers(self, link_force: Array, rates: Ends, k: Kinematics | None = None) -> dict[str, Array]:
-        """Power [W], by name, that moving ends put into `link_force` (n, 3) [N]; empty if the ends are at rest.
-
-        With an instant k also the power into potentials that couple nodes, as for lines with bending stiffness.
-        """
-        if rates.velocities is None:
-            return {}
-        power = -jnp.sum(self.geometry.held_force(link_force) * rates.velocities)
-        bent = tuple(e for e in self.having(Potential) if isinstance(e, ElementForce))
-        if k is None or not bent:
-            return {MOVING_ENDS: power}
-
-        def stored_energy(positions: Array) -> Array:
-            moved = self.kinematics(k.r, k.v, k.t, Ends(positions, rates.velocities))
-            return sum((e.potential(moved) for e in bent), jnp.zeros((), self.dtype))
-
-        return {MOVING_ENDS: power + jax.jvp(stored_energy, (rates.positions,), (rates.velocities,))[1]}
+        return sum((e.coupled(self, a) for e in self.effects_with(CoupledMass)), own)
 
     def tension_by_law(self, k: Kinematics) -> Array:
         """Tensions (n,) [N] of links that stretch at an instant."""
@@ -306,19 +260,15 @@ class Model:
 
     def tension_force(self, tension: Array, direction: Array) -> Array:
         """Nodal force (nodes, 3) [N] of link tensions (n,) along `direction` (n, 3)."""
-        return self.gather(tension[:, None] * direction)
+        return self.geometry.gather(tension[:, None] * direction)
 
     def force(self, k: Kinematics) -> Array:
         """Sum of the effects' nodal forces (nodes, 3) [N]."""
-        return sum((e.force(k) for e in self.having(Force)), jnp.zeros_like(k.r))
-
-    def working_forces(self, k: Kinematics) -> Forces:
-        """Forces (nodes, 3) [N] whose work is recorded, by effect."""
-        return {e.name: e.force(k) for e in self.working}
+        return sum((e.force(k) for e in self.effects_with(Force)), jnp.zeros_like(k.r))
 
     def inertia(self, k: Kinematics, a: Array, ends: Array | None = None) -> Array:
         """Inertia force (nodes, 3) [N] of accelerations a, added mass included; `ends` (held, 3) are the ends' own."""
-        return sum((e.inertia(k, a) for e in self.having(AddedMass)), self.nodal_inertia(a, ends))
+        return sum((e.inertia(k, a) for e in self.effects_with(AddedMass)), self.nodal_inertia(a, ends))
 
     def with_internal_state(self, internal: Mapping[str, Frozen]) -> Model:
         """The model whose effects use their internal states (`State.own`)."""
@@ -338,7 +288,7 @@ class Model:
         Masses, weights and water forces keep the lengths of the scene. With `still` the drums stop at the instant, for
         statics.
         """
-        changing = self.having(LengthOverTime)
+        changing = self.effects_with(LengthOverTime)
         if not changing:
             return self
         t = jnp.asarray(t, self.dtype)
@@ -359,17 +309,17 @@ class Model:
 
     def initial_internal_state(self) -> dict[str, Frozen]:
         """Internal states of the effects at the start of a run, by effect."""
-        return {e.name: e.begin(self) for e in self.having(Stateful)}
+        return {e.name: e.begin(self) for e in self.effects_with(Stateful)}
 
     def advance_internal_state(
         self, before: Kinematics, after: Kinematics, tension: Array, h: Array
     ) -> dict[str, Frozen]:
         """The same after a step (see `slots.Stateful`), from the model as it was during the step."""
-        return {e.name: e.advance(before, after, tension, h) for e in self.having(Stateful)}
+        return {e.name: e.advance(before, after, tension, h) for e in self.effects_with(Stateful)}
 
     def prepare(self, k: Kinematics) -> dict[str, Frozen]:
         """The data that effects freeze over a step, by effect, and the water."""
-        own = {e.name: e.prepare(k) for e in self.having(Prepared)}
+        own = {e.name: e.prepare(k) for e in self.effects_with(Prepared)}
         if self.sea is None or not any(e.needs_water for e in self.effects):
             return own
         material = any(e.needs_material for e in self.effects)
@@ -382,12 +332,12 @@ class Model:
         if self.line.compound and k.ends.velocities is not None:
             held = self.geometry.held_at_ends(*self.line.inertia_forces(k.v, k.ends.velocities))
             own = own + 0.5 * jnp.sum(k.ends.velocities * held)
-        return sum((e.kinetic(k) for e in self.having(AddedMass)), own)
+        return sum((e.kinetic(k) for e in self.effects_with(AddedMass)), own)
 
     def potential_energy(self, k: Kinematics) -> Array:
         """Potential energy of conservative effects and stretched links, scalar [J]."""
         stretched = self.line.axial.energy(k.links, self.line.length)
-        return sum((e.potential(k) for e in self.having(Potential)), stretched)
+        return sum((e.potential(k) for e in self.effects_with(Potential)), stretched)
 
     def cast(self, dtype: DTypeLike) -> Model:
         """The same model with its arrays in another precision."""

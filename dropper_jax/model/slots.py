@@ -8,7 +8,8 @@ import numpy as np
 from jax import Array
 
 from dropper_jax.base.indexed_sums import scatter_add_many
-from dropper_jax.model.kinematics import Frozen, Kinematics, ModelView, Named
+from dropper_jax.base.records import Named
+from dropper_jax.model.kinematics import Frozen, Kinematics, ModelView
 from dropper_jax.model.line import Line
 from dropper_jax.sea import Sea
 

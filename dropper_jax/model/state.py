@@ -1,8 +1,4 @@
-"""The state that a run carries from step to step: positions and velocities, broken links, the ledger of work.
-
-The ledger lists all work that the energies do not contain, by name. Effects, axial laws and moving ends declare the
-names of their work, and return it as tables `{name: scalar}`. Schemes add these up and record them.
-"""
+"""The state that a run carries from step to step: positions and velocities, broken links, the ledger of work."""
 
 from __future__ import annotations
 
@@ -13,52 +9,10 @@ import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
-from dropper_jax.axial import LENGTH_IN_TIME, Works, sum_works
 from dropper_jax.base.fields import component, option
 from dropper_jax.model.kinematics import Frozen
-from dropper_jax.model.model import MOVING_ENDS, Model
-from dropper_jax.model.slots import AddedMass, LengthOverTime
-
-#: Name of the energy lost with broken links.
-BREAKING = "breaking"
-
-
-def work_names(model: Model) -> tuple[str, ...]:
-    """Names of the entries of `State.work`, in order: non-conservative effects, laws, turning added mass, the axial
-    law, changing lengths, moving ends, broken links."""
-    names = [effect.name for effect in model.working]
-    names += [law.name for law in model.laws if law.name not in names]
-    names += [turning(effect) for effect in model.having(AddedMass)]
-    names += model.line.axial.work_names
-    if model.having(LengthOverTime):
-        names.append(LENGTH_IN_TIME)
-    if model.moving:
-        names.append(MOVING_ENDS)
-    if model.line.failures is not None:
-        names.append(BREAKING)
-    return tuple(names)
-
-
-def turning(effect: AddedMass) -> str:
-    """The name under which the work of turning added mass is recorded."""
-    return f"{effect.name}_turning"
-
-
-def book_works(model: Model, *tables: Works) -> Array:
-    """Tables of work [J] (or power) as the array (k,) with the order of `work_names`; missing entries are zero.
-
-    Raises:
-        ValueError: a table contains a name that is not in the ledger.
-    """
-    names = work_names(model)
-    found = sum_works(tables)
-    strangers = sorted(found.keys() - set(names))
-    if strangers:
-        raise ValueError(f"{strangers[0]!r} is not in the ledger of work; allowed: {', '.join(names) or 'nothing'}")
-    for name in names:
-        if name not in found:
-            found[name] = jnp.zeros((), model.dtype)
-    return jnp.stack([found[name] for name in names])
+from dropper_jax.model.model import Model
+from dropper_jax.model.work import work_names
 
 
 @component
@@ -142,8 +96,15 @@ def state(
         tension=array(tension, model.line.links),
         t=array(t),
         acceleration=array(None, *at_nodes),
-        law=model.no_multipliers(),
+        law=_zero_multipliers(model),
         work=array(None, len(work_names(model))),
         parted=nothing_parted(model),
         own=model.initial_internal_state(),
     )
+
+
+def _zero_multipliers(model: Model) -> tuple[Array, ...]:
+    """Zeros in the shape of the unknowns of laws and constraints (`State.law`)."""
+    laws = [np.zeros((law.rows(model), law.components)) for law in model.laws]
+    constraints = [np.zeros(constraint.rows(model)) for constraint in model.constraints]
+    return tuple(jnp.asarray(zeros, model.dtype) for zeros in (*laws, *constraints))

@@ -40,7 +40,7 @@ def overgrown(scene: Scene) -> Scene:
 
 def has_mussels(scene: Scene, line: LineSpec) -> bool:
     """Whether mussels grow on a line of the scene, or on that from which this piece was cut."""
-    in_season = scene.season is not None and scene.season.on(line.name, line.piece_of)
+    in_season = scene.season is not None and scene.season.covers(line.name, line.piece_of)
     return line.growth is not None or in_season
 
 
@@ -48,7 +48,7 @@ def _layer(scene: Scene, line: LineSpec, z: np.ndarray) -> tuple[np.ndarray, np.
     """Thickness [m] and density [kg/m^3] on a line's links (n,), whose nodes (n + 1,) rest at z [m]; None if bare."""
     depth = -0.5 * (z[1:] + z[:-1])
     if line.growth is not None:
-        return line.growth.over(depth)
+        return line.growth.thickness_and_density(depth)
     season = scene.season
     if season is None or not has_mussels(scene, line):
         return None
@@ -81,7 +81,7 @@ def season_table(scene: Scene, months: Sequence[float] | None = None) -> list[Ta
             raise SceneError(f"--months: {month:g} is out of range; allowed: {first:g} to {last:g} months")
     ropes: dict[tuple[float, float], list[str]] = {}
     for line in scene.lines:
-        if season.on(line.name, line.piece_of):
+        if season.covers(line.name, line.piece_of):
             for rope in _bare_ropes(line):
                 ropes.setdefault(rope, []).append(line.name)
     sea = scene.needed_sea
@@ -89,7 +89,7 @@ def season_table(scene: Scene, months: Sequence[float] | None = None) -> list[Ta
     rows = []
     for (mass, diameter), names in ropes.items():
         for month in asked:
-            thickness, density = season.over(season.depth, month)
+            thickness, density = season.thickness_and_density(season.depth, month)
             found = grown(metre, mass * metre, diameter * metre, thickness, density, sea.density, sea.gravity)
             columns = {
                 "depth_m": season.depth,

@@ -69,7 +69,8 @@ def _line(scene: SceneData, index: dict[str, int], corners: int) -> Line:
 def _geometry(scene: SceneData, index: dict[str, int], corners: int) -> Graph:
     nodes = scene.link_mass_nodes
     members = tuple(
-        Member(n.name, n.links, index[n.start], index[n.end], far=nodes[n.name] != "shared") for n in scene.lines
+        Member(n.name, n.links, index[n.start], index[n.end], nodes[n.name] != "shared", n.piece_of)
+        for n in scene.lines
     )
     held = tuple(not p.is_free for p in scene.points)
     return Graph(members, held + (False,) * corners, is_path=scene.single_line is not None)

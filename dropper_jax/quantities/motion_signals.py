@@ -89,7 +89,7 @@ class Instant:
         Raises:
             SceneError: winches have set lengths, which the instant does not contain.
         """
-        if any(isinstance(effect, Stateful) for effect in self.model.having(LengthOverTime)):
+        if any(isinstance(effect, Stateful) for effect in self.model.effects_with(LengthOverTime)):
             raise SceneError(
                 "energy: depends on the lengths that winches have set, which this quantity does not have; "
                 "allowed: in scenes whose line.length_in_time are tables"

@@ -131,7 +131,7 @@ def crops(record: Record) -> Rows:
         volume = 0.25 * np.pi * (line.diameter**2 - bare.diameter**2) * line.length
         drop_off = None
         if season is not None and np.any(volume > 0.0):
-            limit = season.holding(float(np.sum(crop) / np.sum(volume)), sea.density, sea.gravity)
+            limit = season.detachment_acceleration(float(np.sum(crop) / np.sum(volume)), sea.density, sea.gravity)
             if limit is not None:
                 drop_off = _drop_off(record.acceleration[:, where.nodes], crop, limit)
         found.append(

@@ -1,5 +1,6 @@
 """A step is a residual: its unknowns and rows, Newton's method on them, the derivative of the solution (`step`)."""
 
+from dropper_jax.residual.newton import Filter, Linear, Newton, Solver, largest_row, newton, subtract
 from dropper_jax.residual.problem import (
     GRAVITY_SCALE,
     DisplacementProblem,
@@ -18,20 +19,7 @@ from dropper_jax.residual.scheme import (
     couples_inertia,
     point_masses_only,
 )
-from dropper_jax.residual.step import (
-    TOO_FAR,
-    Filter,
-    Linear,
-    Newton,
-    Solver,
-    Stepper,
-    explicit_row,
-    largest_row,
-    newton,
-    step,
-    step_and_filter,
-    subtract,
-)
+from dropper_jax.residual.step import TOO_FAR, Stepper, explicit_row, step, step_and_filter
 
 __all__ = [
     "DisplacementProblem",

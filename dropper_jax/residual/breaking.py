@@ -47,7 +47,7 @@ def _link_energy(model: Model, s: State) -> Array:
     k = model.kinematics(s.r, s.v, s.t)
     line = model.with_lengths(s.t).line
     own = line.axial.energy(k.links, line.length)
-    return sum((e.potential(k) for e in model.having(Potential) if e.breaks_with_links), own)
+    return sum((e.potential(k) for e in model.effects_with(Potential) if e.breaks_with_links), own)
 
 
 def _part(failures: Failures, parted: Parted, s1: State) -> Parted:

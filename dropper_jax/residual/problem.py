@@ -11,7 +11,17 @@ import jax.numpy as jnp
 from jax import Array
 
 from dropper_jax.base.constants import GRAVITY
-from dropper_jax.model import Effect, ElementForce, Ends, Kinematics, Model, State, Works
+from dropper_jax.model import (
+    Effect,
+    ElementForce,
+    Ends,
+    Kinematics,
+    Model,
+    State,
+    Works,
+    end_powers,
+    non_conservative_forces,
+)
 
 #: Scale of residuals [m/s^2]; the gravity of the scene is a parameter of an effect.
 GRAVITY_SCALE = GRAVITY
@@ -49,7 +59,7 @@ class StepProblem:
     @property
     def pieces(self) -> tuple[ElementForce, ...]:
         """Forces in the rows that couple nodes element by element."""
-        return self.model.pieces
+        return self.model.effects_with(ElementForce)
 
     def guess(self) -> Unknowns:
         """The unknowns from which Newton's method starts."""
@@ -59,7 +69,7 @@ class StepProblem:
         """Rows in physical units: forces [N], elongations [m], torques [N m]."""
         force, axial = self.link_rows(self.link_vectors(u.x), u.y)
         rows, laws = self.node_rows(u.x, u.z)
-        return Unknowns(rows - self.model.gather(force), axial, laws)
+        return Unknowns(rows - self.model.geometry.gather(force), axial, laws)
 
     def with_smoothing(self, easing: Array) -> StepProblem:
         """The same equations with smoothed laws."""
@@ -137,12 +147,12 @@ class StepProblem:
     def force_works(self, k: Kinematics, v: Array, share: Array | float = 1.0) -> Works:
         """Work [J] over the step, by name, of this share of the forces of an instant on nodes that move at v (nodes, 3)
         [m/s]."""
-        forces = self.model.working_forces(k)
+        forces = non_conservative_forces(self.model, k)
         return {name: share * self.h * jnp.sum(force * v) for name, force in forces.items()}
 
     def end_works(self, link_force: Array, ends: Ends, share: float = 1.0, k: Kinematics | None = None) -> Works:
-        """Work [J] over the step, by name, of this share of `Model.end_powers`."""
-        powers = self.model.end_powers(link_force, ends, k)
+        """Work [J] over the step, by name, of this share of `end_powers`."""
+        powers = end_powers(self.model, link_force, ends, k)
         return {name: share * self.h * power for name, power in powers.items()}
 
     def row_scale(self) -> Unknowns:

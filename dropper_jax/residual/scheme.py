@@ -195,7 +195,7 @@ class Embedded(Explicit):
 
 def couples_inertia(model: ModelView) -> bool:
     """Whether added mass couples neighbouring nodes, so that accelerations need more than each node's own mass."""
-    added = model.having(AddedMass)
+    added = model.effects_with(AddedMass)
     return bool(added) and (model.line.compound or any(e.reach > 0 for e in added))
 
 
@@ -205,7 +205,7 @@ def point_masses_only(model: Model) -> str | None:
         return "it keeps the lengths of links, but the line is elastic; use energy_momentum, rk2 or rk4"
     if model.line.compound:
         return "it needs masses on the nodes, but compound links couple them; use energy_momentum"
-    if model.having(AddedMass):
+    if model.effects_with(AddedMass):
         return "it needs constant masses on the nodes, but the scene has added mass; use energy_momentum"
     return None
 

@@ -42,7 +42,7 @@ def damping_warnings(scheme: Embedded, model: Model, r: Rows, v: Rows, t: np.nda
 def _damping_rates(model: Model, r: Array, v: Array, t: Array) -> dict[str, Array]:
     """Maximum damping rate (k,) [1/s] over the nodes of each damping effect, at instants (k, ...)."""
     found = {}
-    for effect in model.having(Force):
+    for effect in model.effects_with(Force):
         if effect.constant:
             continue
         rates = jax.vmap(partial(_damping_rate, model, effect))(r, v, t)

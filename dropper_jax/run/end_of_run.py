@@ -18,7 +18,7 @@ from jax import Array
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import Plain
-from dropper_jax.base.store import differences
+from dropper_jax.base.store import request_differences
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Frozen, Parted, State
 from dropper_jax.stepping.progress import Progress, Trajectory
@@ -137,7 +137,7 @@ def same_scene(scene: Scene, before: Scene) -> None:
     Raises:
         SceneError: one line.
     """
-    found = differences(_values_of_motion(scene), _values_of_motion(before))
+    found = request_differences(_values_of_motion(scene), _values_of_motion(before))
     if found:
         what = f"is of another scene, {before.name!r}, which differs from {scene.name!r} in {found[0]}"
         may_change = ", ".join(f"run.{name}" for name in MAY_CHANGE)

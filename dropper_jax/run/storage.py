@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 
-from dropper_jax.base.deferred import DeferredErrorFile
+from dropper_jax.base.deferred_error_file import DeferredErrorFile
 from dropper_jax.base.errors import SceneError, unreadable
 from dropper_jax.base.files import (
     RUN_SUFFIXES,

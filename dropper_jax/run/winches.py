@@ -8,7 +8,7 @@ from dataclasses import fields
 import numpy as np
 
 from dropper_jax.base.records import names_of
-from dropper_jax.effects.length_in_time import WinchState
+from dropper_jax.effects.changing_links import WinchState
 from dropper_jax.run.samples import Samples
 from dropper_jax.scene.length_in_time import WinchSpec
 

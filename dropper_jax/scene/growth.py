@@ -64,7 +64,7 @@ class GrowthSpec(DeclaredSection):
                 f"{' or '.join(map(str, counts))}",
             )
 
-    def over(self, depth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def thickness_and_density(self, depth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Thickness [m] and density [kg/m^3] at depths [m]."""
         density = np.broadcast_to(self.density, self.depth.shape)
         return np.interp(depth, self.depth, self.thickness), np.interp(depth, self.depth, density)

@@ -17,6 +17,8 @@ from dropper_jax.base.read import DeclaredSection, count, part, plain, read_matr
 ADDED_MASS = 0.5
 #: Distance of the grid points of the random thickness, in correlation lengths.
 GRID_STEP = 0.1
+#: Minimum correlation length [m]: a long line with a shorter one has more grid points than fit into memory.
+MIN_CORRELATION = 1e-3
 THICKNESS = {"unit": "m", "shape": "table", "low": 0.0}
 
 
@@ -43,7 +45,7 @@ class SeasonSpec(DeclaredSection):
     deviation: float = parameter(
         "standard deviation of the thickness divided by its mean", unit="-", low=0.0, default=0.0
     )
-    correlation: float = parameter("correlation length of the thickness", unit="m", above=0.0, default=1.0)
+    correlation: float = parameter("correlation length of the thickness", unit="m", low=MIN_CORRELATION, default=1.0)
     seed: int = count("seed of the random thickness", low=0, default=0)
     attachment: float | None = parameter("attachment strength of one mussel", unit="N", above=0.0, default=None)
     mussel_mass: float | None = parameter("mass of one mussel", unit="kg", above=0.0, default=None)
@@ -84,11 +86,11 @@ class SeasonSpec(DeclaredSection):
                     f"{key}.{i}: {pattern!r} does not match any line; allowed: names, with * for any letters",
                 )
 
-    def on(self, name: str, line: str | None) -> bool:
+    def covers(self, name: str, line: str | None) -> bool:
         """Whether there is growth on a line, or on the line from which this piece was cut."""
         return _matches_any((name, line), self.lines)
 
-    def over(self, depth: np.ndarray, month: float | None = None) -> tuple[np.ndarray, np.ndarray]:
+    def thickness_and_density(self, depth: np.ndarray, month: float | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Thickness [m] and density [kg/m^3] at depths [m] and a month (default: its own), before any harvest."""
         if month is None:
             month = self.month
@@ -105,29 +107,23 @@ class SeasonSpec(DeclaredSection):
             depth, arc: of the links' middles (n,) [m], arc along the line.
             bare: diameters of the bare links (n,) [m].
         """
-        thickness, density = self.over(depth)
-        thickness = thickness * self.factor(name, arc)
+        thickness, density = self.thickness_and_density(depth)
+        thickness = thickness * self.thickness_factor(name, arc)
         if self.harvested and _matches_any((name, line), self.harvested_lines):
             area = (1.0 - self.harvested) * ((bare + 2.0 * thickness) ** 2 - bare**2)
             thickness = 0.5 * (np.sqrt(bare**2 + area) - bare)
         return thickness, density
 
-    def factor(self, name: str, arc: np.ndarray) -> np.ndarray:
+    def thickness_factor(self, name: str, arc: np.ndarray) -> np.ndarray:
         """Random factor (n,) on the thickness at arc lengths (n,) [m] of a line."""
         if self.deviation == 0.0:
             return np.ones(len(arc))
-        step = GRID_STEP * self.correlation
-        grid = np.arange(int(np.max(arc, initial=0.0) / step) + 2) * step
         # one stream per line, so that adding a line leaves the others unchanged
-        noise = np.random.default_rng([self.seed, zlib.crc32(name.encode())]).standard_normal(len(grid))
-        keep = np.exp(-GRID_STEP)
-        field = noise * np.where(grid == 0.0, 1.0, np.sqrt(1.0 - keep**2))
-        for i in range(1, len(grid)):
-            field[i] += keep * field[i - 1]
+        stream = np.random.default_rng([self.seed, zlib.crc32(name.encode())])
         spread = np.sqrt(np.log1p(self.deviation**2))
-        return np.exp(spread * np.interp(arc, grid, field) - 0.5 * spread**2)
+        return np.exp(spread * normal_field(arc / self.correlation, stream) - 0.5 * spread**2)
 
-    def holding(self, density: float, water: float, gravity: float) -> float | None:
+    def detachment_acceleration(self, density: float, water: float, gravity: float) -> float | None:
         """Acceleration [m/s^2] at which a mussel detaches: `(F - g (m - rho V))/(m + rho V/2)`; None without a force.
 
         V = m/density. The rope accelerates the mussel; drag on it and the water's own acceleration are neglected.
@@ -137,6 +133,21 @@ class SeasonSpec(DeclaredSection):
         displaced = water * self.mussel_mass / density
         left = self.attachment - gravity * (self.mussel_mass - displaced)
         return max(left / (self.mussel_mass + ADDED_MASS * displaced), 0.0)
+
+
+def normal_field(distance: np.ndarray, stream: np.random.Generator) -> np.ndarray:
+    """Normal numbers of mean 0 and deviation 1 at distances (n,) in correlation lengths, with the correlation
+    `exp(-|difference|)`: exactly at grid points, and linear between them."""
+    count = int(np.max(distance, initial=0.0) / GRID_STEP) + 2
+    correlation = np.exp(-GRID_STEP)  # of two grid points
+    field = stream.standard_normal(count)
+    field[1:] *= np.sqrt(1.0 - correlation**2)
+    for i in range(1, count):
+        field[i] += correlation * field[i - 1]
+    position = distance / GRID_STEP
+    share = position % 1.0
+    deviation = np.sqrt(1.0 - 2.0 * (1.0 - correlation) * share * (1.0 - share))  # of the interpolated numbers
+    return np.interp(position, np.arange(count), field) / deviation
 
 
 def _matches_any(name: tuple[str, str | None], patterns: tuple[str, ...]) -> bool:

@@ -63,10 +63,10 @@ class StartSpec(DeclaredSection):
         """
         raise_first(self._line_checks(lines, held, branched), "start")
         if self.kind == "angles":
-            found = self._full_arrays(np.arange(lines[0].links), "entries, one per link")
+            found = self._full_arrays(np.arange(lines[0].links), "entries", "one per link")
             return replace(self, zero=self.zero or "horizontal", **found)
         if self.kind == "positions":
-            found = self._full_arrays(rows_of_pieces(lines), "rows, both ends of each line included")
+            found = self._full_arrays(rows_of_pieces(lines), "rows", "both ends of each line included")
             return replace(self, **found)
         return self
 
@@ -97,22 +97,21 @@ class StartSpec(DeclaredSection):
             words = f"release_force: {short_text(plain(forces))} has {len(forces)} vectors"
             yield len(forces) != len(nodes), f"{words}; allowed: {len(nodes)}, one a node"
 
-    def _full_arrays(self, rows: np.ndarray, what: str) -> dict[str, np.ndarray]:
+    def _full_arrays(self, rows: np.ndarray, counted: str, which: str) -> dict[str, np.ndarray]:
         """Arrays of the kind's keys, of which the first must be given; others are zero where they are not.
 
         Args:
             rows: the row of each link or node in an array as the user writes it (see `rows_of_pieces`); an array may
                 also have a row for each already.
-            what: rows in words, as messages have them.
+            counted, which: the rows and what they are, as messages have them.
 
         Raises:
             SceneError: a missing array, or another number of rows.
         """
         count = rows[-1] + 1
-        words, _, which = what.partition(", ")
         needed, *others = (key for key in self.FIELDS[self.kind] if key != "zero")  # which is not an array
         if getattr(self, needed) is None:
-            raise SceneError(f"start.{needed}: missing; needed: {count} {what}")
+            raise SceneError(f"start.{needed}: missing; needed: {count} {counted}, {which}")
         found = {}
         for key in (needed, *others):
             given = getattr(self, key)
@@ -120,7 +119,7 @@ class StartSpec(DeclaredSection):
                 given = np.zeros_like(found[needed])
             if len(given) not in (len(rows), count):
                 raise SceneError(
-                    f"start.{key}: {short_text(plain(given))} has {len(given)} {words}; allowed: {count}, {which}"
+                    f"start.{key}: {short_text(plain(given))} has {len(given)} {counted}; allowed: {count}, {which}"
                 )
             if len(given) != len(rows):
                 given = given[rows]

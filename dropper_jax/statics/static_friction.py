@@ -41,7 +41,7 @@ class StaticSeabedFriction(Effect):
     mu: Array
 
     def force(self, k: Kinematics) -> Array:
-        bed = k.model.having(Seabed)[0]
+        bed = k.model.effects_with(Seabed)[0]
         u = jnp.concatenate([k.r[:, :2] - self.position, jnp.zeros_like(k.r[:, :1])], axis=1)
         slides = self.mu * bed.normal(k) / safe_norm(u)
         return -jnp.minimum(self.grip, slides)[:, None] * u

@@ -113,7 +113,7 @@ def start_control(stepper: Stepper, model: Model, s: State) -> Control:
 def shortest_step(stepper: Stepper, model: Model) -> Array:
     """The shortest step [s] that is chosen: `w^2 <= 2 EA/L (1/m_a + 1/m_b)` bounds the stiffest vibration."""
     model = jax.lax.stop_gradient(model)
-    fastest = jnp.max(2.0 * (model.line.axial.axial_stiffness() / model.line.length) * model.link_lightness)
+    fastest = jnp.max(2.0 * (model.line.axial.axial_stiffness() / model.line.length) * model.inverse_reduced_mass)
     swing = SWING_SHARE * 2.0 * jnp.pi * jnp.sqrt(jnp.min(model.line.length) / GRAVITY)
     if isinstance(stepper.integrator, Embedded):
         return (EMBEDDED_SHARE * swing).astype(model.dtype)

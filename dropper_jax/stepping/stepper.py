@@ -24,7 +24,7 @@ OF_A_LINE = {"iterations": 40, "renew": 0.3}
 #: matrix of its own, those with a switch up to a dozen. A kept matrix diverges there.
 OF_A_SYSTEM = {"iterations": 24, "enough": 1.0, "least": 0, "renew": 0.0, "shortened": 3}
 #: For set-valued laws: near rounding, so that sticking joints do not creep. More corrections do not help: which joints
-#: stick must be determined first (`residual.step.solve_smoothed`).
+#: stick must be determined first (`residual.newton.solve_smoothed`).
 OF_LAWS = {"iterations": 8, "enough": 1e-3, "renew": 0.0}
 #: How often a step that does not converge is halved.
 HALVINGS = 6

@@ -85,7 +85,7 @@ def _resting_shifts(prepared: Prepared) -> Iterator[Correction]:
     """Shifts of one column, or of all, that bring the mean directions of a free line to those at rest."""
     model = prepared.simulator.model
     trace = prepared.traces[0]
-    if model.end_held:
+    if model.both_ends_fixed:
         return  # open frames were handled before
     mean = np.angle(np.nanmean(np.exp(1j * trace.theta), axis=0))
     off = wrap(resting_angles(model) - mean) * trace.convention.turn

@@ -68,7 +68,7 @@ def possible_faults(model: Model, release: Release | None) -> list[PossibleFault
 def second_end_paths(model: Model) -> list[str]:
     """Paths of the position of a fixed second end; empty for a free one."""
     point = model.geometry.held_points[-1]
-    if model.end_held:
+    if model.both_ends_fixed:
         return [f"point.{point}.position.0", f"point.{point}.position.2"]
     return []
 

@@ -90,7 +90,7 @@ def static_pose(simulator: Simulator, values: np.ndarray) -> tuple[np.ndarray, n
 
 def _band(model: Model) -> np.ndarray | float:
     """Covariance (n, n) of the angles at rest by dry friction in the joints; 0 without friction."""
-    friction = next((e for e in model.having(JointFriction) if e.dry is not None), None)
+    friction = next((e for e in model.effects_with(JointFriction) if e.dry is not None), None)
     if friction is None or not np.any(np.asarray(friction.dry) > 0):
         return 0.0
     rest = statics.equilibrium(model).state.r

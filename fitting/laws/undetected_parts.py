@@ -41,10 +41,10 @@ def _damping_power(model: Model, theta: Array, omega: Array) -> Array:
     s = planar.to_state(model, theta, omega)
     k = model.instant(s.r, s.v, s.t, model.ends(s.t))
     power = jnp.zeros(())
-    for effect in model.having(Force):
+    for effect in model.effects_with(Force):
         if effect.name in DAMPING:
             power = power - jnp.sum(effect.force(k) * k.v)
-    for law in model.having(Law):
+    for law in model.effects_with(Law):
         if law.name in DAMPING:
             power = power + law.sliding_power(k)
     return power

@@ -104,7 +104,7 @@ def unit_forces(model: Model, r: Array, v: Array, t: Array, ends: Ends) -> Array
     friction = JointFriction(viscous=jnp.ones(()))
     rates = friction.relative_rates(k)
     slides = rates / jnp.sqrt(jnp.sum(rates**2, axis=1, keepdims=True) + SLIDING_RATE**2)
-    others = sum((effect.force(k) for effect in model.having(Force)), jnp.zeros_like(r))
+    others = sum((effect.force(k) for effect in model.effects_with(Force)), jnp.zeros_like(r))
     found = {
         "linear": -v,
         "quadratic": -safe_norm(v)[:, None] * v,

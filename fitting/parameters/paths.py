@@ -175,7 +175,7 @@ def _acting_entries(model: Model, section: str, field: Field, size: int) -> int:
 
 def count_joints(model: Model) -> int:
     """Number of joints, and of nodes with a marker: one at the start of each link, and one at a fixed end."""
-    if model.end_held:
+    if model.both_ends_fixed:
         return model.line.links + 1
     return model.line.links
 

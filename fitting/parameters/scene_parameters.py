@@ -20,7 +20,7 @@ from dropper_jax.load.paths import describe
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model
 from dropper_jax.modelling.build import build_model
-from dropper_jax.modelling.model_slopes import model_slopes
+from dropper_jax.modelling.model_slopes import changes_in_range, model_slopes
 from fitting.parameters.parameter import Parameter, check_once
 from fitting.parameters.paths import Released, resolve
 from fitting.parameters.targets import Direction
@@ -69,13 +69,16 @@ def scene_parameter(scene: Scene, model: Model, path: str, idle: bool = False) -
     """
     slopes = model_slopes(scene, model, path, idle)
     value: Any = scene.value(path)
+    changes = changes_in_range(scene, path, value)
     shift = LINEAR_REACH * (abs(value) or 1.0)
+    if changes[-1] <= 0.0:
+        shift = -shift
     here = jax.tree.leaves(build_model(scene.with_values({path: value})))
     there = jax.tree.leaves(build_model(scene.with_values({path: value + shift})))
     linear = True
     for i, slope in slopes.items():
         old = np.asarray(here[i])
-        close = LINEAR_TOLERANCE * np.max(np.abs(old))
+        close = LINEAR_TOLERANCE * np.max(np.abs(old), where=np.isfinite(old), initial=0.0)
         linear &= np.allclose(old + shift * slope, there[i], rtol=LINEAR_TOLERANCE, atol=close)
     if ScenePath(path).section == "parameters":
         unit = _moved_unit(model, slopes)
@@ -83,9 +86,17 @@ def scene_parameter(scene: Scene, model: Model, path: str, idle: bool = False) -
         unit = "m"
     else:
         unit = describe(path).get("unit", "-")
-    # a number keeps its sign
-    low = 0.0 if value > 0 else -np.inf
-    high = 0.0 if value < 0 else np.inf
+    # a number keeps its sign, and stays on its side of an end of its range
+    low = -np.inf
+    high = np.inf
+    if changes[0] >= 0.0:
+        low = value
+    elif value > 0.0:
+        low = 0.0
+    if changes[-1] <= 0.0:
+        high = value
+    elif value < 0.0:
+        high = 0.0
     return Parameter(path, Direction(slopes, value, linear), value, low, high, unit)
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import remove, remove_leftovers, unfinished_folder, unwritable
 from dropper_jax.base.lock import Lock
-from dropper_jax.base.store import Store, StoreStopped, differences
+from dropper_jax.base.store import Store, StoreStopped, request_differences
 from dropper_jax.run.step_verdict import StepVerdict
 from dropper_jax.run.storage import extra
 from fitting.sweep.plan import DIMENSIONS, MARKS, QUANTITIES, STATUS, TRACES, Plan
@@ -104,7 +104,7 @@ class SweepStore(Store[int, dict[str, np.ndarray]]):
             there = dict(json.loads(group.attrs[IDENTITY]))
         except Exception:  # any error of Zarr on a folder that is not a group
             raise SceneError(f"{self.path}: exists but is not a sweep. Use a new folder or a sweep to resume") from None
-        found = differences(self.plan.identity(), there)
+        found = request_differences(self.plan.identity(), there)
         if found:
             more = ""
             if len(found) > MOST_DIFFERENCES:

@@ -139,7 +139,7 @@ def _specific_energy(trace: Trace, length: np.ndarray) -> float:
 
 def resting_angles(model: Model) -> np.ndarray:
     """Angles (n,) [rad] of the links at rest, from the horizontal."""
-    if not model.end_held:
+    if not model.both_ends_fixed:
         return np.full(model.line.links, np.pi / 2)
     pose = statics.equilibrium(model)
     if pose.status != "ok":
@@ -156,7 +156,7 @@ def _misfits(trace: Trace, model: Model, unit: str) -> dict[Convention, float]:
         convention = Convention(zero, sign, unit)
         theta = trace.in_model_convention(convention).theta
         found[convention] = off_rest(theta, rest)
-        if model.end_held:
+        if model.both_ends_fixed:
             found[convention] += _closure(model, theta)
     return found
 

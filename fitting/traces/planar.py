@@ -35,7 +35,7 @@ def check_planar(model: Model, start: State) -> None:
     Raises:
         SceneError: ends that move, a start outside the vertical plane y = const., or links that cannot move in it.
     """
-    if model.moving:
+    if model.has_moving_ends:
         raise SceneError("effects.end_motion: moving ends cannot be fitted. Use a scene with ends at rest")
     if freedoms(model) < 1:
         raise SceneError(
@@ -59,7 +59,7 @@ def pendulum_period(length: float | Array | np.ndarray) -> float:
 
 def freedoms(model: Model) -> int:
     """Number of independent angles."""
-    if model.end_held:
+    if model.both_ends_fixed:
         return model.line.links - 2
     return model.line.links
 
@@ -91,7 +91,7 @@ def gap(model: Model, theta: Array) -> Array:
 
 def close_chain(model: Model, theta: Array, omega: Array) -> tuple[Array, Array]:
     """The nearby angles (n,) [rad] and rates (n,) [rad/s] that satisfy closure; unchanged for a free end."""
-    if not model.end_held:
+    if not model.both_ends_fixed:
         return theta, omega
 
     def correct(theta: Array, _: None) -> tuple[Array, None]:
@@ -106,7 +106,7 @@ def close_chain(model: Model, theta: Array, omega: Array) -> tuple[Array, Array]
 def chart(model: Model, theta: np.ndarray) -> np.ndarray:
     """Orthonormal bases N (k, n, m) of the closed directions at poses theta (k, n)."""
     links = theta.shape[-1]
-    if not model.end_held:
+    if not model.both_ends_fixed:
         return np.broadcast_to(np.eye(links), (*theta.shape[:-1], links, links)).copy()
     length = np.asarray(model.line.length)
     rows = np.stack([-length * np.sin(theta), -length * np.cos(theta)], axis=-2)
@@ -123,7 +123,7 @@ def from_nodes(model: Model, r: Array, v: Array) -> tuple[Array, Array]:
     """Angles and rates (n,) of free nodes (nodes, 3); velocities along links (of midpoint schemes) are ignored."""
     ends = model.ends(jnp.zeros((), model.dtype))
     link = model.links(r, ends)
-    rate = model.rates(v, None)
+    rate = model.link_rates(v, None)
     theta = jnp.arctan2(-link[:, 2], link[:, 0])
     omega = (-rate[:, 2] * link[:, 0] + link[:, 2] * rate[:, 0]) / (link[:, 0] ** 2 + link[:, 2] ** 2)
     return theta, omega

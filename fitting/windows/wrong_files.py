@@ -54,7 +54,7 @@ def refuse_wrong_file(trace: Trace, model: Model, requested: Convention, free: S
     Raises:
         SceneError: the change that closes the frames, or that none does.
     """
-    if not model.end_held or len(_complete(trace.theta)) < FEWEST_FRAMES:
+    if not model.both_ends_fixed or len(_complete(trace.theta)) < FEWEST_FRAMES:
         return []
     stated = requested.over(trace.convention)
     every = [Convention(zero, int(sign), "rad") for zero, sign in product(ZEROS, SIGNS)]

@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 import dropper_jax as dj
 from dropper_jax import make_stepper
 from dropper_jax.axial import Elastic, LinkStart, Rope
-from dropper_jax.base.springs import lag, mean_positive_part, never_more
+from dropper_jax.base.springs import limit_damper, mean_positive_part, unresolved_force
 
 EA, BA = 2e4, 300.0
 LENGTH = jnp.ones(1)
@@ -80,14 +80,18 @@ def test_springs_over_a_step():
     np.testing.assert_allclose(means, [3.0, 0.0, 9.0 / 2 / 4], rtol=1e-15)
     # slower than expected, ahead of it, at most the pull at the end
     before, after = jnp.array([1.0, 1.0, 1.0, 2.0]), jnp.array([2.0, 2.0, 2.0, 1.0])
-    np.testing.assert_array_equal(lag(before, after, jnp.array([2.5, 1.5, -9.0, 9.0])), [0.0, 0.125, 0.5, -0.5])
-    np.testing.assert_array_equal(never_more(jnp.array([-9.0, 1.0, 9.0]), jnp.full(3, 2.0)), [-2.0, 1.0, 2.0])
+    np.testing.assert_array_equal(
+        unresolved_force(before, after, jnp.array([2.5, 1.5, -9.0, 9.0])), [0.0, 0.125, 0.5, -0.5]
+    )
+    np.testing.assert_array_equal(limit_damper(jnp.array([-9.0, 1.0, 9.0]), jnp.full(3, 2.0)), [-2.0, 1.0, 2.0])
 
 
 def test_a_spring_at_rest_has_the_derivative_of_the_motion_that_follows():
     # any motion from rest is ahead of what was expected: half of its half; rounding must not choose
     for off in (-1e-9, 0.0, 1e-9):
-        slope = jax.grad(lambda after, off=off: lag(jnp.array(2e3), after, jnp.array(2e3 + off), 1e-6))(jnp.array(2e3))
+        slope = jax.grad(lambda after, off=off: unresolved_force(jnp.array(2e3), after, jnp.array(2e3 + off), 1e-6))(
+            jnp.array(2e3)
+        )
         assert float(slope) == 0.25
 
 
@@ -95,7 +99,7 @@ def test_a_spring_at_rest_has_the_derivative_of_the_motion_that_follows():
 def test_the_lag_of_a_slow_spring_has_no_jump_that_a_step_cannot_solve(expected):
     """Mean force and lag rise with the stretch, by steps that shrink with it, also where rest becomes motion."""
     after = jnp.linspace(-8e-10, 8e-10, 20001)
-    force = 0.5 * after + lag(jnp.zeros(()), after, jnp.array(expected), 1e-10)
+    force = 0.5 * after + unresolved_force(jnp.zeros(()), after, jnp.array(expected), 1e-10)
     rise = jnp.diff(force) / (after[1] - after[0])
     assert float(jnp.min(rise)) >= 0.0
     assert float(jnp.max(rise)) < 3.0

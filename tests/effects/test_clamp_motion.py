@@ -150,3 +150,11 @@ def test_what_a_clamp_cannot_do_is_refused(clamp, message, refusal):
     printed = refusal(dj.load_scene, scene(**{"time": [0.0, 1.0], **clamp}))
     assert printed.startswith("effects.clamp_motion")
     assert message in printed
+
+
+@pytest.mark.parametrize(("name", "needed"), [("clamp_motion", "bending"), ("seabed_friction", "seabed")])
+def test_an_effect_without_the_one_that_it_needs_is_refused(name, needed, refusal):
+    table = scene()
+    values = {"clamp_motion": table["effects"].pop("clamp_motion"), "seabed_friction": {"kinetic": 0.5}}
+    table["effects"] = {name: values[name]}
+    assert refusal(dj.load_scene, table) == f"effects.{name}: needs [effects.{needed}]; it is missing"

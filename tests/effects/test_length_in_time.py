@@ -11,6 +11,7 @@ from scene_parts import fixed, free, line_of, system
 from scipy.integrate import solve_ivp
 
 import dropper_jax as dj
+from dropper_jax.effects.changing_links import WinchState
 from dropper_jax.model import work_names
 from dropper_jax.stepping.observe import observe
 
@@ -215,6 +216,22 @@ def test_winch_follows_its_equations_to_first_order():
     assert np.max(rates) <= 0.02 * (1.0 + 1e-9)
 
 
+@pytest.mark.parametrize(
+    ("limits", "length"), [([-1.0, 1.0], 6.0), ([-1.0, 0.05], 3.0)], ids=["length limit", "rate limit"]
+)
+def test_a_winch_leaves_its_limit_once_its_integral_has_fallen(limits, length):
+    """100 N below the target the integral I falls by 1 N s per step; the rate is -0.2 + 0.01 I within the limits."""
+    control = {"target": 500.0, "gain": [2e-3, 1e-2], "limits": limits}
+    model, _ = dj.build(scene(winch(**control)))
+    now = WinchState(jnp.zeros(()), jnp.array(length), jnp.zeros(()), jnp.array(30.0))
+    h = 0.01
+    for step in range(20):
+        entry = model.effect("length_in_time").entries[0].with_state(now)
+        now = entry.advance(jnp.array((step + 1) * h), jnp.array([400.0]), h)
+        wanted = -0.2 + 0.01 * (30.0 - (step + 1))
+        assert float(now.rate) == pytest.approx(np.clip(wanted, limits[0], 0.0 if length == 6.0 else limits[1]))
+
+
 @pytest.mark.check
 def test_derivatives_of_peaks_by_gains_of_a_winch_agree_with_differences_of_runs():
     """A mass on a heaving drum, whose winch keeps the tension near the weight."""
@@ -270,6 +287,11 @@ def test_a_run_reports_faults_of_its_winch(control, message):
 )
 def test_bad_input_gives_one_line(changing, more, message, refusal):
     assert message in refusal(dj.simulate, scene(changing, **more))
+
+
+def test_a_link_has_one_length_in_time(refusal):
+    model, _ = dj.build(scene(table()))
+    assert "have another length in time" in refusal(dj.with_length_in_time, model, smooth_by_jax, 3.8)
 
 
 def test_table_survives_writing_and_reading():

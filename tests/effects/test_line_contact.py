@@ -72,7 +72,7 @@ def test_broken_links_touch_nothing(damping):
 
 @pytest.fixture(scope="module")
 def crossings():
-    """Fifty crossings, the last ten damped: places (50, k, nodes, 3), energies (50, k), failed and halved steps."""
+    """Fifty crossings, the last ten damped: positions (50, k, nodes, 3), energies (50, k), failed and halved steps."""
     model, s = dj.build(crossing(20.0))
     stepper = dj.make_stepper(model)
     assert stepper.solver_name == "network"
@@ -141,7 +141,7 @@ def segment_distances(low, high):
     return segment_distance(low[:, :, i], low[:, :, i + 1], high[:, :, j], high[:, :, j + 1]).min(axis=-1)
 
 
-def test_the_nearest_places_are_those_that_a_reports_exact_search_finds():
+def test_the_nearest_points_are_those_that_a_reports_exact_search_finds():
     rng = np.random.default_rng(3)
     p = rng.normal(size=(40, 4, 3))
     p[30:, 3] = p[30:, 2] + p[30:, 1] - p[30:, 0]  # parallel
@@ -202,12 +202,13 @@ def beside(**floating):
     return table
 
 
-def beside_buoy():
+def beside_buoy(**contact):
     """The same with a buoy, and weight: it falls 0.3 m."""
     buoy = {"name": "float", "point": "d", "mass": 2.0, "diameter": 0.2, "height": 0.4, "attachment": 0.4}
     table = beside(buoy=[buoy])
     table["point"].append(free("d", 0.05, 0.1, 0.4))
     table["effects"]["weight"] = {}
+    table["effects"]["line_contact"] |= contact
     return table
 
 
@@ -228,41 +229,29 @@ def test_a_body_that_falls_on_a_line_bounces_and_keeps_all_energy():
     assert solution.energy_drift < 1e-6 * solution.energy_scale
 
 
-@pytest.mark.parametrize(
-    ("more", "message"),
-    [
-        ({"pairs": [["low", "hgh"]]}, "line_contact.pairs.0.1: 'hgh' is not a line; did you mean 'high'"),
-        ({"pairs": [["low", "low"]]}, "line_contact.pairs.0: 'low' and 'low' are the same line; allowed: two lines"),
-        (
-            {"pairs": [["low", "high"], ["high", "low"]]},
-            "line_contact.pairs.1: is listed before; allowed: each pair once",
-        ),
-        ({"pairs": []}, "effects.line_contact.pairs: missing"),
-        ({"pairs": [["low"]]}, "effects.line_contact.pairs.0: ['low'] has 1 entries; allowed: two names"),
-        ({"bodies": [["low", "spar"]]}, "effects.line_contact.bodies.0.1: 'spar' is not a body or buoy; none exist"),
-    ],
-)
-def test_pairs_that_make_no_sense_are_refused(more, message, refusal):
-    assert message in refusal(dj.load_scene, crossing(**more))
-
-
-@pytest.mark.parametrize(
-    ("pairs", "message"),
-    [
-        ([["high", "high-1"]], "line_contact.pairs.0: 'high' and 'high-1' are the same line"),
-        ([["low", "high"], ["high-1", "low"]], "line_contact.pairs.1: is listed before"),
-    ],
-)
-def test_a_piece_of_a_line_touches_others_once(pairs, message, refusal):
+def cut(pairs):
+    """The crossing ropes, the upper one in two pieces."""
     table = crossing(pairs=pairs)
     table["line"][1]["attach"] = [{"point": "middle", "at": SPAN}]
-    assert message in refusal(dj.load_scene, table)
+    return table
 
 
-def test_a_line_touches_a_buoy_once(refusal):
-    table = beside_buoy()
-    table["effects"]["line_contact"]["bodies"] *= 2
-    assert "line_contact.bodies.1: is listed before" in refusal(dj.load_scene, table)
+@pytest.mark.parametrize(
+    ("table", "message"),
+    [
+        (crossing(pairs=[["low", "hgh"]]), "pairs.0.1: 'hgh' is not a line; did you mean 'high'"),
+        (crossing(pairs=[["low", "low"]]), "pairs.0: 'low' and 'low' are the same line; allowed: two lines"),
+        (crossing(pairs=[["low", "high"], ["high", "low"]]), "pairs.1: is listed before; allowed: each pair once"),
+        (crossing(pairs=[]), "pairs: missing"),
+        (crossing(pairs=[["low"]]), "pairs.0: ['low'] has 1 entries; allowed: two names"),
+        (crossing(bodies=[["low", "spar"]]), "bodies.0.1: 'spar' is not a body or buoy; none exist"),
+        (cut([["high", "high-1"]]), "pairs.0: 'high' and 'high-1' are the same line"),
+        (cut([["low", "high"], ["high-1", "low"]]), "pairs.1: is listed before"),
+        (beside_buoy(bodies=[["low", "float"]] * 2), "bodies.1: is listed before"),
+    ],
+)
+def test_pairs_that_make_no_sense_are_refused(table, message, refusal):
+    assert f"effects.line_contact.{message}" in refusal(dj.load_scene, table)
 
 
 @pytest.mark.check

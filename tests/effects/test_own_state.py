@@ -35,7 +35,7 @@ class Creep(Effect):
         return replace(self, strain=own)
 
     def force(self, k):
-        return -k.model.gather((k.line.axial.EA * self.strain)[:, None] * k.tangents)
+        return -k.model.geometry.gather((k.line.axial.EA * self.strain)[:, None] * k.tangents)
 
     def advance(self, before, after, tension, h):
         pull = tension - after.line.axial.EA * self.strain
@@ -142,12 +142,12 @@ def test_nodes_are_found_through_their_line():
     assert k.node(0, 1) == k.node(chain.line.name, 1) == 0
     system = build_model(dj.load_scene("paper-case-1"))  # without its static pose
     for i, member in enumerate(system.geometry.members):
-        inner = system.node(member.name, 1)
-        assert inner == system.node(i, 1) == system.geometry.paths[i][1]
+        inner = system.geometry.node(member.name, 1)
+        assert inner == system.geometry.node(i, 1) == system.geometry.paths[i][1]
     for model, line, node, message in (
         (system, "nowhere", 1, "line: 'nowhere' is unknown"),
         (chain, 0, 0, "node: 0 of line 0 is fixed"),
         (chain, 0, 99, "allowed: 0 to"),
     ):
         with pytest.raises(ValueError, match=message):
-            model.node(line, node)
+            model.geometry.node(line, node)

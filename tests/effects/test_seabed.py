@@ -36,7 +36,7 @@ def test_a_node_below_the_bed_is_pushed_up_by_the_spring_under_its_plan_area(lyi
 
 
 @pytest.mark.parametrize("speed", [-0.1, 0.1, 1.2], ids=["pressed in", "rising slowly", "rising fast"])
-def test_the_damper_never_gives_more_than_the_spring(lying, speed):
+def test_the_damper_force_never_exceeds_the_spring_force(lying, speed):
     model, k = lying([-DEPTH - 0.02] * 3, depth=DEPTH)
     spring = STIFFNESS * 0.02
     expected = AREA * (spring + np.clip(-DAMPING * speed, -spring, spring))
@@ -49,7 +49,7 @@ def test_over_a_step_the_spring_works_as_much_as_it_stores(lying, speed):
     h, depth = 0.01, 0.01
     model, k = lying([-DEPTH - depth] * 3, depth=DEPTH, damping=0.0)
     v = jnp.zeros((3, 3)).at[:, 2].set(speed)
-    begin = k.with_velocity(2.0 * v)  # faster at its beginning: the step slows the node down
+    begin = k.with_velocity(2.0 * v)  # the step slows the node down
     moving = model.kinematics(k.r, v, k.t, h=h, prepared=model.prepare(begin))
     before, after = (max(depth + half * speed, 0.0) for half in (0.5 * h, -0.5 * h))
     stored = 0.5 * AREA * STIFFNESS * (after**2 - before**2)
@@ -67,7 +67,7 @@ def test_on_a_slope_the_bed_pushes_along_its_normal(lying):
 
 
 def sliding(friction):
-    """A slack chain of 20 links laid along a slope of 1 in 2, let go; its ends are free."""
+    """A slack chain of 20 links released on a slope of 1 in 2; its ends are free."""
     slope, n, length = 0.5, 20, 0.1
     x = 2.0 + np.arange(n + 1) * length / np.sqrt(1 + slope**2)
     nodes = np.stack([x, 0 * x, -4.0 - slope * x], axis=1)
@@ -77,10 +77,9 @@ def sliding(friction):
     if friction is not None:
         effects["seabed_friction"] = {"kinetic": friction}
     ends = [free(name, *nodes[i].tolist(), mass=0.25) for name, i in (("a", 0), ("b", -1))]
+    # the thread is slack: points need a path to a fixed one
     types = [{"name": "chain", "mass": 5.0, "diameter": 0.05, "EA": 1e5, "damping": 10.0}]
-    types.append(
-        {"name": "thread", "mass": 1e-7, "diameter": 1e-6, "EA": 1.0}
-    )  # slack: points need a way to a fixed one
+    types.append({"name": "thread", "mass": 1e-7, "diameter": 1e-6, "EA": 1.0})
     lines = [
         line_of("chain", "a", "b", n, n * length, type="chain"),
         line_of("thread", "far", "a", 1, 30.0, type="thread"),
@@ -123,13 +122,13 @@ def test_where_two_slopes_of_a_grid_meet_the_bed_turns_over_a_part_of_the_cells(
     model, _ = lying([0.0] * 3, bed_x=x, bed_y=y, bed_depth=depth)
     bed = model.effect("seabed")
     width = 0.02 * 10.0  # of the smaller cell
-    places = jnp.array([[a * width, 0.0, 0.0] for a in (-1.5, -1.0, 0.0, 1.0, 1.5)])
+    positions = jnp.array([[a * width, 0.0, 0.0] for a in (-1.5, -1.0, 0.0, 1.0, 1.5)])
     left, right = -0.1, 0.2  # its slopes
-    sharp = -10.0 + np.where(places[:, 0] < 0, left, right) * places[:, 0]
+    sharp = -10.0 + np.where(positions[:, 0] < 0, left, right) * positions[:, 0]
     lifted = np.array([0.0, 0.0, 0.25 * width * (right - left), 0.0, 0.0])
-    np.testing.assert_allclose(bed.bed_height(places), sharp + lifted, rtol=1e-12)
-    np.testing.assert_allclose(bed.bed_height(places, rounded=0.0), sharp, rtol=1e-12)
-    normal = np.asarray(bed.upward(places))
+    np.testing.assert_allclose(bed.bed_height(positions), sharp + lifted, rtol=1e-12)
+    np.testing.assert_allclose(bed.bed_height(positions, rounded=0.0), sharp, rtol=1e-12)
+    normal = np.asarray(bed.upward(positions))
     slope = np.array([left, left, 0.5 * (left + right), right, right])
     np.testing.assert_allclose(-normal[:, 0] / normal[:, 2], slope, atol=1e-12)
 

@@ -102,10 +102,12 @@ def test_a_wrong_name_shows_the_near_ones(posed, name, words, refusal):
 
 
 def test_the_anchor_of_a_single_line_is_its_fixed_end_also_if_the_free_end_is_listed_first():
-    line = line_of("chain", "top", "low", 4, 0.3, mass=0.1)
+    line = line_of("chain-1", "top", "low", 4, 0.3, mass=0.1)
     model = dj.build_model(scene_of({"low": free_at([0.0, 0.0, -1.2]), "top": [0.0, 0.0, 0.0]}, line))
-    assert quantity("tension.chain.anchor.max", model).members == (0,)
-    assert quantity("tension.chain.fairlead.max", model).members == (3,)
+    assert quantity("tension.chain-1.anchor.max", model).members == (0,)
+    assert quantity("tension.chain-1.fairlead.max", model).members == (3,)
+    with pytest.raises(SceneError, match="'chain' is not a line"):  # the number in a name is not that of a piece
+        quantity("tension.chain.max", model)
 
 
 def test_a_line_named_as_a_piece_of_another_one_is_a_line_of_its_own():

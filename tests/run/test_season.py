@@ -102,16 +102,19 @@ def test_harvest_takes_its_share_of_the_crop_and_no_rope():
 def test_random_layers_have_their_mean_deviation_and_correlation():
     season = dj.load_scene(scene(deviation=0.3, correlation=2.0, seed=4)).season
     arc = np.arange(0.0, 40_000.0, 0.5)
-    factor = season.factor("dropper-1", arc)
+    factor = season.thickness_factor("dropper-1", arc)
     assert np.all(factor > 0.0)
     assert np.mean(factor) == pytest.approx(1.0, abs=0.02)
     assert np.std(factor) == pytest.approx(0.3, rel=0.05)
+    # at grid points, a tenth of the correlation length apart, and between them
+    spread = np.log(season.thickness_factor("dropper-1", np.arange(0.0, 40_000.0, 0.05)).reshape(-1, 4))
+    assert np.std(spread, axis=0) == pytest.approx(np.sqrt(np.log(1.09)), rel=0.01)
     field = np.log(factor) - np.mean(np.log(factor))
     # four samples apart is one correlation length
     assert np.mean(field[4:] * field[:-4]) / np.mean(field**2) == pytest.approx(np.exp(-1.0), abs=0.03)
-    assert np.array_equal(season.factor("dropper-1", arc[::7]), factor[::7])
-    assert not np.allclose(season.factor("dropper-2", arc), factor)
-    assert not np.allclose(dataclasses.replace(season, seed=5).factor("dropper-1", arc), factor)
+    assert np.array_equal(season.thickness_factor("dropper-1", arc[::7]), factor[::7])
+    assert not np.allclose(season.thickness_factor("dropper-2", arc), factor)
+    assert not np.allclose(dataclasses.replace(season, seed=5).thickness_factor("dropper-1", arc), factor)
 
 
 def test_links_vibrate_with_the_mass_of_their_mussels():

@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from hard_scenes import single_line
+from scene_parts import free_at, line_of, scene_of
 
 from dropper_jax import SceneError, build_model, load_scene
 from dropper_jax.quantities.quantity_names import quantity
@@ -45,6 +46,18 @@ def test_slope_of_what_is_not_linear_is_its_derivative():
     # BA = ratio l sqrt(EA m): half of it per EA
     expected = 0.5 * 0.1 * (50.0 / 12) * np.sqrt(10.91 / 48884000.0)
     np.testing.assert_allclose(slope, expected, rtol=1e-9)
+
+
+def test_loads_at_which_nothing_breaks_stay_infinite_when_others_move():
+    rope = line_of("rope", "top", "end", 3, 1.0, mass="= m", axial={"law": "rope", "EA": 1e3})
+    parts = {"top": [0.0, 0.0, 0.0], "end": free_at([0.0, 0.0, -3.0])}
+    failure = [{"line": "rope", "link": 2, "load": "= 50 * m"}]
+    scene = load_scene(scene_of(parts, rope, parameters={"m": 0.2}, failure=failure))
+    model = build_model(scene)
+    found = scene_parameter(scene, model, "parameters.m")
+    failures = with_parameter_values(model, [found], jnp.array([0.3])).line.failures
+    np.testing.assert_allclose(failures.load, [[np.inf, 15.0, np.inf]])
+    np.testing.assert_array_equal(failures.time, np.inf)
 
 
 def test_a_path_of_the_model_stays_one_and_a_wrong_one_is_named():
@@ -123,6 +136,22 @@ def test_a_list_of_a_line_between_fixed_points_frees_the_nodes_that_move(path):
     loose = HELD | {"point": [HELD["point"][0], HELD["point"][1] | {"kind": "free"}]}
     loose["start"] = {"kind": "angles", "polar": [0.1, 0.2, 0.3, 0.4], "zero": "down"}
     assert len(resolve(build_model(load_scene(loose)), [path])) == 4
+
+
+@pytest.mark.parametrize(
+    ("a", "damping", "slope", "bounds"),
+    [
+        (0.0, "= 3 * a - 2 * a ** 3", 3.0, (0.0, np.inf)),
+        (1.0, "= 1 - a ** 2", -2.0, (0.0, 1.0)),
+        (0.5, "= 1 - a ** 2", -1.0, (0.0, np.inf)),
+    ],
+)
+def test_a_number_at_an_end_of_its_range_has_the_slope_and_the_bounds_inside(a, damping, slope, bounds):
+    effects = {"weight": {}, "linear_damping": {"b_l": damping}}
+    scene = load_scene(HELD | {"parameters": {"a": a}, "effects": effects})
+    found = scene_parameter(scene, build_model(scene), "parameters.a")
+    assert list(found.where.slopes.values()) == [pytest.approx(slope, rel=1e-6)]
+    assert (found.low, found.high) == bounds
 
 
 def test_a_number_of_parameters_ties_the_values_computed_from_it():

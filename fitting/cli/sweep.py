@@ -118,8 +118,11 @@ def _check(args: Namespace, vary: Iterable[str]) -> None:
     """Reject options before JAX is imported; `vary` are the varied paths."""
     if args.seeds < 0:
         raise SceneError(f"--seeds: {args.seeds}; allowed: a whole number >= 0")
-    if not Path(args.out).parent.is_dir():
-        raise SceneError(f"--out: the folder {str(Path(args.out).parent)!r} does not exist; allowed: an existing one")
+    out = Path(args.out)
+    if out.suffix not in ("", ".zarr") and not out.is_dir():
+        raise SceneError(f"--out: {args.out!r} has no known suffix; allowed: .zarr, or a folder without suffix")
+    if not out.parent.is_dir():
+        raise SceneError(f"--out: the folder {str(out.parent)!r} does not exist; allowed: an existing one")
     for path in vary:
         if args.fit and ScenePath(path).section in NOT_FITTED:
             raise SceneError(f"--fit: {path!r} cannot be fitted; allowed: parameters of the line, such as b_l, b_q")

@@ -271,6 +271,25 @@ def test_failed_members_are_recorded_and_affect_no_other(tmp_path):
     assert found.failed_at.values[1] > 0
 
 
+@pytest.mark.parametrize("path", ["b_l", "line.0.mass.0"])
+@pytest.mark.parametrize("values", [[-1.0, 0.2, 0.1], [0.2, -1.0, 0.1], [0.2, 0.1, -1.0]])
+def test_an_invalid_value_is_one_failed_case_at_any_position(tmp_path, path, values):
+    result = sweep(SCENE, {path: values}, tmp_path / "s.zarr", quantities=["tension_max"], **QUICK)
+    assert (result.counts["ok"], result.counts["invalid_input"]) == (2, 1)
+    with open_sweep(result.path) as found:
+        assert found.status.values.tolist() == [3 if value < 0.0 else 0 for value in values]
+        assert np.isnan(found.tension_max.values).tolist() == [value < 0.0 for value in values]
+
+
+def test_a_grid_with_an_invalid_first_row_and_column_has_the_numbers_of_the_others(tmp_path, whole):
+    vary = {"b_l": [-1.0, 0.2, 0.8], "start.polar.0": [0.5, 1.0], "line.0.mass.1": [-0.5, 1.0]}
+    result = sweep(SCENE, vary, tmp_path / "s.zarr", quantities=["tension_max"], **QUICK)
+    assert (result.counts["ok"], result.counts["invalid_input"]) == (4, 8)
+    with open_sweep(result.path) as found, open_sweep(whole) as grid:
+        some = found.tension_max.sel({found.tension_max.dims[2]: 1.0, "b_l": [0.2, 0.8]})
+        np.testing.assert_allclose(some, grid.tension_max.sel({"b_l": [0.2, 0.8]}), rtol=1e-9)
+
+
 def test_full_disk_is_reported_and_what_is_there_stays(whole, tmp_path, monkeypatch):
     path = tmp_path / "full.zarr"
     write = Store.write
@@ -295,7 +314,10 @@ def test_full_disk_is_reported_and_what_is_there_stays(whole, tmp_path, monkeypa
         ({"b_m": [1.0]}, {}, "vary: 'b_m' does not exist"),
         ({"effects.linear_damping.b_x": [1.0]}, {}, "effects.linear_damping.b_x: unknown path"),
         ({"b_l": [-1.0]}, {}, "b_l"),
-        *(({"b_l": x}, {}, "vary: b_l: no finite numbers") for x in ([], 0.3, [[0.1, 0.2]], [0.1, np.nan], [np.inf])),
+        *(
+            ({"b_l": x}, {}, "vary: b_l: no finite numbers")
+            for x in ([], 0.3, [[0.1, 0.2]], [0.1, np.nan], [np.inf], ["0.1", "0.2"], [True, False])
+        ),
         (
             {"line.0.mass": [1.0], "line.chain.mass": [2.0]},
             {},
@@ -361,6 +383,9 @@ def test_command_line_sweeps_and_resumes(tmp_path, printed, json_of):
     rows = [line.split() for line in printed([word for word in argv if word != "--json"]).out.splitlines()]
     first = rows.index(["mass", "[kg]", "tension_max", "[N]"]) + 1
     np.testing.assert_allclose(np.array(rows[first : first + 3], float)[:, 1], tension, rtol=1e-3)
+    wrong = [*argv[: argv.index("--out")], "--out", str(tmp_path / "cli.npz"), "--json"]
+    assert "cli.npz' has no known suffix; allowed: .zarr, or a folder without suffix" in json_of(wrong, 2)["error"]
+    assert not (tmp_path / "cli.npz").exists()
     assert "is not NAME=LO:HI:N" in json_of([*argv, "--vary", "line.0.length=oops"], 2)["error"]
 
 

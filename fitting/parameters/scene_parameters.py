@@ -14,7 +14,7 @@ import jax
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.read import ScenePath, declared_fields
+from dropper_jax.base.read import ScenePath, Values, declared_fields
 from dropper_jax.load.original_lines import locate_written
 from dropper_jax.load.paths import describe
 from dropper_jax.load.scene import Scene
@@ -22,7 +22,7 @@ from dropper_jax.model import Model
 from dropper_jax.modelling.build import build_model
 from dropper_jax.modelling.model_slopes import model_slopes
 from fitting.parameters.parameter import Parameter, check_once
-from fitting.parameters.paths import Released, resolve
+from fitting.parameters.paths import OPEN_BOUND_MARGIN, Released, resolve
 from fitting.parameters.targets import Direction
 
 #: A model that this change moves linearly to within `LINEAR_TOLERANCE` counts as linear in the number.
@@ -86,25 +86,67 @@ def scene_parameter(scene: Scene, model: Model, path: str, idle: bool = False) -
     # a number keeps its sign
     low = 0.0 if value > 0 else -np.inf
     high = 0.0 if value < 0 else np.inf
-    return Parameter(path, Direction(slopes, value, linear), value, low, high, unit)
+    where = Direction(slopes, value, linear)
+    if linear:
+        least, most = _allowed_range(model, where)
+        low = max(low, least)
+        high = min(high, most)
+    return Parameter(path, where, value, low, high, unit)
+
+
+def _allowed_range(model: Model, where: Direction) -> tuple[float, float]:
+    """The values of a number of the scene at which all numbers of the model that follow it are in their ranges."""
+    leaves = jax.tree.leaves(model)
+    low = -np.inf
+    high = np.inf
+    for leaf, slope in where.slopes.items():
+        moving = slope != 0.0
+        now = np.asarray(leaves[leaf])[moving]
+        slope = slope[moving]
+        declared = _declaration(model, leaf)
+        for key, limit in _limits_of(declared, now).items():
+            ends = where.origin + (limit - now) / slope
+            # an entry that rises with the number meets its lower limit as the number falls
+            is_upper = slope < 0.0 if key == "low" else slope > 0.0
+            low = max(low, np.max(ends[~is_upper], initial=-np.inf))
+            high = min(high, np.min(ends[is_upper], initial=np.inf))
+    rounding = LINEAR_TOLERANCE * abs(where.origin)
+    return min(_move_inside(low, rounding), where.origin), max(_move_inside(high, -rounding), where.origin)
+
+
+def _move_inside(end: float, rounding: float) -> float:
+    """An end of a range that is moved by the rounding of slopes, because the scene must take it; exactly 0 near 0."""
+    if abs(end) < abs(rounding):
+        return 0.0
+    return float(end + rounding)
+
+
+def _limits_of(declared: Values, values: np.ndarray) -> dict[str, float | np.ndarray]:
+    """The declared lower and upper limit of values, `low` and `high`, where there is one."""
+    found = {key: declared[key] for key in ("low", "high") if declared.get(key) is not None}
+    if declared.get("above") is not None:
+        found["low"] = declared["above"] + OPEN_BOUND_MARGIN * np.abs(values)
+    return found
 
 
 def _moved_unit(model: Model, slopes: Iterable[int]) -> str:
     """Unit of the model's leaves of these numbers if they share one, otherwise `-`."""
-    keys = [path for path, _ in jax.tree_util.tree_flatten_with_path(model)[0]]
-    units = set()
-    for leaf in slopes:
-        item: Any = model
-        for key in keys[leaf][:-1]:
-            item = item[key.idx] if hasattr(key, "idx") else getattr(item, key.name)
-        declared = declared_fields(type(item)).get(getattr(keys[leaf][-1], "name", ""))
-        unit = "-"
-        if declared is not None:
-            unit = declared.metadata.get("unit", "-")
-        units.add(unit)
+    units = {_declaration(model, leaf).get("unit", "-") for leaf in slopes}
     if len(units) == 1:
         return units.pop()
     return "-"
+
+
+def _declaration(model: Model, leaf: int) -> Values:
+    """Declaration of the field that holds a leaf of the model, by its number; empty if it is not declared."""
+    path, _ = jax.tree_util.tree_flatten_with_path(model)[0][leaf]
+    item: Any = model
+    for key in path[:-1]:
+        item = item[key.idx] if hasattr(key, "idx") else getattr(item, key.name)
+    declared = declared_fields(type(item)).get(getattr(path[-1], "name", ""))
+    if declared is None:
+        return {}
+    return declared.metadata
 
 
 def free_of_traces(

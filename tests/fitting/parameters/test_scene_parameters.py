@@ -143,6 +143,24 @@ def test_a_number_of_parameters_ties_the_values_computed_from_it():
         free_of_traces(bent, build_model(bent), ["parameters.rest"])
 
 
+@pytest.mark.parametrize(
+    ("b_l", "low", "high"),
+    [
+        ("= rest - 0.01", 0.01, np.inf),
+        ("= 0.05 - rest", 0.0, 0.05),
+        (["= rest - 0.02", "= 0.08 - 2 * rest", "= rest - 0.01", 0.0], 0.02, 0.04),
+    ],
+)
+def test_bounds_of_a_number_of_parameters_are_those_of_the_values_computed_from_it(b_l, low, high):
+    tied = load_scene(TIED | {"effects": {"weight": {}, "linear_damping": {"b_l": b_l}}})
+    (found,) = free_of_traces(tied, build_model(tied), ["parameters.rest"])
+    assert (found.low, found.high) == pytest.approx((low, high))
+    # a mass must stay above 0: it is at least a thousandth of its value
+    parameters = {"parameters": {"light": 0.05}, "line": [TIED["line"][0] | {"mass": "= light - 0.02"}]}
+    heavy = load_scene(HELD | parameters)
+    assert scene_parameter(heavy, build_model(heavy), "parameters.light").low == pytest.approx(0.02 + 3e-5)
+
+
 @pytest.mark.check
 @pytest.mark.parametrize(("free", "truth"), [(["b_l"], [0.01, 0.03, 0.03]), (["head", "rest"], [0.01, 0.03])])
 def test_values_of_nodes_between_fixed_points_are_fitted_each_or_tied(free, truth):

@@ -105,7 +105,8 @@ def ranges(problem: Study, given: Mapping[str, tuple[float, float]] | None = Non
     """Range of each parameter in a global study: the given one, otherwise +-20 %, inside its bounds.
 
     Raises:
-        SceneError: an empty range, one of no parameter of the study, or a parameter that ranges cannot vary.
+        SceneError: an empty range, one out of the parameter's bounds or of no parameter of the study, or a parameter
+            that ranges cannot vary.
     """
     given = given or {}
     full: dict[str, tuple[float, float]] = {}
@@ -120,5 +121,8 @@ def ranges(problem: Study, given: Mapping[str, tuple[float, float]] | None = Non
                 f"to: the model is not linear in {p.name!r}. Use it in local studies, or in `dropper sweep`"
             )
         spread = RANGE_FRACTION * p.scale
-        found.append(full.get(p.name, (max(p.low, p.value - spread), min(p.high, p.value + spread))))
+        low, high = full.get(p.name, (max(p.low, p.value - spread), min(p.high, p.value + spread)))
+        if not p.low <= low < high <= p.high:
+            raise SceneError(f"range: {p.name} = {low:g}:{high:g} is out of bounds; allowed: {p.bounds_in_words}")
+        found.append((low, high))
     return found

@@ -316,6 +316,8 @@ def test_a_range_is_the_given_one_and_not_empty(loop):
     for wrong in ({"b_l": (2.0, 1.0)}, {"b_l": (0.1, 0.2), loop.names[0]: (0.1, 0.3)}):
         with pytest.raises(SceneError, match="allowed: low < high, once"):
             ranges(loop, wrong)
+    with pytest.raises(SceneError, match=r"b_l = -0.1:0.2 is out of bounds; allowed: >= 0 kg/s"):
+        ranges(loop, {"b_l": (-0.1, 0.2)})
 
 
 def test_statistics_of_a_sine_are_its_amplitude():

@@ -54,9 +54,9 @@ def run(args: Namespace) -> int:
     say(1.0, "ok" if found.feasible else "no design met all constraints")
     print_warnings(found.warnings)
     if args.plot:
-        from fitting.farm.optimise.picture import design_picture
+        from fitting.farm.optimise.picture import draw_design
 
-        design_picture(site, found, picture(args.plot, "design"))
+        draw_design(site, found, picture(args.plot, "design"))
     return deliver(args, done_object(site=site.name, **found.to_json()), text(found), failure)
 
 

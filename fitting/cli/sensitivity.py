@@ -63,17 +63,17 @@ def run(args: Namespace) -> int:
     say = progress(args.quiet)
     ranges = None
     if args.method:
-        ranges = sensitivity.ranges(problem, values_by_name(map(_range, args.range), "--range"))
+        ranges = sensitivity.parameter_ranges(problem, values_by_name(map(_range, args.range), "--range"))
         samples = DEFAULT_SAMPLES if args.samples is None else args.samples
         found = sensitivity.global_indices(problem.batch, problem.names, ranges, args.method, samples, args.seed or 0)
         text = global_text(found, args.of)
     else:
-        found = sensitivity.local(problem, say, args.check)
+        found = sensitivity.local_derivatives(problem, say, args.check)
         text = local_text(found)
     if args.plot and found.finite:
         from fitting.sensitivity.tornado import global_picture, local_picture
 
-        if isinstance(found, sensitivity.Global):
+        if isinstance(found, sensitivity.GlobalIndices):
             global_picture(found, args.of, picture(args.plot, "tornado"))
         else:
             local_picture(found, picture(args.plot, "tornado"))

@@ -23,7 +23,7 @@ RANGE_FRACTION = 0.2
 
 
 @dataclass(frozen=True)
-class Global:
+class GlobalIndices:
     """Indices over a box of parameters.
 
     Attributes:
@@ -62,7 +62,7 @@ def global_indices(
     method: str = "sobol",
     samples: int = 256,
     seed: int = 0,
-) -> Global:
+) -> GlobalIndices:
     """Sobol indices or Morris screening of a function of (cases, p) -> (cases,) over a box.
 
     Sobol takes `samples (p + 2)` runs (samples a power of 2), Morris `samples (p + 1)`.
@@ -98,10 +98,14 @@ def global_indices(
     else:
         indices = {"sigma_conf": np.full(len(names), np.nan), **analyser.analyze(problem, points, values, seed=seed)}
     columns = [np.asarray(indices[key], float) for key in METHODS[method]]
-    return Global(method, list(names), list(box), *columns, len(values), float(values.mean()), float(values.std()))
+    return GlobalIndices(
+        method, list(names), list(box), *columns, len(values), float(values.mean()), float(values.std())
+    )
 
 
-def ranges(problem: Study, given: Mapping[str, tuple[float, float]] | None = None) -> list[tuple[float, float]]:
+def parameter_ranges(
+    problem: Study, given: Mapping[str, tuple[float, float]] | None = None
+) -> list[tuple[float, float]]:
     """Range of each parameter in a global study: the given one, otherwise +-20 %, inside its bounds.
 
     Raises:

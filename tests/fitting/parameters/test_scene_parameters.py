@@ -14,7 +14,7 @@ from fitting.parameters.parameter import with_parameter_values
 from fitting.parameters.paths import resolve
 from fitting.parameters.scene_parameters import find_parameters, free_of_traces, scene_parameter
 from fitting.parameters.targets import Direction
-from fitting.sensitivity import Study, ranges
+from fitting.sensitivity import Study, parameter_ranges
 
 SCENE = "paper-case-4"
 #: Numbers that the model depends on linearly, and by how much they are changed.
@@ -90,7 +90,7 @@ def test_global_studies_refuse_what_a_straight_line_cannot_follow():
 
     def over(path):
         (parameter,) = find_parameters(scene, model, [path], "to")
-        return ranges(Study(scene, quantity("tension.1.mean", model), (parameter,), model, None))
+        return parameter_ranges(Study(scene, quantity("tension.1.mean", model), (parameter,), model, None))
 
     with pytest.raises(SceneError, match="the model is not linear in 'line_type.chain.EA'"):
         over("line_type.chain.EA")

@@ -22,7 +22,7 @@ from dropper_jax.model import Model
 from dropper_jax.modelling.build import build_model
 from dropper_jax.modelling.model_slopes import model_slopes
 from fitting.parameters.parameter import Parameter, check_once
-from fitting.parameters.paths import OPEN_BOUND_MARGIN, Released, resolve
+from fitting.parameters.paths import Released, declared_bounds, resolve
 from fitting.parameters.targets import Direction
 
 #: A model that this change moves linearly to within `LINEAR_TOLERANCE` counts as linear in the number.
@@ -102,31 +102,18 @@ def _allowed_range(model: Model, where: Direction) -> tuple[float, float]:
     for leaf, slope in where.slopes.items():
         moving = slope != 0.0
         now = np.asarray(leaves[leaf])[moving]
-        slope = slope[moving]
-        declared = _declaration(model, leaf)
-        for key, limit in _limits_of(declared, now).items():
-            ends = where.origin + (limit - now) / slope
-            # an entry that rises with the number meets its lower limit as the number falls
-            is_upper = slope < 0.0 if key == "low" else slope > 0.0
-            low = max(low, np.max(ends[~is_upper], initial=-np.inf))
-            high = min(high, np.min(ends[is_upper], initial=np.inf))
+        limits = declared_bounds(_declaration(model, leaf), now)
+        ends = np.sort([(limit - now) / slope[moving] for limit in limits], axis=0)
+        low = max(low, ends[0].max())
+        high = min(high, ends[1].min())
+    # inside by the rounding of slopes, because the scene must take a value at its bound
     rounding = LINEAR_TOLERANCE * abs(where.origin)
-    return min(_move_inside(low, rounding), where.origin), max(_move_inside(high, -rounding), where.origin)
+    return _clear_zero(where.origin + min(low + rounding, 0.0), rounding), where.origin + max(high - rounding, 0.0)
 
 
-def _move_inside(end: float, rounding: float) -> float:
-    """An end of a range that is moved by the rounding of slopes, because the scene must take it; exactly 0 near 0."""
-    if abs(end) < abs(rounding):
-        return 0.0
-    return float(end + rounding)
-
-
-def _limits_of(declared: Values, values: np.ndarray) -> dict[str, float | np.ndarray]:
-    """The declared lower and upper limit of values, `low` and `high`, where there is one."""
-    found = {key: declared[key] for key in ("low", "high") if declared.get(key) is not None}
-    if declared.get("above") is not None:
-        found["low"] = declared["above"] + OPEN_BOUND_MARGIN * np.abs(values)
-    return found
+def _clear_zero(end: float, rounding: float) -> float:
+    """An end of a range; exactly 0 where it is 0 up to rounding."""
+    return 0.0 if abs(end) <= 2.0 * rounding else float(end)
 
 
 def _moved_unit(model: Model, slopes: Iterable[int]) -> str:

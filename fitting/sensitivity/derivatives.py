@@ -28,7 +28,7 @@ from dropper_jax.stepping.halving import ROUNDING
 from dropper_jax.stepping.integrate import Steps
 from dropper_jax.stepping.progress import Trajectory
 from dropper_jax.study.lyapunov import lyapunov
-from fitting.parameters.forward_derivatives import Varied, floats_of
+from fitting.parameters.forward_derivatives import WithSlopes, floats_of
 from fitting.parameters.parameter import with_parameter_values
 from fitting.sensitivity.differences import central_differences, error_of_value
 from fitting.sensitivity.linear_range import CHANGE_SIZES, with_linear_range
@@ -36,7 +36,7 @@ from fitting.sensitivity.problem import Study, StudyProgram
 from fitting.sensitivity.result import TANGENT, LocalDerivatives, empty_result, with_status
 from fitting.sensitivity.study_runs import error_by_coarser, farthest
 from fitting.sensitivity.study_steps import part_of_steps, saved_times
-from fitting.sensitivity.tangents import vary_start, vary_study
+from fitting.sensitivity.tangents import differentiate_start, differentiate_study
 
 
 @cached_jit(static=("plan",))
@@ -79,8 +79,8 @@ def _exact_derivatives(problem: Study, say: Progress, check: bool) -> LocalDeriv
     """Exact derivatives, with their error and their range of validity."""
     at = jnp.asarray(problem.values, problem.model.dtype)
     say(0.0, "forward derivatives")
-    start = vary_start(problem.plan, problem.model, problem.start, at)
-    quantity, run = vary_study(problem, at, start, problem.steps)
+    start = differentiate_start(problem.plan, problem.model, problem.start, at)
+    quantity, run = differentiate_study(problem, at, start, problem.steps)
     value = float(quantity.tree)
     forward = np.asarray(quantity.slopes[0])
     if not (np.isfinite(value) or problem.retries or problem.of.at_rest):
@@ -107,7 +107,7 @@ def _exact_derivatives(problem: Study, say: Progress, check: bool) -> LocalDeriv
 
 
 def _with_changed_runs(
-    problem: Study, found: LocalDerivatives, moved: Displacements | None, run: Varied | None
+    problem: Study, found: LocalDerivatives, moved: Displacements | None, run: WithSlopes | None
 ) -> LocalDerivatives:
     """The result with the linear range and the error of its derivatives by runs with changed parameters, and the growth
     of the displacement of the first of them."""
@@ -155,7 +155,7 @@ def _with_check(problem: Study, found: LocalDerivatives, say: Progress) -> Local
     return replace(found, exponent=float(growth.exponent))
 
 
-def _error_of_steps(problem: Study, at: Array, start: Varied, value: float) -> float:
+def _error_of_steps(problem: Study, at: Array, start: WithSlopes, value: float) -> float:
     """The error of the quantity by a run with four times the accuracy; NaN if a step fails, or steps are equal."""
     settings = problem.scene.run
     if problem.of.at_rest or settings.accuracy is None:
@@ -165,7 +165,7 @@ def _error_of_steps(problem: Study, at: Array, start: Varied, value: float) -> f
     interval = duration / max(settings.rows // 2, 1)
     accuracy = min(FACTOR * settings.accuracy, 1.0)
     coarser = replace(settings, accuracy=accuracy, save_interval=interval, duration=duration)
-    quantity, _ = vary_study(problem, at, start, problem.steps_of(coarser))
+    quantity, _ = differentiate_study(problem, at, start, problem.steps_of(coarser))
     return error_by_coarser(problem.of, value, float(quantity.tree), settings.accuracy)
 
 
@@ -183,7 +183,7 @@ class Displacements(NamedTuple):
     extent: float
 
     @classmethod
-    def of(cls, problem: Study, start: Varied, run: Varied) -> Displacements:
+    def of(cls, problem: Study, start: WithSlopes, run: WithSlopes) -> Displacements:
         """Those of a run from a start."""
         scale = np.array([p.scale for p in problem.parameters])
         at_start, at_saves = (np.linalg.norm(x.slopes[0], axis=-1).max(-1).T * scale for x in (start, run))
@@ -218,7 +218,7 @@ class Displacements(NamedTuple):
         return float(np.log(max(moved / before, 1.0)))
 
 
-def changed_study(problem: Study, values: np.ndarray) -> tuple[float, Varied | None]:
+def changed_study(problem: Study, values: np.ndarray) -> tuple[float, WithSlopes | None]:
     """The quantity with these values (p,), NaN if the scene has no start with them; and its run."""
     at = jnp.asarray(values, problem.model.dtype)
     try:
@@ -226,13 +226,13 @@ def changed_study(problem: Study, values: np.ndarray) -> tuple[float, Varied | N
     except SceneError:
         return np.nan, None
     start = without_slopes(s, len(at))
-    quantity, run = vary_study(problem, at, start, problem.steps)
+    quantity, run = differentiate_study(problem, at, start, problem.steps)
     return float(quantity.tree), run
 
 
-def without_slopes(s: State, count: int) -> Varied:
+def without_slopes(s: State, count: int) -> WithSlopes:
     """A start that the parameters do not change."""
-    return Varied(s, [jnp.asarray(np.zeros((count, *x.shape)), x.dtype) for x in floats_of(s)])
+    return WithSlopes(s, [jnp.asarray(np.zeros((count, *x.shape)), x.dtype) for x in floats_of(s)])
 
 
 def window_means(problem: Study, length: float, run: Trajectory) -> tuple[np.ndarray, np.ndarray, float]:
@@ -260,7 +260,7 @@ def window_means(problem: Study, length: float, run: Trajectory) -> tuple[np.nda
             last = jax.tree.map(lambda x, k=first - 1: x[k], run)
             s = state(model, last.r, last.v, last.tension, times[first])
             s = replace(s, parted=last.parted, own=last.own)
-        quantity, _ = vary_study(problem, at, without_slopes(s, len(at)), part_of_steps(steps, first, saves))
+        quantity, _ = differentiate_study(problem, at, without_slopes(s, len(at)), part_of_steps(steps, first, saves))
         found.append(np.asarray(quantity.slopes[0]))
     if count > 1:
         error = np.std(found, axis=0, ddof=1) / np.sqrt(count)

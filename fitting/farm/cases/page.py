@@ -39,7 +39,7 @@ COLUMNS = (
     "step_error",
     "damage_per_hour",
 )
-#: Meaning of `run.characteristic`, in words.
+#: Meaning of `run.characteristic_load`, in words.
 CHARACTERISTIC = {"mean": "mean of the seeds' maxima", "most_probable": "most probable maximum of the storm"}
 #: Labels of the cases by number.
 Labels = dict[int, str]

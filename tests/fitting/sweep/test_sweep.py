@@ -19,7 +19,7 @@ from dropper_jax.cli import main
 zarr = pytest.importorskip("zarr")
 xarray = pytest.importorskip("xarray")
 
-from fitting.cli.sweep import _values  # noqa: E402
+from fitting.cli.sweep import _read_vary  # noqa: E402
 from fitting.sweep import SweepStopped, open_sweep, sweep  # noqa: E402
 from fitting.sweep.make_plan import from_identity, make_plan  # noqa: E402
 from fitting.sweep.store import SweepStore as Store  # noqa: E402
@@ -209,9 +209,9 @@ def test_parameters_of_a_template_survive_the_identity_of_a_sweep(tmp_path, scen
 
 def test_evenly_spaced_values_of_a_parameter_are_whole_where_they_can_be():
     """A count takes whole numbers only."""
-    assert [type(x) for x in _values("parameters.droppers=2:8:4")[1].tolist()] == [int] * 4
-    assert _values("parameters.leg=38:40:5")[1].tolist() == [38.0, 38.5, 39.0, 39.5, 40.0]
-    assert _values("b_l=0:1:2")[1].dtype == float
+    assert [type(x) for x in _read_vary("parameters.droppers=2:8:4")[1].tolist()] == [int] * 4
+    assert _read_vary("parameters.leg=38:40:5")[1].tolist() == [38.0, 38.5, 39.0, 39.5, 40.0]
+    assert _read_vary("b_l=0:1:2")[1].dtype == float
 
 
 def test_a_start_that_fails_leaves_nothing(tmp_path, monkeypatch):

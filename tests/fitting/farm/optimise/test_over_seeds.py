@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dropper_jax import SceneError
-from fitting.farm.cases.characteristic import characteristic
+from fitting.farm.cases.characteristic import characteristic_load
 from fitting.farm.optimise.maxima_weights import check_seeds, maxima_weights
 from fitting.farm.site.sections import RunValues
 
@@ -18,7 +18,7 @@ def run(kind, seeds=10):
 def test_weights_give_what_load_cases_say(kind, seeds):
     maxima = np.random.default_rng(seeds).gumbel(5.0, 1.0, (seeds, 4))
     found = np.sum(maxima_weights(maxima, run(kind)) * maxima, axis=0)
-    expected = [characteristic(column, run(kind)).value for column in maxima.T]
+    expected = [characteristic_load(column, run(kind)).value for column in maxima.T]
     np.testing.assert_allclose(found, expected, rtol=1e-12)
 
 

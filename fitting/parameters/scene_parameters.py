@@ -8,6 +8,7 @@ that direction.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from typing import Any
 
 import jax
@@ -55,7 +56,10 @@ def find_parameters(
         except SceneError as error:
             try:
                 found.append(scene_parameter(scene, model, name, idle))
-            except SceneError:
+            except SceneError as reason:
+                with suppress(SceneError):
+                    scene.value(name)  # the scene has it, but it cannot vary
+                    error = reason
                 raise error from None
     check_once(found, option)
     return tuple(found)

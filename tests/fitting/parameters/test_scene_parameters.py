@@ -60,6 +60,7 @@ def test_a_path_of_the_model_stays_one_and_a_wrong_one_is_named():
         ("line.chain.links", "12 is not a number that can vary"),
         ("line_type.chain.breaking_load", "is not given"),
         ("sea.depth.x", "'sea.depth.x' does not exist"),
+        ("sea.depth", "z = -30 m is below the seabed"),  # that of the anchors
     ):
         with pytest.raises(SceneError, match=words):
             find_parameters(scene, model, [path], "to")

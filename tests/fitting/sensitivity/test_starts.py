@@ -62,6 +62,16 @@ def test_the_gravity_of_the_weight_is_that_of_the_sea_too():
     assert found.scaled[0] == pytest.approx(1.0, abs=1e-5)
 
 
+def test_a_number_of_the_sea_has_a_short_path():
+    """Weight and buoyancy of a float on one vertical rope: T = g (rho V - m) less the wet weight of the rope's half."""
+    points = [TABLE["point"][0], {**TABLE["point"][2], "position": [0.0, 0.0, -5.0]}]
+    rope = {**TABLE["line"][0], "length": 5.0, "links": 1}
+    scene = {**TABLE, "point": points, "line": [rope], "sea": {"depth": 10.0}}
+    found = local_derivatives(study(scene, "tension.first.start", ["sea.density"]))
+    volume = 0.1 + 0.5 * 5.0 * np.pi / 4 * 0.05**2
+    assert found.forward[0] == pytest.approx(9.81 * volume, rel=1e-3)
+
+
 @pytest.mark.check
 def test_a_run_from_the_static_pose_differentiates_through_it(storm):
     at = jnp.asarray(storm.values)

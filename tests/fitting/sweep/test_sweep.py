@@ -352,6 +352,7 @@ def test_seeds_are_realisations_of_the_sea():
     wet = {**SCENE, "line": line, "effects": effects, "sea": {"depth": 30.0, "waves": waves}}
     plan = make_plan(wet, {}, seeds=3)
     assert plan.inputs(np.arange(3))[:, 0].tolist() == [5.0, 6.0, 7.0]
+    assert [axis.path for axis in make_plan(wet, {"sea.depth": [20.0, 30.0]}).axes] == ["sea.depth"]
 
 
 def test_listed_values_go_together_and_give_the_numbers_of_the_grid(whole, tmp_path):

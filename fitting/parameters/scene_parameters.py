@@ -53,7 +53,8 @@ def find_parameters(
             continue
         try:
             found += resolve(model, [name], option=option)
-        except SceneError as error:
+        except SceneError as unresolved:
+            error = unresolved
             try:
                 found.append(scene_parameter(scene, model, name, idle))
             except SceneError as reason:

@@ -9,6 +9,7 @@ import pytest
 
 from dropper_jax import SceneError
 from fitting.farm.season import float_schedule, plan_season, write_season
+from fitting.farm.season.equilibria import list_waters, scene_at_rest
 from fitting.farm.season.schedule import distribute_floats
 from fitting.farm.season.season import double_crops
 from fitting.farm.site import read_site
@@ -136,6 +137,22 @@ def test_no_other_schedule_has_fewer_visits_or_moves_fewer_floats():
         spans = [range(a, b + 1) for a, b in zip(low, high, strict=True)]
         assert all(n in span for n, span in zip(plan, spans, strict=True))
         assert cost(plan, start) == min(cost(p, start) for p in itertools.product(*spans))
+
+
+@pytest.mark.parametrize(
+    ("cases", "expected"),
+    [
+        ({"currents": [0.4], "directions": [0.0, 90.0]}, {(0.4, 0.0), (0.4, 90.0)}),  # with the waves
+        ({"currents": [0.4], "current_direction": 30.0, "directions": [0.0, 90.0]}, {(0.4, 30.0)}),
+        ({"currents": [0.4, {"speed": 0.2, "direction": np.pi / 4}]}, {(0.4, 0.0), (0.2, 45.0)}),
+    ],
+)
+def test_currents_of_the_season_are_those_of_the_load_cases_with_their_directions(cases, expected):
+    season = {key: value for key, value in table()["season"].items() if key != "currents"}
+    site = read_site({**table(), "cases": cases, "season": season})
+    currents = [scene_at_rest(site, "june", water, {}).sea.current for water in list_waters(site, site.season)]
+    assert len(currents) == 2 * len(expected)  # two levels
+    assert {(own.speed, round(np.degrees(own.direction), 9)) for own in currents} == expected
 
 
 def test_mussels_on_lines_that_carry_a_crop_of_the_library_are_reported():

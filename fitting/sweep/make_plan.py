@@ -86,10 +86,7 @@ def make_plan(
         raise SceneError(f"chunk: {chunk}; allowed: a whole number >= 1")
     if quantities is None:
         quantities = list(QUANTITIES)
-    for name in quantities:
-        if name not in QUANTITIES and "." not in name:
-            known = f"{nearest(name, QUANTITIES)}; also SIGNAL.WHERE.STATISTIC, such as tension.chain.fairlead.max"
-            raise SceneError(f"quantities: {name!r} is unknown; {known}")
+    _check_quantity_names(quantities)
     cases = _count_cases([values.size for values in lists.values()], len(quantities), listed)
     full = dict(zip(full_paths(scene, list(lists)), lists.values(), strict=True))
     base, built = _first_valid_case(scene, full, listed)
@@ -99,6 +96,14 @@ def make_plan(
     plan = Plan(base, axes, tuple(quantities), traces, chunk, settings, listed, built)
     _check_named_quantities(plan)
     return plan
+
+
+def _check_quantity_names(names: Sequence[str]) -> None:
+    """Reject names that are neither in `QUANTITIES` nor of the form of all others."""
+    for name in names:
+        if name not in QUANTITIES and "." not in name:
+            known = f"{nearest(name, QUANTITIES)}; also SIGNAL.WHERE.STATISTIC, such as tension.chain.fairlead.max"
+            raise SceneError(f"quantities: {name!r} is unknown; {known}")
 
 
 def _first_valid_case(scene: Scene, lists: Mapping[str, np.ndarray], listed: bool) -> tuple[Scene, tuple[Model, State]]:

@@ -50,10 +50,10 @@ class BuiltCase(NamedTuple):
 
 class ShapeGroup(NamedTuple):
     """Cases whose models have one shape: which members they are (members,), and arguments of the program for all
-    members, with stand-ins for the others."""
+    members, with substitutes for the others."""
 
     shape: Shape
-    is_own: np.ndarray
+    is_member: np.ndarray
     arguments: tuple[Any, ...]
 
 
@@ -107,7 +107,7 @@ class Program:
     def __call__(self, chunks: list[int]) -> RunningChunks:
         """Start the chunks (at most one per device); `collect` waits for the results."""
         groups, rejected = self._group_by_shape(chunks)
-        started = [(group.is_own, self._compiled_program(group)(*group.arguments)) for group in groups]
+        started = [(group.is_member, self._compiled_program(group)(*group.arguments)) for group in groups]
         return RunningChunks(chunks, rejected, started)
 
     def run_extra_case(self, values: np.ndarray) -> dict[str, np.ndarray]:
@@ -120,14 +120,14 @@ class Program:
     def collect(self, running: RunningChunks) -> dict[int, dict[str, np.ndarray]]:
         """Results by chunk: each quantity, `status` and `failed_at` (cases,)."""
         found = {}
-        for is_own, arrays in running.groups:
+        for is_member, arrays in running.groups:
             for name, array in arrays.items():
                 value = np.asarray(array)
                 if name not in found:
                     fill = np.nan if value.dtype.kind == "f" else 0
                     shape = (len(value), *self.plan.inner_shape(name))  # that of the largest case
                     found[name] = np.full(shape, fill, value.dtype)
-                found[name][(is_own, *map(slice, value.shape[1:]))] = value[is_own]
+                found[name][(is_member, *map(slice, value.shape[1:]))] = value[is_member]
         found["status"][running.rejected] = STATUS.index("invalid_input")
         for name in found.keys() - {"status", "failed_at"}:
             found[name][found["status"] != 0] = np.nan
@@ -148,20 +148,20 @@ class Program:
         base = BuiltCase(next(iter(self._plans)), *self.plan.base)
         valid = next(filter(None, built.values()), base)
         cases = [built[key] or valid for key in keys]
-        stand_ins: dict[Shape, BuiltCase] = {}
+        substitutes: dict[Shape, BuiltCase] = {}
         for case in cases:
-            stand_ins.setdefault(case.shape, case)
+            substitutes.setdefault(case.shape, case)
         found = []
-        for shape, stand_in in stand_ins.items():
-            is_own = np.array([case.shape == shape for case in cases])
-            members = [case if own else stand_in for case, own in zip(cases, is_own, strict=True)]
+        for shape, substitute in substitutes.items():
+            is_member = np.array([case.shape == shape for case in cases])
+            members = [case if own else substitute for case, own in zip(cases, is_member, strict=True)]
             model = base.model
             start = base.start
             if self.by_scene:
                 model = stack_trees([case.model for case in members])
             if self.by_start:
                 start = stack_trees([case.start for case in members])
-            found.append(ShapeGroup(shape, is_own, self._arguments(model, start, values)))
+            found.append(ShapeGroup(shape, is_member, self._arguments(model, start, values)))
         return found, rejected
 
     def _input_values(self, chunks: list[int]) -> np.ndarray:

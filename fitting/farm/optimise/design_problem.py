@@ -126,9 +126,9 @@ class DesignProblem:
         Raises:
             SceneError: a run that failed.
         """
-        whole = self.storm_runs.run_whole_storms(x, say)
-        windows = self.storm_runs.choose_windows(x, whole, say)
-        return windows, self._combine(x, [storm.hard for storm in whole], (), True)
+        full_runs = self.storm_runs.run_full_storms(x, say)
+        windows = self.storm_runs.choose_windows(x, full_runs, say)
+        return windows, self._combine(x, [storm.hard for storm in full_runs], (), True)
 
     def values(self, runs: WindowRuns) -> Values:
         """Objective and constraints of a design by its windows; derivatives of storms are 0 where they are unknown."""

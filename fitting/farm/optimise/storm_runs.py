@@ -87,7 +87,7 @@ class StormRuns:
             return runs
         return replace(runs, slopes=slopes)
 
-    def run_whole_storms(self, x: np.ndarray, say: Progress) -> list[StormPeaks]:
+    def run_full_storms(self, x: np.ndarray, say: Progress) -> list[StormPeaks]:
         """Peaks of the whole run of every case of a design.
 
         Raises:
@@ -96,30 +96,30 @@ class StormRuns:
         scene = with_design(self.site.scene, self.variables, x)
         states = [self.starts.at(x, case.storm).rest.state for case in self.site.cases]
 
-        def run_whole(i: int) -> StormPeaks:
+        def run_storm(i: int) -> StormPeaks:
             case = self.site.cases[i]
             return run_full_storm(self.site, scene, case, self.quantities[case.storm.kind], states[i])
 
-        found = self._run_cases(run_whole, "whole runs", say)
+        found = self._run_cases(run_storm, "whole runs", say)
         for storm in found:
             if storm.message:
                 (steps,) = self.site.steps
                 raise SceneError(f"design: {storm.message}. Use a smaller run.{steps}, or bounds nearer to the start")
         return found
 
-    def choose_windows(self, x: np.ndarray, whole: Sequence[StormPeaks], say: Progress) -> tuple[Window, ...]:
+    def choose_windows(self, x: np.ndarray, full_runs: Sequence[StormPeaks], say: Progress) -> tuple[Window, ...]:
         """Windows around the peak loads of the whole runs of a design, with the ratios of their peaks to those of the
         windows.
 
         Raises:
             SceneError: a window that failed.
         """
-        found = [self._window_around_peak(case, storm) for case, storm in zip(self.site.cases, whole, strict=True)]
+        found = [self._window_around_peak(case, storm) for case, storm in zip(self.site.cases, full_runs, strict=True)]
         for i, soft in enumerate(self.run_windows(x, found, say).windows):
             if not soft.solved:
                 name = self.site.cases[i].storm.name
                 raise SceneError(f"design: a window of {name} has steps that do not converge")
-            found[i] = replace(found[i], factor=whole[i].hard / soft.soft, height=soft.hard)
+            found[i] = replace(found[i], factor=full_runs[i].hard / soft.soft, height=soft.hard)
         return tuple(found)
 
     def _window_around_peak(self, case: Case, storm: StormPeaks) -> Window:

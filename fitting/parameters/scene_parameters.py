@@ -26,8 +26,9 @@ from fitting.parameters.parameter import Parameter, check_once
 from fitting.parameters.paths import Released, declared_bounds, resolve
 from fitting.parameters.targets import Direction
 
-#: A model that this change moves linearly to within `LINEAR_TOLERANCE` counts as linear in the number.
-LINEAR_REACH = 0.2
+#: A model counts as linear in a number if the first of these relative changes that the scene takes moves it linearly to
+#: within `LINEAR_TOLERANCE`.
+LINEAR_REACHES = (0.2, -0.2, 0.02, -0.02)
 LINEAR_TOLERANCE = 1e-9
 
 
@@ -74,9 +75,8 @@ def scene_parameter(scene: Scene, model: Model, path: str, idle: bool = False) -
     """
     slopes = model_slopes(scene, model, path, idle)
     value: Any = scene.value(path)
-    shift = LINEAR_REACH * (abs(value) or 1.0)
     here = jax.tree.leaves(build_model(scene.with_values({path: value})))
-    there = jax.tree.leaves(build_model(scene.with_values({path: value + shift})))
+    shift, there = _shifted_leaves(scene, path, value)
     linear = True
     for i, slope in slopes.items():
         old = np.asarray(here[i])
@@ -97,6 +97,18 @@ def scene_parameter(scene: Scene, model: Model, path: str, idle: bool = False) -
         low = max(low, least)
         high = min(high, most)
     return Parameter(path, where, value, low, high, unit)
+
+
+def _shifted_leaves(scene: Scene, path: str, value: float) -> tuple[float, list[Any]]:
+    """The first change of a number by `LINEAR_REACHES` that the scene takes, and the leaves of its model."""
+    errors = []
+    for reach in LINEAR_REACHES:
+        shift = reach * (abs(value) or 1.0)
+        try:
+            return shift, jax.tree.leaves(build_model(scene.with_values({path: value + shift})))
+        except SceneError as error:
+            errors.append(error)
+    raise errors[0]
 
 
 def _allowed_range(model: Model, where: Direction) -> tuple[float, float]:

@@ -21,7 +21,7 @@ from slopes import random_scene
 
 from dropper_jax.base.json_values import jsonable
 from dropper_jax.load.scene import Scene, load_scene
-from fitting.sensitivity import local, study
+from fitting.sensitivity import local_derivatives, study
 
 #: Packaged scenes: duration [s], equal steps [s] in place of an accuracy, quantity, parameter, what grows.
 PACKAGED: list[tuple[str, float, float | None, str, str, str]] = [
@@ -87,7 +87,7 @@ def main() -> None:
         if args.only is not None and i not in args.only:
             continue
         started = time.perf_counter()
-        found = local(study(scene, of, [to]))
+        found = local_derivatives(study(scene, of, [to]))
         row = {"scene": name, "duration": found.duration, "of": of, "to": to, "method": found.method}
         row |= {"tangent": found.growth, "motion": found.motion_growth, "grows": found.grows, "expected": expected}
         row |= {"slope": found.scaled[0], "status": found.slope_status[0], "seconds": time.perf_counter() - started}

@@ -28,7 +28,7 @@ from dropper_jax.plots import figures, style
 from dropper_jax.quantities.quantities import Quantity
 from dropper_jax.quantities.quantity_names import quantity
 from dropper_jax.run.chunks import run_chunks
-from fitting.sensitivity import Local, local, study
+from fitting.sensitivity import LocalDerivatives, local_derivatives, study
 from fitting.sensitivity.derivatives import changed_study
 from fitting.sensitivity.differences import DIFFERENCE_SIZES
 from fitting.sensitivity.problem import Study
@@ -148,7 +148,7 @@ def run_fresh(problem: Study) -> tuple[list[float], list[float]]:
     return found[0], found[1]
 
 
-def judge(problem: Study, found: Local, along: list[float], own: list[float]) -> dict[str, Any]:
+def judge(problem: Study, found: LocalDerivatives, along: list[float], own: list[float]) -> dict[str, Any]:
     """Counts of a case."""
     reach = np.array([(high - low).max() for low, high in fresh_values(problem)])
     scale = np.array([p.scale for p in problem.parameters])
@@ -188,7 +188,7 @@ def run_case(name: str, scene: Scene, of: str, to: tuple[str, ...]) -> dict[str,
     row: dict[str, Any] = {"scene": name}
     try:
         problem = study(scene, of, to)
-        found = local(problem)
+        found = local_derivatives(problem)
     except SceneError as error:
         return row | {"refused": str(error)}
     if not found.finite:

@@ -28,13 +28,13 @@ from dropper_jax.base.json_values import jsonable
 from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.modelling.build import stepper_of
 from dropper_jax.study.gradient_check import RELATIVE_CHANGE, GradientCheck
-from fitting.parameters.forward_derivatives import Varied, floats_of
+from fitting.parameters.forward_derivatives import WithSlopes, floats_of
 from fitting.parameters.parameter import with_parameter_values
 from fitting.sensitivity import study
 from fitting.sensitivity.differences import changed_values, slopes_of_runs
 from fitting.sensitivity.problem import Study, measure_rows
 from fitting.sensitivity.study_runs import StudyRuns
-from fitting.sensitivity.tangents import vary_start
+from fitting.sensitivity.tangents import differentiate_start
 
 Table = dict[str, Any]
 #: Duration [s], and time over which the sea rises.
@@ -224,7 +224,7 @@ def derivatives(problem: Study, base: StudyRuns, tangent: SlackTangent | None) -
     # it finds the steps again, and rounding may add some
     most = int(SPARE * np.count_nonzero(base.record.length))
     at = jnp.asarray(problem.values)
-    start = vary_start(problem.plan, base.model, base.start, at)
+    start = differentiate_start(problem.plan, base.model, base.start, at)
     times = settings.interval * (1.0 + np.arange(settings.rows))
 
     def run(values: jax.Array, floats: list[jax.Array]) -> tuple[jax.Array, jax.Array]:
@@ -247,7 +247,7 @@ def derivatives(problem: Study, base: StudyRuns, tangent: SlackTangent | None) -
     return Derivatives(float(value), slopes, growth)
 
 
-def with_floats(start: Varied, floats: list[jax.Array]) -> Any:
+def with_floats(start: WithSlopes, floats: list[jax.Array]) -> Any:
     """The start with these floats in place of its own."""
     leaves, form = jax.tree.flatten(start.tree)
     new = iter(floats)

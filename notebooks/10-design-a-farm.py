@@ -29,10 +29,10 @@ from dropper_jax.cli.printing import table
 from dropper_jax.plots import style
 from fitting.cli.optimise import text
 from fitting.farm.cases import assess, run_cases
-from fitting.farm.optimise.picture import design_picture
+from fitting.farm.optimise.picture import draw_design
 from fitting.farm.optimise.run import optimise
 from fitting.farm.optimise.variables import read_variables
-from fitting.farm.season import season, write_season
+from fitting.farm.season import plan_season, write_season
 from fitting.farm.site import read_site
 
 plt.rcParams.update(style.RC | {"figure.dpi": 90})
@@ -81,7 +81,7 @@ plain["optimise"] = {"window": 45.0, "before": 30.0, "rounds": 6}
 site = read_site(plain)
 found = optimise(site)
 print(text(found))
-display(Image(str(design_picture(site, found, "design.png"))))
+display(Image(str(draw_design(site, found, "design.png"))))
 
 # %% [markdown]
 # ## The leg breaks, and the rest holds
@@ -109,7 +109,7 @@ bay = dict(read_site("exposed-bay").table)
 bay["name"] = "bay"
 bay["parameters"] = {**bay["parameters"], "droppers": 2}
 bay["season"] = {**bay["season"], "levels": [0.0], "currents": [0.0, 0.5]}
-months = season(read_site(bay))
+months = plan_season(read_site(bay))
 rows = [("month", "floats", "allowed", "to carry [kN]", "backbone [m]")]
 rows += [
     (

@@ -42,7 +42,7 @@ plt.rcParams.update(style.RC | {"figure.dpi": 90})
 scene = dj.load_scene("dropper-release-a").with_values({"run.integrator": "rattle", "run.duration": 1.0})
 names = ["b_l", "b_q", "gravity", *(f"line.0.mass.{j}" for j in range(6))]
 problem = sensitivity.study(scene, "tension.max", names)
-found = sensitivity.local(problem, check=True)
+found = sensitivity.local_derivatives(problem, check=True)
 print(f"{found.of} = {found.value:.3f} {found.unit}; forward and reverse mode differ by {found.mismatch:.0e}")
 tornado.local_picture(found, "tornado.png")
 Image("tornado.png", width=640)
@@ -99,7 +99,9 @@ print(f"growth rate {found.exponent:.2g} per s: derivatives are trusted for {fou
 # %%
 longer = scene.with_values({"run.duration": 10.0})
 ranged = sensitivity.study(longer, "angle.4.std", ["b_l", "b_q", "line.0.mass.2"])
-box = sensitivity.ranges(ranged, {"b_l": (0.0005, 0.008), "b_q": (0.0, 0.006), "line.0.mass.2": (0.030, 0.036)})
+box = sensitivity.parameter_ranges(
+    ranged, {"b_l": (0.0005, 0.008), "b_q": (0.0, 0.006), "line.0.mass.2": (0.030, 0.036)}
+)
 indices = sensitivity.global_indices(ranged.batch, ranged.names, box, "sobol", 128, 0)
 tornado.global_picture(indices, "angle.4.std", "sobol.png")
 print(f"{indices.runs} runs, mean {indices.mean:.3f} rad, standard deviation {indices.std:.3f} rad")

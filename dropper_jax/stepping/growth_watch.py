@@ -26,7 +26,8 @@ SEGMENTS = 16
 LIMIT = 10.0
 MESSAGE = (
     f"the derivative of a run has grown by more than e^{LIMIT:g}: it is that of the computed steps, but predicts no "
-    "change of engineering size. Use differences of runs (`fitting.sensitivity.local`), a shorter run or a mean"
+    "change of engineering size. Use differences of runs (`fitting.sensitivity.local_derivatives`), a shorter run or "
+    "a mean"
 )
 
 

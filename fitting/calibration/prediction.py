@@ -19,7 +19,7 @@ from jax import Array
 
 from fitting.calibration.result import FitResult
 from fitting.estimate.window_run import Start, march
-from fitting.parameters.forward_derivatives import vary
+from fitting.parameters.forward_derivatives import differentiate
 from fitting.parameters.observation import camera_angles, clock_rate, lost_frames
 from fitting.parameters.parameter import with_parameter_values
 from fitting.traces import planar
@@ -138,7 +138,7 @@ def _simulator_of(result: FitResult, steps: int) -> Callable[..., tuple[Array, A
         whole = jnp.arange(steps), jnp.zeros(steps)
         start = Start(theta, omega, state, jnp.asarray(windows.dt * rate, theta.dtype), whole)
         none = jnp.zeros((0, len(values)))
-        first = vary(lambda _: start, values, none)
+        first = differentiate(lambda _: start, values, none)
         moved, _ = march(simulator.stepper, lambda _: model, values, none, first, steps, windows.substeps, steps, steps)
         angles, rates = jax.vmap(partial(planar.from_nodes, model))(*moved.tree)
         angles = jnp.concatenate([theta[None], angles])

@@ -55,11 +55,11 @@ def run(args: Namespace) -> int:
     register_effects(args)
     site = read_site(args.site)
     if out is None or args.list:
-        return _list(site, args)
-    return _assess(site, out, args)
+        return _print_cases(site, args)
+    return _run_and_assess(site, out, args)
 
 
-def _assess(site: Site, out: Path, args: Namespace) -> int:
+def _run_and_assess(site: Site, out: Path, args: Namespace) -> int:
     """Run the cases of a site, and report the utilisation of its parts."""
     from fitting.farm.cases.assess import assess
     from fitting.farm.cases.case_store import CasesStopped
@@ -86,7 +86,7 @@ def _assess(site: Site, out: Path, args: Namespace) -> int:
     return print_result(args, found, text(found, files), failure)
 
 
-def _list(site: Site, args: Namespace) -> int:
+def _print_cases(site: Site, args: Namespace) -> int:
     """Print the cases of a site."""
     names = [storm.name for storm in site.storms]
     found = done_object(site=site.name, cases=names, runs=len(site.cases))

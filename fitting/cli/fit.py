@@ -21,9 +21,9 @@ from fitting.cli.fit_options import (
     check_without_scene,
     chosen_loss,
     chosen_method,
-    held_out_spans,
     named_values,
     names_toml,
+    read_spans,
 )
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def run(args: Namespace) -> int:
-    spans = held_out_spans(args.held_out)
+    spans = read_spans(args.held_out)
     check_span(args)
     check_once(args.traces, "DATA")
     shared: Table = {
@@ -126,7 +126,7 @@ def fit_to_angles(args: Namespace, scene: Scene | None, shared: Table) -> tuple[
         window=args.window,
         dt=args.dt,
         integrator=args.integrator,
-        rest=held_out_spans(args.rest, "--rest"),
+        rest=read_spans(args.rest, "--rest"),
         static_start=args.static_start,
         zero=args.zero,
         sign=args.sign,

@@ -44,7 +44,7 @@ def add_file_options(parser: ArgumentParser) -> None:
     )
 
 
-def given_of(args: Namespace) -> FileOptions:
+def file_options(args: Namespace) -> FileOptions:
     """What the options state about the files.
 
     Raises:
@@ -90,7 +90,7 @@ def traces_for(args: Namespace, scene: Scene) -> tuple[list[str | Trace], list[s
     """
     from fitting.from_file.read_file import read_measured
 
-    given = given_of(args)
+    given = file_options(args)
     stated = (args.rate, args.counts, args.columns)
     if args.mass is not None or args.lengths is not None:
         raise SceneError("--mass, --lengths: only without --scene; the scene has them")
@@ -128,12 +128,12 @@ def fit_files(args: Namespace, shared: Table, say: Progress) -> tuple[FitResult,
     """Fit files without a scene: the result, and what was assumed and found as plain values and as text."""
     from dropper_jax.load.scene import Scene
     from fitting.calibration.fit import fit, free_laws
+    from fitting.from_file.fitted_values import fitted_values, value_rows
     from fitting.from_file.output import unused, write_case
+    from fitting.from_file.propose_scene import propose_scene
     from fitting.from_file.read_file import read_measured
-    from fitting.from_file.scene_of import propose_scene
-    from fitting.from_file.values import found_values, value_rows
 
-    given = given_of(args)
+    given = file_options(args)
     if args.held_out is None:  # a stretch that is held out may lie after --until
         given = replace(given, end=args.until)
     measured = [read_measured(file, given) for file in args.traces]
@@ -160,7 +160,7 @@ def fit_files(args: Namespace, shared: Table, say: Progress) -> tuple[FitResult,
     folder = args.report or unused(Path(), f"{measured[0].trace.name}-fit")
     options = ["--same-motion"] if args.same_motion else []
     command = write_case(Path(folder), measured, plain, options)
-    values = found_values(result, measured[0], args.mass)
+    values = fitted_values(result, measured[0], args.mass)
     assumed.append(model_note(measured[0].trace.links, args.mass))
     text = "\n\n".join([assumed_text(assumed), table(value_rows(values)), f"repeat with: {command}"])
     found = {one.name: without_keys(asdict(one), ["name"]) for one in values}

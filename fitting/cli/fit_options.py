@@ -219,7 +219,7 @@ OF_TRACES = {
 }
 
 
-def held_out_spans(text: str | None, option: str = "--held-out") -> list[tuple[float, float]]:
+def read_spans(text: str | None, option: str = "--held-out") -> list[tuple[float, float]]:
     """Spans [s] of `lo:hi,lo:hi`."""
     reason = "is not lo:hi; allowed: spans in s such as 40:45,45:50"
     found = []

@@ -54,15 +54,15 @@ def run(args: Namespace) -> int:
     say(1.0, "ok" if found.feasible else "no design met all constraints")
     print_warnings(found.warnings)
     if args.plot:
-        from fitting.farm.optimise.picture import design_picture
+        from fitting.farm.optimise.picture import draw_design
 
-        design_picture(site, found, picture(args.plot, "design"))
+        draw_design(site, found, picture(args.plot, "design"))
     return deliver(args, done_object(site=site.name, **found.to_json()), text(found), failure)
 
 
 def text(found: Optimum) -> str:
     """The design as text: before, after, active constraints, sensitivity to assumptions."""
-    tables = [_values(found), _constraints(found), _assumptions(found)]
+    tables = [_value_rows(found), _constraint_rows(found), _assumption_rows(found)]
     if found.dominated:
         cells = "{0[constraint]}|{0[variable]}|{0[mean]:+.3g}|{0[median]:+.3g}|{0[seed]}"
         head = ("derivative of", "by", "mean of seeds", "median", "dominated by seed")
@@ -70,7 +70,7 @@ def text(found: Optimum) -> str:
     return "\n\n".join([*map(table, tables), _remarks(found)])
 
 
-def _values(found: Optimum) -> Rows:
+def _value_rows(found: Optimum) -> Rows:
     """The variables and the objective, before and after."""
     rows = [("", "before", "after", "bounds")]
     for variable, before, after in zip(found.variables, found.before, found.after, strict=True):
@@ -79,7 +79,7 @@ def _values(found: Optimum) -> Rows:
     return rows
 
 
-def _constraints(found: Optimum) -> Rows:
+def _constraint_rows(found: Optimum) -> Rows:
     """The constraints, before and after, and what 1 % more of the limit of an active one changes."""
     from fitting.farm.optimise.optimum import ACTIVE_FROM
 
@@ -92,7 +92,7 @@ def _constraints(found: Optimum) -> Rows:
     return rows
 
 
-def _assumptions(found: Optimum) -> Rows:
+def _assumption_rows(found: Optimum) -> Rows:
     """What 1 % more of an assumption changes, if that is known."""
     rows = [("1 % more of", "objective")]
     for name, change in found.assumptions.items():

@@ -28,14 +28,14 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def run(args: Namespace) -> int:
-    from fitting.farm.season import season, write_season
-    from fitting.farm.season.report import draw
+    from fitting.farm.season import plan_season, write_season
+    from fitting.farm.season.report import draw_season
     from fitting.farm.site import read_site
 
     register_effects(args)
-    found = season(read_site(args.site), progress(args.quiet))
+    found = plan_season(read_site(args.site), progress(args.quiet))
     if args.plot is not None:
-        draw(found, picture(args.plot, "season"))
+        draw_season(found, picture(args.plot, "season"))
     if args.report is not None:
         write_season(found, args.report)
         found["out"] = str(args.report)

@@ -54,7 +54,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def run(args: Namespace) -> int:
     scene = read_scene(args, OVERRIDES)
-    check_method(args)
+    check_global_options(args)
 
     from fitting import sensitivity
     from fitting.sensitivity.texts import global_text, local_text
@@ -63,17 +63,17 @@ def run(args: Namespace) -> int:
     say = progress(args.quiet)
     ranges = None
     if args.method:
-        ranges = sensitivity.ranges(problem, values_by_name(map(_range, args.range), "--range"))
+        ranges = sensitivity.parameter_ranges(problem, values_by_name(map(_read_range, args.range), "--range"))
         samples = DEFAULT_SAMPLES if args.samples is None else args.samples
         found = sensitivity.global_indices(problem.batch, problem.names, ranges, args.method, samples, args.seed or 0)
         text = global_text(found, args.of)
     else:
-        found = sensitivity.local(problem, say, args.check)
+        found = sensitivity.local_derivatives(problem, say, args.check)
         text = local_text(found)
     if args.plot and found.finite:
         from fitting.sensitivity.tornado import global_picture, local_picture
 
-        if isinstance(found, sensitivity.Global):
+        if isinstance(found, sensitivity.GlobalIndices):
             global_picture(found, args.of, picture(args.plot, "tornado"))
         else:
             local_picture(found, picture(args.plot, "tornado"))
@@ -87,7 +87,7 @@ def run(args: Namespace) -> int:
     return deliver(args, whole, text, failure)
 
 
-def check_method(args: Namespace) -> None:
+def check_global_options(args: Namespace) -> None:
     """Reject options that the method does not use, and samples that are too few."""
     if args.method is None:
         for option, value in (("--range", args.range or None), ("--samples", args.samples), ("--seed", args.seed)):
@@ -99,6 +99,6 @@ def check_method(args: Namespace) -> None:
         raise SceneError(f"--samples: {args.samples}; allowed: a whole number >= 2")
 
 
-def _range(text: str) -> tuple[str, tuple[float, float]]:
+def _read_range(text: str) -> tuple[str, tuple[float, float]]:
     name, low, high = read_named_range(text, "--range", "is not NAME=LO:HI; allowed: such as b_l=0.001:0.004")
     return name, (low, high)

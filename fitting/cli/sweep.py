@@ -88,15 +88,15 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def run(args: Namespace) -> int:
-    vary = values_by_name(map(_values, args.vary), "--vary")
-    _check(args, vary)
-    parts = _parts(args)
+    vary = values_by_name(map(_read_vary, args.vary), "--vary")
+    _check_options(args, vary)
+    parts = _read_parts(args)
     use_cores(args.devices)
     scene = read_scene(args, OVERRIDES)
 
     from fitting.sweep import SweepStopped, sweep
 
-    options = _options(args)
+    options = _sweep_options(args)
     scores = None
     fitted = None
     try:
@@ -108,24 +108,27 @@ def run(args: Namespace) -> int:
     except SweepStopped as error:
         return print_result(args, {}, failure=("interrupted", str(error)))
     if scores and args.fit:
-        fitted = _fit(args, scene, scores)
+        fitted = _fit_inputs(args, scene, scores)
     if args.plot:
-        _draw(args.plot, result, scores, fitted)
-    return _report(args, scene, result, scores, fitted)
+        _draw_pictures(args.plot, result, scores, fitted)
+    return _print_sweep(args, scene, result, scores, fitted)
 
 
-def _check(args: Namespace, vary: Iterable[str]) -> None:
+def _check_options(args: Namespace, vary: Iterable[str]) -> None:
     """Reject options before JAX is imported; `vary` are the varied paths."""
     if args.seeds < 0:
         raise SceneError(f"--seeds: {args.seeds}; allowed: a whole number >= 0")
-    if not Path(args.out).parent.is_dir():
-        raise SceneError(f"--out: the folder {str(Path(args.out).parent)!r} does not exist; allowed: an existing one")
+    out = Path(args.out)
+    if out.suffix not in ("", ".zarr") and not out.is_dir():
+        raise SceneError(f"--out: {args.out!r} has no known suffix; allowed: .zarr, or a folder without suffix")
+    if not out.parent.is_dir():
+        raise SceneError(f"--out: the folder {str(out.parent)!r} does not exist; allowed: an existing one")
     for path in vary:
         if args.fit and ScenePath(path).section in NOT_FITTED:
             raise SceneError(f"--fit: {path!r} cannot be fitted; allowed: parameters of the line, such as b_l, b_q")
 
 
-def _draw(folder: Path, result: SweepResult, scores: TraceScores | None, fitted: FittedScore | None) -> None:
+def _draw_pictures(folder: Path, result: SweepResult, scores: TraceScores | None, fitted: FittedScore | None) -> None:
     """Pictures of a sweep."""
     from fitting.sweep.pictures import draw_sweep
     from fitting.sweep.trace_pictures import draw_against_trace
@@ -136,7 +139,7 @@ def _draw(folder: Path, result: SweepResult, scores: TraceScores | None, fitted:
         draw_sweep(result.path, folder)
 
 
-def _report(
+def _print_sweep(
     args: Namespace, scene: Scene, result: SweepResult, scores: TraceScores | None, fitted: FittedScore | None
 ) -> int:
     """Print a sweep, with its scores against a trace and the fit; returns the exit code."""
@@ -155,7 +158,7 @@ def _report(
     return print_result(args, found, text(found, results), result.verdict.failure)
 
 
-def _options(args: Namespace) -> Table:
+def _sweep_options(args: Namespace) -> Table:
     """Options of a sweep with and without a trace."""
     quantities = args.quantities
     chunk = args.chunk
@@ -214,7 +217,7 @@ def _result_object(scene: Scene, result: SweepResult, warnings: list[str]) -> Ta
     }
 
 
-def _parts(args: Namespace) -> list[float] | None:
+def _read_parts(args: Namespace) -> list[float] | None:
     """Times of `--parts`; options that need a trace are rejected without one."""
     for option in ("parts", "fit", "zero", "sign", "unit", "columns"):
         if getattr(args, option) and not args.trace:
@@ -224,7 +227,7 @@ def _parts(args: Namespace) -> list[float] | None:
     return read_numbers(args.parts, "--parts", "is not T1,T2; allowed: two times in s, such as 12,25")
 
 
-def _fit(args: Namespace, scene: Scene, scores: TraceScores) -> FittedScore:
+def _fit_inputs(args: Namespace, scene: Scene, scores: TraceScores) -> FittedScore:
     """The fit of the varied inputs to the same trace, and one run at its values."""
     from fitting.calibration.fit import fit
     from fitting.sweep.scores import FittedScore
@@ -251,7 +254,7 @@ def use_cores(count: int | None) -> None:
         print_line("warning: JAX is already initialised; the number of devices is unchanged")
 
 
-def _values(option: str) -> tuple[str, np.ndarray]:
+def _read_vary(option: str) -> tuple[str, np.ndarray]:
     """Path and values of `NAME=LO:HI:N[:log]`, or of `NAME=A,B,C`, of which whole numbers stay whole."""
     import numpy as np
 

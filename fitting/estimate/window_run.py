@@ -1,7 +1,7 @@
 """Run of one window: residuals with exact derivatives by its start and the parameters, as a program computes them.
 
 Start, steps and camera are functions of the window's start and the parameters, differentiated one after the other
-(`vary`).
+(`differentiate`).
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from dropper_jax.stepping.integrate import advance, scan_steps
 from dropper_jax.stepping.progress import begin
 from fitting.estimate.release import LEAST_STRETCH, Release, ReleaseState
 from fitting.estimate.windows import ArrayType
-from fitting.parameters.forward_derivatives import Varied, split, swap_rows, vary
+from fitting.parameters.forward_derivatives import WithSlopes, differentiate, split, swap_rows
 from fitting.parameters.missing_forces import add_missing_forces
 from fitting.parameters.observation import camera_angles, clock_rate, lost_frames, recording
 from fitting.parameters.parameter import Parameter, with_parameter_values
@@ -100,9 +100,9 @@ def run_window(
         release_state = ReleaseState(*inputs[count_of_inputs:])
     window = WindowMotion(own, release_state, values, model, parameters, release, dt, on_grid)
     point = jnp.concatenate([jnp.zeros(2 * window.freedoms), values])
-    start = vary(window.start_at, point, seeds)
+    start = differentiate(window.start_at, point, seeds)
     rows, failed = march(stepper, window.model_at, point, seeds, start, capacity, substeps, count, own.steps)
-    found = vary(window.read_out, point, seeds, start, rows)
+    found = differentiate(window.read_out, point, seeds, start, rows)
     residual, first, end, angle = found.tree
     by_residual, by_first, by_end = (jnp.moveaxis(slope, 0, -1) for slope in found.slopes[:3])
     return angle, residual, by_residual, first, end, by_first, by_end, failed
@@ -225,12 +225,12 @@ def march(
     model_at: Callable[[Array], Model],
     x: Array,
     directions: Array,
-    start: Varied,
+    start: WithSlopes,
     capacity: int,
     substeps: Array | int,
     steps: Array | int,
     counted: Array | int,
-) -> tuple[Varied, Array]:
+) -> tuple[WithSlopes, Array]:
     """Positions and velocities (capacity, nodes, 3) after every step from a start, a `Start` as a function of x, with
     derivatives along the directions (k, len(x)), and the number of failed (sub)steps among the first `counted`;
     undefined beyond `steps`.
@@ -248,10 +248,10 @@ def march(
             end, found = advance(stepper, model, first, start.h, capacity, accuracy=accuracy)
             return (found.r, found.v), end.has_failed.astype(jnp.int32)
 
-        found = vary(adapt, x, directions, start)
-        return Varied(found.tree[0], found.slopes), found.tree[1]
+        found = differentiate(adapt, x, directions, start)
+        return WithSlopes(found.tree[0], found.slopes), found.tree[1]
 
-    def save(now: Varied, i: Array) -> tuple[Varied, Varied]:
+    def save(now: WithSlopes, i: Array) -> tuple[WithSlopes, WithSlopes]:
         def interval(x: Array, now: tuple[State, Array], start: Start) -> tuple[Any, Any]:
             model = model_at(x)
 
@@ -263,7 +263,7 @@ def march(
             s, failed = jax.lax.fori_loop(0, substeps, part, now)
             return (s, failed), (s.r, s.v)
 
-        return split(vary(interval, x, directions, now, start))
+        return split(differentiate(interval, x, directions, now, start))
 
     def first(x: Array, start: Start) -> tuple[Any, Any]:
         s = begin(stepper, model_at(x), start.state).state
@@ -271,7 +271,7 @@ def march(
         shelf = tuple(jnp.broadcast_to(a, (capacity, *a.shape)) for a in (s.r, s.v))
         return (s, jnp.zeros((), jnp.int32)), shelf
 
-    now, shelf = split(vary(first, x, directions, start))
+    now, shelf = split(differentiate(first, x, directions, start))
     now, rows = scan_steps(save, now, steps, swap_rows(shelf))
     return swap_rows(rows), now.tree[1]
 

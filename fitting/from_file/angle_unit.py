@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from fitting.from_file.pendulum import GRID_PER_PERIOD, HALF_WIDTH, derivatives, main_period, regression
+from fitting.from_file.pendulum import GRID_PER_PERIOD, HALF_WIDTH, fit_swing_equation, main_period, smooth_derivatives
 
 #: Difference of the log likelihoods of two units of the angle that decides between them.
 DECIDING_GAIN = 4.0
@@ -38,7 +38,7 @@ def decide_unit(file: str, t: np.ndarray, theta: np.ndarray) -> tuple[str, str]:
     return unit, "the period grows with the amplitude as in this unit"
 
 
-def contradiction(t: np.ndarray, theta: np.ndarray, unit: str) -> str:
+def unit_contradiction(t: np.ndarray, theta: np.ndarray, unit: str) -> str:
     """A remark if the period of one link changes with the amplitude as in another unit than the stated one."""
     if unit == "mrad" or theta.shape[1] > 1:
         return ""
@@ -57,7 +57,7 @@ def unit_of_angle(t: np.ndarray, raw: np.ndarray, period: float) -> tuple[str | 
     reach = half_range(raw)
     if reach < SMALL_AMPLITUDE:
         return "rad", np.inf
-    _, motion, _ = derivatives(t, raw, period)
+    _, motion, _ = smooth_derivatives(t, raw, period)
     length = min(BLOCK_PERIODS * GRID_PER_PERIOD, len(motion))
     if not length:
         return None, 0.0
@@ -86,7 +86,7 @@ def unit_of_angle(t: np.ndarray, raw: np.ndarray, period: float) -> tuple[str | 
 
 def squares_by_unit(motion: np.ndarray) -> list[float]:
     """Sums of squares of a motion (k, 3) read in radians and in degrees, in the unit of its angle."""
-    return [regression(motion * unit, True)[1] / unit**2 for unit in (1.0, np.pi / 180)]
+    return [fit_swing_equation(motion * unit, True)[1] / unit**2 for unit in (1.0, np.pi / 180)]
 
 
 def half_range(values: np.ndarray) -> np.ndarray:

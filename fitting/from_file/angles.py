@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from fitting.from_file.angle_unit import contradiction, decide_unit
-from fitting.from_file.encoder import between_steps, is_log_of_steps, step_of
+from fitting.from_file.angle_unit import decide_unit, unit_contradiction
+from fitting.from_file.encoder import is_log_of_steps, read_between_steps, reading_step
 from fitting.from_file.motion import LinkMotion
 from fitting.traces.trace import RADIANS, unwrap
 
@@ -34,7 +34,7 @@ def read_angles(file: str, t: np.ndarray, raw: np.ndarray, unit: str | None, cou
     """
     notes = []
     turn = full_turn(raw)
-    step = max(step_of(column) for column in raw.T)
+    step = max(reading_step(column) for column in raw.T)
     stated = unit
     if unit is None:
         unit = unit_of_values(raw, turn, step, counts)
@@ -52,14 +52,14 @@ def read_angles(file: str, t: np.ndarray, raw: np.ndarray, unit: str | None, cou
         size = RADIANS[unit]
         theta = unwrap(raw, 2 * np.pi / size)
     is_log = theta.shape[1] == 1 and is_log_of_steps(t, theta[:, 0], step)
-    t, theta, reading = between_steps(t, theta, step, is_log)
+    t, theta, reading = read_between_steps(t, theta, step, is_log)
     notes += reading
     if unit is None:
         unit, why = decide_unit(file, t, theta)
         notes.append(f"angle in {unit}: {why}")
         size = RADIANS[unit]
     elif not notes:
-        notes.append(f"angle in {unit}{contradiction(t, theta, unit)}")
+        notes.append(f"angle in {unit}{unit_contradiction(t, theta, unit)}")
     if step and not is_log:
         notes.append(f"readings in steps of {step * size:.3g} rad")
     return LinkMotion(t, size * theta, tuple(notes))

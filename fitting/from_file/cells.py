@@ -61,8 +61,8 @@ def read_cells(path: Path) -> Cells:
         SceneError: a file that cannot be read, is not text, is too large or has fewer than two rows of numbers.
     """
     lines = read_lines(path)
-    separator, comma = separator_of(path.name, lines)
-    rows = [split(line, separator) for line in lines]
+    separator, comma = find_separator(path.name, lines)
+    rows = [split_cells(line, separator) for line in lines]
     good = [is_sample(row, comma) for row in rows]
     widths = Counter(map(len, compress(rows, good)))
     if widths.total() < 2:
@@ -80,11 +80,11 @@ def read_cells(path: Path) -> Cells:
         comments.append(line.strip())
         if not samples and not usable and not line.lstrip().startswith("#"):
             before.append(row)
-    values = np.array([number(cell, comma) for row in samples for cell in row]).reshape(-1, width)
+    values = np.array([cell_number(cell, comma) for row in samples for cell in row]).reshape(-1, width)
     clock = tuple(map(is_clock, zip(*samples[:10], strict=True)))
     for column in np.flatnonzero(clock):
-        values[:, column] = after_midnight(values[:, column])
-    return Cells(path.name, tuple(comments), names_of(before, width), values, clock)
+        values[:, column] = continue_past_midnight(values[:, column])
+    return Cells(path.name, tuple(comments), name_columns(before, width), values, clock)
 
 
 def is_clock(column: Sequence[str]) -> bool:
@@ -92,7 +92,7 @@ def is_clock(column: Sequence[str]) -> bool:
     return any(TIME_OF_DAY.fullmatch(cell.strip()) for cell in column)
 
 
-def after_midnight(times: np.ndarray) -> np.ndarray:
+def continue_past_midnight(times: np.ndarray) -> np.ndarray:
     """Times of day (rows,) [s], of which those after a midnight continue from those before it; NaN is missing."""
     times = times.copy()
     known = np.isfinite(times)
@@ -102,7 +102,7 @@ def after_midnight(times: np.ndarray) -> np.ndarray:
     return times
 
 
-def separator_of(file: str, lines: Sequence[str]) -> tuple[str | None, bool]:
+def find_separator(file: str, lines: Sequence[str]) -> tuple[str | None, bool]:
     """The separator of columns (None: white space) and whether decimals have a comma, from the middle of a file.
 
     Raises:
@@ -112,7 +112,7 @@ def separator_of(file: str, lines: Sequence[str]) -> tuple[str | None, bool]:
     best: tuple[float, str | None, bool] | None = None
     # a comma between columns is tried last: rows of decimal commas have a comma too
     for separator, comma in ((";", True), ("\t", True), (None, True), (",", False), ("|", True)):
-        rows = [split(line, separator) for line in middle]
+        rows = [split_cells(line, separator) for line in middle]
         width = max(map(len, rows))
         decimals = comma and any(re.fullmatch(r"\s*[+-]?\d*,\d+\s*", cell) for row in rows for cell in row)
         good = [row for row in rows if len(row) == width and is_sample(row, decimals)]
@@ -124,7 +124,7 @@ def separator_of(file: str, lines: Sequence[str]) -> tuple[str | None, bool]:
     if best is None:
         raise SceneError(f"{file}: {NO_ROWS}")
     if best[1] == "," and best[0] > 0.9:
-        check_commas(file, [split(line, ",") for line in middle])
+        check_commas(file, [split_cells(line, ",") for line in middle])
     return best[1], best[2]
 
 
@@ -141,7 +141,7 @@ def check_commas(file: str, rows: Sequence[Sequence[str]]) -> None:
         )
 
 
-def split(line: str, separator: str | None) -> list[str]:
+def split_cells(line: str, separator: str | None) -> list[str]:
     """Cells of a line."""
     if separator is None:
         return line.split()
@@ -155,11 +155,11 @@ def split(line: str, separator: str | None) -> list[str]:
 
 def is_sample(row: Sequence[str], comma: bool) -> bool:
     """Whether a row has numbers, and otherwise only missing samples."""
-    others = [cell for cell in row if not math.isfinite(number(cell, comma))]
+    others = [cell for cell in row if not math.isfinite(cell_number(cell, comma))]
     return len(others) < len(row) and all(cell.strip().lower() in MISSING_TEXTS for cell in others)
 
 
-def number(cell: str, comma: bool) -> float:
+def cell_number(cell: str, comma: bool) -> float:
     """The number of a cell, in seconds for a time of day; NaN is missing."""
     text = cell.strip().strip('"')
     digits = text
@@ -178,7 +178,7 @@ def number(cell: str, comma: bool) -> float:
     return math.nan
 
 
-def names_of(before: Sequence[Sequence[str]], width: int) -> tuple[str, ...]:
+def name_columns(before: Sequence[Sequence[str]], width: int) -> tuple[str, ...]:
     """Names of the columns from the rows above the samples: the last row of that width, below a row of groups.
 
     `mass_A,,,mass_B,,` above `t,x,y,t,x,y` gives `mass_A t`, `mass_A x` ...

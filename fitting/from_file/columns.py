@@ -12,7 +12,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.markdown import first_names
 from fitting.from_file.cells import Cells
-from fitting.from_file.names import (
+from fitting.from_file.column_names import (
     ANGLE_UNITS,
     ANGLE_WORDS,
     AXIS_WORDS,
@@ -81,8 +81,8 @@ def find_columns(cells: Cells, given: Mapping[str, str] | None = None, rate: flo
     named = given_columns(cells, columns, given or {})
     time = named.pop("time", None) or time_column(file, columns)
     if named:
-        return describe(cells, time, *given_motion(named))
-    return describe(cells, time, *moving_columns(file, [column for column in columns if column is not time]))
+        return with_units(cells, time, *given_motion(named))
+    return with_units(cells, time, *moving_columns(file, [column for column in columns if column is not time]))
 
 
 def given_columns(cells: Cells, columns: Sequence[Column], given: Mapping[str, str]) -> dict[str, Column]:
@@ -142,7 +142,7 @@ def moving_columns(file: str, columns: Sequence[Column]) -> tuple[list[Column], 
     raise SceneError(f"{file}: nothing moves in {still}. Give a file with motion")
 
 
-def describe(
+def with_units(
     cells: Cells, time: Column | None, angles: Sequence[Column], points: Sequence[tuple[Column, Column]]
 ) -> Columns:
     """The columns with their units, as the names and comments give them."""
@@ -187,7 +187,7 @@ def fps_of(cells: Cells) -> float | None:
     return None
 
 
-def increases(values: np.ndarray) -> bool:
+def is_increasing(values: np.ndarray) -> bool:
     """Whether a column increases in nearly all rows."""
     step = np.diff(values[np.isfinite(values)])
     return len(step) > 5 and np.mean(step >= 0) > INCREASING_FRACTION and np.mean(step > 0) > 0.3
@@ -204,13 +204,13 @@ def time_column(file: str, columns: Sequence[Column]) -> Column | None:
     named += [column for column in columns if column.unit in TIME_UNITS.values()]
     frames = [column for column in columns if column.has(FRAME_WORDS)]
     for column in (*clocks, *named, *frames):
-        if increases(column.values):
+        if is_increasing(column.values):
             return column
     if named:
-        if increases(-named[0].values):
+        if is_increasing(-named[0].values):
             raise SceneError(f"{file}: {named[0].name} decreases from row to row. Reverse the rows")
         return named[0]
-    return next((column for column in columns if increases(column.values) and column.moves), None)
+    return next((column for column in columns if is_increasing(column.values) and column.moves), None)
 
 
 def point_pairs(columns: Sequence[Column]) -> list[tuple[Column, Column]]:
@@ -239,7 +239,7 @@ def angle_columns(file: str, moving: Sequence[Column]) -> list[Column]:
     named = [column for column in usable if column.has(ANGLE_WORDS) or column.unit in ANGLE_UNITS.values()]
     if named:
         return sorted(without_copies(named), key=lambda column: column.ordinal or 0)
-    swinging = [column for column in usable if not increases(column.values) and not increases(-column.values)]
+    swinging = [column for column in usable if not is_increasing(column.values) and not is_increasing(-column.values)]
     swinging = without_copies(swinging)
     if len(swinging) > 1:
         names = [column.name for column in swinging]

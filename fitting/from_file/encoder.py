@@ -19,7 +19,7 @@ LITTLE_NOISE = 0.35
 LONGEST_TURN = 0.2
 
 
-def between_steps(
+def read_between_steps(
     t: np.ndarray, theta: np.ndarray, step: float, is_log: bool
 ) -> tuple[np.ndarray, np.ndarray, list[str]]:
     """Times (k,) and angles (k, n) in the middle of the steps of an encoder, if it has steps; and how they were read.
@@ -37,7 +37,7 @@ def between_steps(
     return t, theta, []
 
 
-def step_of(column: np.ndarray) -> float:
+def reading_step(column: np.ndarray) -> float:
     """Difference of two readings of a rounded column (k,) that covers many of its own steps; otherwise 0."""
     known = column[np.isfinite(column)]
     values = np.unique(known)

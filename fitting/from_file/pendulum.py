@@ -53,7 +53,7 @@ HALF_WIDTH = 7
 POLYNOMIAL_DEGREE = 4
 
 
-def derivatives(t: np.ndarray, phi: np.ndarray, period: float) -> tuple[np.ndarray, np.ndarray, float]:
+def smooth_derivatives(t: np.ndarray, phi: np.ndarray, period: float) -> tuple[np.ndarray, np.ndarray, float]:
     """Grid of times (N,), angle, rate and acceleration (N, 3) on it, and the gain of noise in the acceleration [1/s^2].
 
     Args:
@@ -80,7 +80,7 @@ def derivatives(t: np.ndarray, phi: np.ndarray, period: float) -> tuple[np.ndarr
     return grid[HALF_WIDTH:-HALF_WIDTH], around @ weights.T, float(gain)
 
 
-def regression(motion: np.ndarray, quadratic: bool = False) -> tuple[np.ndarray, float]:
+def fit_swing_equation(motion: np.ndarray, quadratic: bool = False) -> tuple[np.ndarray, float]:
     """Coefficients of a = -p sin + q cos - c w (- d |w| w), and the sum of squares."""
     phi, w, a = motion.T
     columns = [-np.sin(phi), np.cos(phi), -w]
@@ -106,7 +106,7 @@ def gravity_of_last_link(
     """
     known = np.isfinite(joint) & np.isfinite(phi)
     parts = (joint.real, joint.imag, phi)
-    x, y, angle = (derivatives(t[known], part[known], period)[1] for part in parts)
+    x, y, angle = (smooth_derivatives(t[known], part[known], period)[1] for part in parts)
     if len(angle) < GRID_PER_PERIOD:
         return None
     phi, w, a = angle.T

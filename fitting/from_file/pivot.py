@@ -16,8 +16,8 @@ from fitting.from_file.rigid_links import (
     SPREAD_QUANTILE,
     Body,
     directions_of,
+    distance_change,
     noise_of,
-    rigid,
     turns_with,
 )
 
@@ -35,9 +35,9 @@ FARTHEST_PIVOT = 100.0
 
 def pivot_of(first: np.ndarray, others: Iterable[np.ndarray], sigma: float) -> complex:
     """Pivot of the first link: by two of its points if another one is on it, otherwise the centre of its circle."""
-    centre = centre_of(first)
+    centre = circle_centre(first)
     for other in others:
-        if rigid(first, other, sigma) < RIGID_CHANGE:
+        if distance_change(first, other, sigma) < RIGID_CHANGE:
             return pivot_of_pair(first, other, centre, sigma)
     return centre
 
@@ -52,7 +52,7 @@ def pivot_of_pair(one: np.ndarray, other: np.ndarray, near: complex, sigma: floa
     return complex(np.linalg.lstsq(basis, one[known], rcond=None)[0][0])
 
 
-def centre_of(p: np.ndarray) -> complex:
+def circle_centre(p: np.ndarray) -> complex:
     """Centre of the circle through points (k,)."""
     p = p[np.isfinite(p)]
     p = p[:: max(1, len(p) // CIRCLE_POINTS)]

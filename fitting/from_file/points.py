@@ -17,9 +17,9 @@ from fitting.from_file.rigid_links import (
     RIGID_CHANGE,
     Body,
     directions_of,
+    distance_change,
     joint_of,
     noise_of,
-    rigid,
     turns_with,
     with_point,
 )
@@ -85,7 +85,7 @@ def find_chain(file: str, points: np.ndarray, pivot: complex | None) -> tuple[Ch
     best = None
     best_order = in_order
     for order in orders:
-        chain = chain_of([points[i] for i in order], pivot, sigma)
+        chain = build_chain([points[i] for i in order], pivot, sigma)
         if chain is not None and (best is None or chain.worst < best.worst):
             best = chain
             best_order = order
@@ -99,7 +99,7 @@ def find_chain(file: str, points: np.ndarray, pivot: complex | None) -> tuple[Ch
     return best, best_order
 
 
-def chain_of(points: list[np.ndarray], pivot: complex | None, sigma: float) -> Chain | None:
+def build_chain(points: list[np.ndarray], pivot: complex | None, sigma: float) -> Chain | None:
     """The chain of points in this order; None if they do not fit.
 
     Args:
@@ -113,7 +113,7 @@ def chain_of(points: list[np.ndarray], pivot: complex | None, sigma: float) -> C
         if is_far(pivot, points):
             return None
     start = np.full(len(first), pivot)
-    worst = rigid(first, start, sigma)
+    worst = distance_change(first, start, sigma)
     if worst > RIGID_CHANGE:
         return None
     joints = [start]
@@ -122,7 +122,7 @@ def chain_of(points: list[np.ndarray], pivot: complex | None, sigma: float) -> C
     while rest:
         point = rest[0]
         body = bodies[-1]
-        if rigid(point, body.origin, sigma) < RIGID_CHANGE and turns_with(point - body.origin, body, sigma):
+        if distance_change(point, body.origin, sigma) < RIGID_CHANGE and turns_with(point - body.origin, body, sigma):
             own.append(rest.pop(0))
             bodies[-1] = with_point(body, point, joints[-1])
             continue
@@ -152,9 +152,9 @@ def next_link(
         in_pairs: whether every link has two points, so that the joint is one of them only by chance.
     """
     point = rest[0]
-    joint = min(own, key=lambda p: rigid(point, p, sigma))
-    by_point = rigid(point, joint, sigma)
-    if len(rest) > 1 and rigid(point, rest[1], sigma) < RIGID_CHANGE:
+    joint = min(own, key=lambda p: distance_change(point, p, sigma))
+    by_point = distance_change(point, joint, sigma)
+    if len(rest) > 1 and distance_change(point, rest[1], sigma) < RIGID_CHANGE:
         pair = Body(point, rest[1] - point, rest[1], pair=True)
         pair_joint, by_pair = joint_of(body, pair, sigma)
         if by_pair < by_point or (in_pairs and by_pair < GOOD_CHANGE):

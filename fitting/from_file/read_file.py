@@ -18,7 +18,7 @@ from fitting.from_file.motion import LinkMotion
 from fitting.from_file.pendulum import main_period
 from fitting.from_file.points import read_points
 from fitting.from_file.swing import FEWEST_PERIODS, Swing, find_swing
-from fitting.from_file.thinning import thin
+from fitting.from_file.thinning import thin_rows
 from fitting.traces.noise import noise, without_spikes
 from fitting.traces.planar import pendulum_period
 from fitting.traces.trace import Convention, Trace
@@ -165,7 +165,7 @@ def _shortest_period(count: int, lengths: np.ndarray | None, period: float) -> f
 
 def _thin_trace(trace: Trace, fastest: float) -> tuple[Trace, list[str]]:
     """The trace with as many rows as a motion of this shortest period [s] needs, and a note if rows were left out."""
-    t, theta, many = thin(trace.t, trace.theta, fastest)
+    t, theta, many = thin_rows(trace.t, trace.theta, fastest)
     if len(t) == len(trace.t):
         return trace, []
     what = f"each the mean of about {many}" if many > 1 else "one for each stretch of time"

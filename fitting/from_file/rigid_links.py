@@ -79,7 +79,7 @@ def noise_of(p: np.ndarray) -> float:
     return typical / (NORMAL_MEDIAN * np.sqrt(FOURTH_DIFFERENCE_VARIANCE))
 
 
-def rigid(one: np.ndarray, other: np.ndarray, sigma: float) -> float:
+def distance_change(one: np.ndarray, other: np.ndarray, sigma: float) -> float:
     """Change of the distance of two points in units of its noise."""
     size = np.abs(one - other)
     typical = float(np.nanmedian(size))

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from fitting.from_file.pendulum import GRID_PER_PERIOD, derivatives, regression
+from fitting.from_file.pendulum import GRID_PER_PERIOD, fit_swing_equation, smooth_derivatives
 
 #: Relative differences of k of one window from that of the swing, and of a residual, that noise need not explain.
 STIFFNESS_TOLERANCE = 0.1
@@ -66,7 +66,7 @@ def find_swing(file: str, t: np.ndarray, phi: np.ndarray, period: float, sigma: 
     Raises:
         SceneError: driven throughout, too short, or no decay.
     """
-    times, motion, gain = derivatives(t, phi, period)
+    times, motion, gain = smooth_derivatives(t, phi, period)
     if len(motion) < (FEWEST_PERIODS + 1) * GRID_PER_PERIOD:
         raise SceneError(f"{file}: has fewer than {FEWEST_PERIODS:g} swings of {period:.3g} s. Give a longer file")
     noise = gain * sigma
@@ -78,7 +78,7 @@ def find_swing(file: str, t: np.ndarray, phi: np.ndarray, period: float, sigma: 
     end = windows.end[last]
     check_span(file, windows, begin, end, period, noise)
     check_decay(file, level[inside], end - begin)
-    notes = left_out(times, windows, first, end, noise)
+    notes = describe_left_out(times, windows, first, end, noise)
     # the window next to a driven stretch may contain a part of it
     if first > 0:
         begin += MARGIN_PERIODS * period
@@ -120,7 +120,7 @@ def fit_swing_windows(times: np.ndarray, motion: np.ndarray) -> SwingWindows:
     rows = []
     for low in first:
         part = motion[low : low + GRID_PER_PERIOD]
-        (p, q, c), left = regression(part)
+        (p, q, c), left = fit_swing_equation(part)
         size = np.sqrt(np.mean(part[:, 2] ** 2))
         rows.append((np.hypot(p, q), np.arctan2(q, p), c, np.sqrt(left / GRID_PER_PERIOD), size))
     last = np.minimum(first + GRID_PER_PERIOD, len(times) - 1)
@@ -200,7 +200,9 @@ def longest_run(good: np.ndarray) -> tuple[int, int]:
     return best
 
 
-def left_out(times: np.ndarray, windows: SwingWindows, first: int, end: float, noise: float) -> tuple[str, ...]:
+def describe_left_out(
+    times: np.ndarray, windows: SwingWindows, first: int, end: float, noise: float
+) -> tuple[str, ...]:
     """What lies before and after the free swing from window `first` to `end` [s], in words."""
     found = []
     size = windows.size

@@ -28,7 +28,7 @@ NEAR_STRETCHES = 3
 UNEVEN_SPREAD = 0.3
 
 
-def thin(t: np.ndarray, theta: np.ndarray, period: float) -> tuple[np.ndarray, np.ndarray, int]:
+def thin_rows(t: np.ndarray, theta: np.ndarray, period: float) -> tuple[np.ndarray, np.ndarray, int]:
     """Times (k,), angles (k, n) of about `ROWS_PER_PERIOD` rows per period, and of how many rows each is the mean.
 
     The first and the last mean, whose curvature is not known, are left out. All rows are returned if there are few of

@@ -16,7 +16,7 @@ from jax import Array
 from jax.typing import ArrayLike
 
 
-class Varied(NamedTuple):
+class WithSlopes(NamedTuple):
     """A tree of arrays as a function of parameters: its values, and derivatives (k, ...) of its floats along k
     directions."""
 
@@ -44,34 +44,34 @@ def _with_floats(tree: Any, values: list[Array]) -> Any:
     return form.unflatten(leaves)
 
 
-def vary(function: Callable[..., Any], values: Array, directions: Array, *given: Varied) -> Varied:
+def differentiate(function: Callable[..., Any], values: Array, directions: Array, *given: WithSlopes) -> WithSlopes:
     """`function(values, *trees)` with its derivatives along directions (k, p) of the values (p,), of which the trees
     are functions too."""
 
     if not len(directions):
         found = function(values, *(one.tree for one in given))
-        return Varied(found, [jnp.zeros((0, *x.shape), x.dtype) for x in floats_of(found)])
+        return WithSlopes(found, [jnp.zeros((0, *x.shape), x.dtype) for x in floats_of(found)])
 
     def at(p: Array, *floats: list[Array]) -> tuple[list[Array], Any]:
         trees = (_with_floats(one.tree, new) for one, new in zip(given, floats, strict=True))
         found = function(p, *trees)
         return floats_of(found), found
 
-    def along(*direction: Any) -> Varied:
+    def along(*direction: Any) -> WithSlopes:
         _, slopes, found = jax.jvp(at, (values, *(floats_of(one.tree) for one in given)), direction, has_aux=True)
-        return Varied(found, slopes)
+        return WithSlopes(found, slopes)
 
     slopes = (list(one.slopes) for one in given)
-    return jax.vmap(along, out_axes=Varied(None, 0))(directions, *slopes)
+    return jax.vmap(along, out_axes=WithSlopes(None, 0))(directions, *slopes)
 
 
-def split(varied: Varied) -> tuple[Varied, Varied]:
+def split(varied: WithSlopes) -> tuple[WithSlopes, WithSlopes]:
     """The two parts of a pair of trees."""
     first, second = varied.tree
     count = len(floats_of(first))
-    return Varied(first, varied.slopes[:count]), Varied(second, varied.slopes[count:])
+    return WithSlopes(first, varied.slopes[:count]), WithSlopes(second, varied.slopes[count:])
 
 
-def swap_rows(rows: Varied) -> Varied:
+def swap_rows(rows: WithSlopes) -> WithSlopes:
     """Rows (m, ...) with derivatives (k, m, ...) from those of single rows (m, k, ...), and the reverse."""
-    return Varied(rows.tree, [jnp.swapaxes(x, 0, 1) for x in rows.slopes])
+    return WithSlopes(rows.tree, [jnp.swapaxes(x, 0, 1) for x in rows.slopes])

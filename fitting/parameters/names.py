@@ -97,7 +97,7 @@ def by_full_path(
 
 def _is_full(name: str) -> bool:
     """Whether a name is a whole path."""
-    sections = ("camera", "clock", "marker", "parameters", "release", "rig")
+    sections = ("camera", "clock", "marker", "parameters", "release", "rig", "sea")
     return name.count(".") >= 2 or (ScenePath(name).section in sections and "." in name)
 
 

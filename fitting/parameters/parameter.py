@@ -103,6 +103,12 @@ class Parameter:
         return isinstance(self.where, LostTarget)
 
     @property
+    def bounds_in_words(self) -> str:
+        """Its finite bounds with their unit, such as `>= 0 kg/s`."""
+        ends = {"low": self.low, "high": self.high}
+        return limits({key: end for key, end in ends.items() if np.isfinite(end)} | {"unit": self.unit})
+
+    @property
     def scale(self) -> float:
         """A typical size for steps and plots."""
         if self.value != 0:
@@ -182,19 +188,19 @@ def _adjust(p: Parameter, start: StartValues, bounds: Bounds, priors: Priors, wi
         high = p.high
     elif not wider:
         high = min(high, p.high)
-    value = float(start.get(p.name, min(max(p.value, low), high)))
     if not low <= high:
         raise SceneError(f"bounds: {p.name!r}: empty interval {low:g} to {high:g}; allowed: low <= high")
+    value = float(start.get(p.name, min(max(p.value, low), high)))
+    p = replace(p, value=value, low=low, high=high)
     if not low <= value <= high:
-        allowed = limits({"low": low, "high": high, "unit": p.unit})
-        raise SceneError(f"start: {p.name} = {value:g} is out of bounds; allowed: {allowed}")
+        raise SceneError(f"start: {p.name} = {value:g} is out of bounds; allowed: {p.bounds_in_words}")
     prior = priors.get(p.name, p.prior)
     if prior is not None and not np.isfinite(prior[0]):
         raise SceneError(f"prior: {p.name!r} has mean {prior[0]:g}; allowed: a number")
     if prior is not None and not 0 < prior[1] < np.inf:
         allowed = limits({"above": 0.0, "unit": p.unit})
         raise SceneError(f"prior: {p.name!r} has standard deviation {prior[1]:g}; allowed: {allowed}")
-    return replace(p, value=value, low=low, high=high, prior=prior)
+    return replace(p, prior=prior)
 
 
 def with_parameter_values(model: Model, parameters: Sequence[Parameter], values: Array) -> Model:

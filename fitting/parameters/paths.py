@@ -16,15 +16,15 @@ A field with one value per link frees one parameter per entry.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import Field, fields
 from itertools import product
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest
-from dropper_jax.base.read import ScenePath
+from dropper_jax.base.read import ScenePath, Values
 from dropper_jax.model import Model
 from fitting.parameters.parameter import Parameter
 from fitting.parameters.targets import (
@@ -184,10 +184,16 @@ def count_joints(model: Model) -> int:
 OPEN_BOUND_MARGIN = 1e-3
 
 
-def _parameter(name: str, where: ModelTarget, value: float, meta: Mapping[str, Any]) -> Parameter:
+def _parameter(name: str, where: ModelTarget, value: float, meta: Values) -> Parameter:
     """A number of the model with the bounds of its declared field."""
-    low = -np.inf if meta["low"] is None else float(meta["low"])
-    high = np.inf if meta["high"] is None else float(meta["high"])
-    if meta["above"] is not None:
-        low = float(meta["above"]) + OPEN_BOUND_MARGIN * abs(value)
-    return Parameter(name, where, value, low, high, meta["unit"])
+    low, high = declared_bounds(meta, value)
+    return Parameter(name, where, value, float(low), high, meta["unit"])
+
+
+def declared_bounds(meta: Values, value: float | np.ndarray) -> tuple[float | np.ndarray, float]:
+    """Both reachable bounds of a declared field with this value; a limit that must not be reached is not one."""
+    low = -np.inf if meta.get("low") is None else meta["low"]
+    high = np.inf if meta.get("high") is None else meta["high"]
+    if meta.get("above") is not None:
+        low = meta["above"] + OPEN_BOUND_MARGIN * np.abs(value)
+    return low, float(high)

@@ -8,13 +8,14 @@ that direction.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from typing import Any
 
 import jax
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.read import ScenePath, declared_fields
+from dropper_jax.base.read import ScenePath, Values, declared_fields
 from dropper_jax.load.original_lines import locate_written
 from dropper_jax.load.paths import describe
 from dropper_jax.load.scene import Scene
@@ -22,11 +23,12 @@ from dropper_jax.model import Model
 from dropper_jax.modelling.build import build_model
 from dropper_jax.modelling.model_slopes import changes_in_range, model_slopes
 from fitting.parameters.parameter import Parameter, check_once
-from fitting.parameters.paths import Released, resolve
+from fitting.parameters.paths import Released, declared_bounds, resolve
 from fitting.parameters.targets import Direction
 
-#: A model that this change moves linearly to within `LINEAR_TOLERANCE` counts as linear in the number.
-LINEAR_REACH = 0.2
+#: A model counts as linear in a number if the first of these relative changes that the scene takes moves it linearly to
+#: within `LINEAR_TOLERANCE`.
+LINEAR_REACHES = (0.2, -0.2, 0.02, -0.02)
 LINEAR_TOLERANCE = 1e-9
 
 
@@ -52,10 +54,14 @@ def find_parameters(
             continue
         try:
             found += resolve(model, [name], option=option)
-        except SceneError as error:
+        except SceneError as unresolved:
+            error = unresolved
             try:
                 found.append(scene_parameter(scene, model, name, idle))
-            except SceneError:
+            except SceneError as reason:
+                with suppress(SceneError):
+                    scene.value(name)  # the scene has it, but it cannot vary
+                    error = reason
                 raise error from None
     check_once(found, option)
     return tuple(found)
@@ -69,12 +75,8 @@ def scene_parameter(scene: Scene, model: Model, path: str, idle: bool = False) -
     """
     slopes = model_slopes(scene, model, path, idle)
     value: Any = scene.value(path)
-    changes = changes_in_range(scene, path, value)
-    shift = LINEAR_REACH * (abs(value) or 1.0)
-    if changes[-1] <= 0.0:
-        shift = -shift
     here = jax.tree.leaves(build_model(scene.with_values({path: value})))
-    there = jax.tree.leaves(build_model(scene.with_values({path: value + shift})))
+    shift, there = _shifted_leaves(scene, path, value)
     linear = True
     for i, slope in slopes.items():
         old = np.asarray(here[i])
@@ -86,6 +88,7 @@ def scene_parameter(scene: Scene, model: Model, path: str, idle: bool = False) -
         unit = "m"
     else:
         unit = describe(path).get("unit", "-")
+    changes = changes_in_range(scene, path, value)
     # a number keeps its sign, and stays on its side of an end of its range
     low = -np.inf
     high = np.inf
@@ -97,25 +100,66 @@ def scene_parameter(scene: Scene, model: Model, path: str, idle: bool = False) -
         high = value
     elif value < 0.0:
         high = 0.0
-    return Parameter(path, Direction(slopes, value, linear), value, low, high, unit)
+    where = Direction(slopes, value, linear)
+    if linear:
+        least, most = _allowed_range(model, where)
+        low = max(low, least)
+        high = min(high, most)
+    return Parameter(path, where, value, low, high, unit)
+
+
+def _shifted_leaves(scene: Scene, path: str, value: float) -> tuple[float, list[Any]]:
+    """The first change of a number by `LINEAR_REACHES` that the scene takes, and the leaves of its model."""
+    errors = []
+    for reach in LINEAR_REACHES:
+        shift = reach * (abs(value) or 1.0)
+        try:
+            return shift, jax.tree.leaves(build_model(scene.with_values({path: value + shift})))
+        except SceneError as error:
+            errors.append(error)
+    raise errors[0]
+
+
+def _allowed_range(model: Model, where: Direction) -> tuple[float, float]:
+    """The values of a number of the scene at which all numbers of the model that follow it are in their ranges."""
+    leaves = jax.tree.leaves(model)
+    low = -np.inf
+    high = np.inf
+    for leaf, slope in where.slopes.items():
+        moving = slope != 0.0
+        now = np.asarray(leaves[leaf])[moving]
+        limits = declared_bounds(_declaration(model, leaf), now)
+        ends = np.sort([(limit - now) / slope[moving] for limit in limits], axis=0)
+        low = max(low, ends[0].max())
+        high = min(high, ends[1].min())
+    # inside by the rounding of slopes, because the scene must take a value at its bound
+    rounding = LINEAR_TOLERANCE * abs(where.origin)
+    return _clear_zero(where.origin + min(low + rounding, 0.0), rounding), where.origin + max(high - rounding, 0.0)
+
+
+def _clear_zero(end: float, rounding: float) -> float:
+    """An end of a range; exactly 0 where it is 0 up to rounding."""
+    return 0.0 if abs(end) <= 2.0 * rounding else float(end)
 
 
 def _moved_unit(model: Model, slopes: Iterable[int]) -> str:
     """Unit of the model's leaves of these numbers if they share one, otherwise `-`."""
-    keys = [path for path, _ in jax.tree_util.tree_flatten_with_path(model)[0]]
-    units = set()
-    for leaf in slopes:
-        item: Any = model
-        for key in keys[leaf][:-1]:
-            item = item[key.idx] if hasattr(key, "idx") else getattr(item, key.name)
-        declared = declared_fields(type(item)).get(getattr(keys[leaf][-1], "name", ""))
-        unit = "-"
-        if declared is not None:
-            unit = declared.metadata.get("unit", "-")
-        units.add(unit)
+    units = {_declaration(model, leaf).get("unit", "-") for leaf in slopes}
     if len(units) == 1:
         return units.pop()
     return "-"
+
+
+def _declaration(model: Model, leaf: int) -> Values:
+    """Declaration of the field that holds a leaf of the model, by its number; empty if it is not declared."""
+    path, _ = jax.tree_util.tree_flatten_with_path(model)[0][leaf]
+    item: Any = model
+    for key in path[:-1]:
+        item = item[key.idx] if hasattr(key, "idx") else getattr(item, key.name)
+    declared = declared_fields(type(item)).get(getattr(path[-1], "name", ""))
+    if declared is None:
+        return {}
+    return declared.metadata
 
 
 def free_of_traces(

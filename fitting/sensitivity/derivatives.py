@@ -28,15 +28,15 @@ from dropper_jax.stepping.halving import ROUNDING
 from dropper_jax.stepping.integrate import Steps
 from dropper_jax.stepping.progress import Trajectory
 from dropper_jax.study.lyapunov import lyapunov
-from fitting.parameters.forward_derivatives import Varied, floats_of
+from fitting.parameters.forward_derivatives import WithSlopes, floats_of
 from fitting.parameters.parameter import with_parameter_values
 from fitting.sensitivity.differences import central_differences, error_of_value
-from fitting.sensitivity.linear_range import with_linear_range
+from fitting.sensitivity.linear_range import CHANGE_SIZES, with_linear_range
 from fitting.sensitivity.problem import Study, StudyProgram
-from fitting.sensitivity.result import TANGENT, Local, empty_result, with_status
+from fitting.sensitivity.result import TANGENT, LocalDerivatives, empty_result, with_status
 from fitting.sensitivity.study_runs import error_by_coarser, farthest
 from fitting.sensitivity.study_steps import part_of_steps, saved_times
-from fitting.sensitivity.tangents import vary_start, vary_study
+from fitting.sensitivity.tangents import differentiate_start, differentiate_study
 
 
 @cached_jit(static=("plan",))
@@ -45,7 +45,7 @@ def _reverse(plan: StudyProgram, model: Model, near: State, values: Array, steps
     return jax.grad(lambda p: plan.evaluate(model, near, p, steps, checkpoint=True))(values)
 
 
-def local(problem: Study, say: Progress = silent, check: bool = False) -> Local:
+def local_derivatives(problem: Study, say: Progress = silent, check: bool = False) -> LocalDerivatives:
     """Derivatives of the study at its values, their errors and their range of validity.
 
     Of statics and of rigid lines they are exact. Of runs with links that stretch they are central differences of runs
@@ -66,7 +66,7 @@ def local(problem: Study, say: Progress = silent, check: bool = False) -> Local:
         check: also compute exact derivatives by reverse mode, and the Lyapunov exponent, by separate programs.
     """
     if not problem.has_elastic_links:
-        found = _by_tangents(problem, say, check)
+        found = _exact_derivatives(problem, say, check)
     else:
         found = central_differences(problem, say)
         if check:
@@ -75,62 +75,73 @@ def local(problem: Study, say: Progress = silent, check: bool = False) -> Local:
     return found
 
 
-def _by_tangents(problem: Study, say: Progress, check: bool) -> Local:
-    """Exact derivatives."""
+def _exact_derivatives(problem: Study, say: Progress, check: bool) -> LocalDerivatives:
+    """Exact derivatives, with their error and their range of validity."""
     at = jnp.asarray(problem.values, problem.model.dtype)
     say(0.0, "forward derivatives")
-    start = vary_start(problem.plan, problem.model, problem.start, at)
-    quantity, run = vary_study(problem, at, start, problem.steps)
+    start = differentiate_start(problem.plan, problem.model, problem.start, at)
+    quantity, run = differentiate_study(problem, at, start, problem.steps)
     value = float(quantity.tree)
     forward = np.asarray(quantity.slopes[0])
     if not (np.isfinite(value) or problem.retries or problem.of.at_rest):
-        return _by_tangents(replace(problem, retries=True), say, check)
-    duration = 0.0 if run is None else problem.scene.run.rows * problem.scene.run.interval
-    found = replace(empty_result(problem, duration), value=value, forward=forward)
-    if run is not None:
-        moved = Displacements.of(problem, start, run)
-        found = replace(found, growth=moved.growth)
+        return _exact_derivatives(replace(problem, retries=True), say, check)
     if np.isfinite(value):
         problem.check_derivatives(forward)
+    found = replace(empty_result(problem, 0.0), value=value, forward=forward)
+    moved = None
+    if run is not None:
+        moved = Displacements.of(problem, start, run)
+        duration = problem.scene.run.rows * problem.scene.run.interval
+        found = replace(found, horizon=duration, duration=duration, growth=moved.growth)
     if found.finite:
         found = replace(found, value_error=_error_of_steps(problem, at, start, value))
         say(0.3, "linear range")
-        changed_runs = []
-
-        def evaluate(values: np.ndarray) -> float:
-            quantity, changed_run = changed_study(problem, values)
-            changed_runs.append(changed_run)
-            return quantity
-
-        found = with_linear_range(problem, found, evaluate)
-        found.warnings.extend(error_of_value(problem, found))
-        if run is not None and changed_runs[0] is not None:  # the first run has all parameters changed by 1 %
-            found = replace(found, motion_growth=moved.growth_of_change(farthest(changed_runs[0].tree.r, run.tree.r)))
+        found = _with_changed_runs(problem, found, moved, run)
     if check:
         found = _with_check(problem, found, say)
-    if run is not None and found.finite and found.linear_range < 0.01:
-        found = _with_windows(problem, found, at, moved, run.tree, say)
+    if moved is not None and found.finite and found.linear_range < CHANGE_SIZES[0]:
+        found = _with_windows(problem, found, moved, run.tree, say)
     if found.finite and found.error is not None and found.linear_range == 0.0:
         found = with_status(problem, found, found.error, np.zeros(len(forward), bool))
     return found
 
 
+def _with_changed_runs(
+    problem: Study, found: LocalDerivatives, moved: Displacements | None, run: WithSlopes | None
+) -> LocalDerivatives:
+    """The result with the linear range and the error of its derivatives by runs with changed parameters, and the growth
+    of the displacement of the first of them."""
+    changed_runs = []
+
+    def evaluate(values: np.ndarray) -> float:
+        quantity, changed_run = changed_study(problem, values)
+        changed_runs.append(changed_run)
+        return quantity
+
+    found = with_linear_range(problem, found, evaluate)
+    found.warnings.extend(error_of_value(problem, found))
+    first = changed_runs[0]  # with all parameters changed by 1 %
+    if moved is None or run is None or first is None:
+        return found
+    return replace(found, motion_growth=moved.growth_of_change(farthest(first.tree.r, run.tree.r)))
+
+
 def _with_windows(
-    problem: Study, found: Local, at: Array, moved: Displacements, run: Trajectory, say: Progress
-) -> Local:
+    problem: Study, found: LocalDerivatives, moved: Displacements, run: Trajectory, say: Progress
+) -> LocalDerivatives:
     """The result with the time up to which its derivatives are valid and, if that is before the end of the run, their
     means over windows."""
     limit, rate = moved.horizon(saved_times(problem.steps))
     if limit >= found.duration:
         return found
     say(0.7, "windows")
-    mean, spread, length = windows(problem, at, min(limit, found.duration / 2), run)
+    mean, spread, length = window_means(problem, min(limit, found.duration / 2), run)
     if found.exponent is not None:  # that of small errors, which was asked for
         rate = found.exponent
     return replace(found, horizon=limit, exponent=rate, window=length, window_mean=mean, window_error=spread)
 
 
-def _with_check(problem: Study, found: Local, say: Progress) -> Local:
+def _with_check(problem: Study, found: LocalDerivatives, say: Progress) -> LocalDerivatives:
     """The result with the growth rate of small errors, and derivatives by reverse mode if they are exact."""
     settings = problem.scene.run
     if found.method == TANGENT:
@@ -144,7 +155,7 @@ def _with_check(problem: Study, found: Local, say: Progress) -> Local:
     return replace(found, exponent=float(growth.exponent))
 
 
-def _error_of_steps(problem: Study, at: Array, start: Varied, value: float) -> float:
+def _error_of_steps(problem: Study, at: Array, start: WithSlopes, value: float) -> float:
     """The error of the quantity by a run with four times the accuracy; NaN if a step fails, or steps are equal."""
     settings = problem.scene.run
     if problem.of.at_rest or settings.accuracy is None:
@@ -154,7 +165,7 @@ def _error_of_steps(problem: Study, at: Array, start: Varied, value: float) -> f
     interval = duration / max(settings.rows // 2, 1)
     accuracy = min(FACTOR * settings.accuracy, 1.0)
     coarser = replace(settings, accuracy=accuracy, save_interval=interval, duration=duration)
-    quantity, _ = vary_study(problem, at, start, problem.steps_of(coarser))
+    quantity, _ = differentiate_study(problem, at, start, problem.steps_of(coarser))
     return error_by_coarser(problem.of, value, float(quantity.tree), settings.accuracy)
 
 
@@ -172,7 +183,7 @@ class Displacements(NamedTuple):
     extent: float
 
     @classmethod
-    def of(cls, problem: Study, start: Varied, run: Varied) -> Displacements:
+    def of(cls, problem: Study, start: WithSlopes, run: WithSlopes) -> Displacements:
         """Those of a run from a start."""
         scale = np.array([p.scale for p in problem.parameters])
         at_start, at_saves = (np.linalg.norm(x.slopes[0], axis=-1).max(-1).T * scale for x in (start, run))
@@ -188,8 +199,8 @@ class Displacements(NamedTuple):
         return float(np.log(np.max(self.at_saves / before, initial=1.0)))
 
     def horizon(self, times: np.ndarray) -> tuple[float, float]:
-        """Time [s] up to which the derivatives are valid (see `local`), at most the last of the saved times, and their
-        mean growth rate [1/s] over the second half of the run, NaN if they are valid to its end.
+        """Time [s] up to which the derivatives are valid (see `local_derivatives`), at most the last of the saved
+        times, and their mean growth rate [1/s] over the second half of the run, NaN if they are valid to its end.
 
         A sea that is calm, or still rises, moves a line less than a change of its length does at the start.
         """
@@ -207,24 +218,24 @@ class Displacements(NamedTuple):
         return float(np.log(max(moved / before, 1.0)))
 
 
-def changed_study(problem: Study, values: np.ndarray) -> tuple[float, Varied | None]:
+def changed_study(problem: Study, values: np.ndarray) -> tuple[float, WithSlopes | None]:
     """The quantity with these values (p,), NaN if the scene has no start with them; and its run."""
     at = jnp.asarray(values, problem.model.dtype)
     try:
         s = initial_state(with_parameter_values(problem.model, problem.parameters, at), problem.scene.start)
     except SceneError:
         return np.nan, None
-    start = _fixed(s, len(at))
-    quantity, run = vary_study(problem, at, start, problem.steps)
+    start = without_slopes(s, len(at))
+    quantity, run = differentiate_study(problem, at, start, problem.steps)
     return float(quantity.tree), run
 
 
-def _fixed(s: State, count: int) -> Varied:
+def without_slopes(s: State, count: int) -> WithSlopes:
     """A start that the parameters do not change."""
-    return Varied(s, [jnp.asarray(np.zeros((count, *x.shape)), x.dtype) for x in floats_of(s)])
+    return WithSlopes(s, [jnp.asarray(np.zeros((count, *x.shape)), x.dtype) for x in floats_of(s)])
 
 
-def windows(problem: Study, at: Array, length: float, run: Trajectory) -> tuple[np.ndarray, np.ndarray, float]:
+def window_means(problem: Study, length: float, run: Trajectory) -> tuple[np.ndarray, np.ndarray, float]:
     """Mean derivative of the quantity over windows of about `length` [s] that start on the motion itself, a run.
 
     Each window's start is fixed, so that derivatives only accumulate within the window. The result is the effect of a
@@ -239,6 +250,7 @@ def windows(problem: Study, at: Array, length: float, run: Trajectory) -> tuple[
     share = length / times[-1] * (1.0 + ROUNDING)
     saves = min(max(2, int(share * len(steps.ends))), len(steps.ends))
     count = len(steps.ends) // saves
+    at = jnp.asarray(problem.values, problem.model.dtype)
     model = with_parameter_values(problem.model, problem.parameters, at)
     found = []
     s = state(model, problem.start.r, problem.start.v, problem.start.tension)
@@ -248,7 +260,7 @@ def windows(problem: Study, at: Array, length: float, run: Trajectory) -> tuple[
             last = jax.tree.map(lambda x, k=first - 1: x[k], run)
             s = state(model, last.r, last.v, last.tension, times[first])
             s = replace(s, parted=last.parted, own=last.own)
-        quantity, _ = vary_study(problem, at, _fixed(s, len(at)), part_of_steps(steps, first, saves))
+        quantity, _ = differentiate_study(problem, at, without_slopes(s, len(at)), part_of_steps(steps, first, saves))
         found.append(np.asarray(quantity.slopes[0]))
     if count > 1:
         error = np.std(found, axis=0, ddof=1) / np.sqrt(count)

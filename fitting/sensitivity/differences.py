@@ -32,7 +32,7 @@ from fitting.sensitivity.result import (
     NOT_RESOLVED,
     OF_RUNS,
     UNCLEAR,
-    Local,
+    LocalDerivatives,
     empty_result,
     with_status,
 )
@@ -108,7 +108,7 @@ class Differences(NamedTuple):
         return found
 
 
-def central_differences(problem: Study, say: Progress = silent) -> Local:
+def central_differences(problem: Study, say: Progress = silent) -> LocalDerivatives:
     """Slopes by runs at two sizes: four runs for each parameter, and four in addition.
 
     A change beyond a bound ends there.
@@ -119,7 +119,7 @@ def central_differences(problem: Study, say: Progress = silent) -> Local:
     return slopes_of_runs(base, base.run_all(changed_values(problem)))
 
 
-def slopes_of_runs(base: StudyRuns, runs: Sequence[Run]) -> Local:
+def slopes_of_runs(base: StudyRuns, runs: Sequence[Run]) -> LocalDerivatives:
     """Slopes by the runs (1 + 4 p) with the values of `changed_values`; none if a step of the own run failed.
 
     Args:
@@ -149,7 +149,7 @@ def slopes_of_runs(base: StudyRuns, runs: Sequence[Run]) -> Local:
     return found
 
 
-def _result_of_value(base: StudyRuns) -> Local:
+def _result_of_value(base: StudyRuns) -> LocalDerivatives:
     """The result with the quantity of the study's own run, without slopes."""
     problem = base.problem
     return replace(
@@ -202,7 +202,7 @@ def _unclear_notes(problem: Study, slopes: np.ndarray, errors: np.ndarray, statu
     return notes
 
 
-def error_of_value(problem: Study, found: Local) -> list[str]:
+def error_of_value(problem: Study, found: LocalDerivatives) -> list[str]:
     """A line if the steps of the own run are too long for its accuracy."""
     accuracy = problem.scene.run.accuracy
     if accuracy is None or not found.value_error > MISSED_ACCURACY * accuracy * abs(found.value):

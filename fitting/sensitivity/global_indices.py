@@ -23,7 +23,7 @@ RANGE_FRACTION = 0.2
 
 
 @dataclass(frozen=True)
-class Global:
+class GlobalIndices:
     """Indices over a box of parameters.
 
     Attributes:
@@ -62,7 +62,7 @@ def global_indices(
     method: str = "sobol",
     samples: int = 256,
     seed: int = 0,
-) -> Global:
+) -> GlobalIndices:
     """Sobol indices or Morris screening of a function of (cases, p) -> (cases,) over a box.
 
     Sobol takes `samples (p + 2)` runs (samples a power of 2), Morris `samples (p + 1)`.
@@ -98,14 +98,19 @@ def global_indices(
     else:
         indices = {"sigma_conf": np.full(len(names), np.nan), **analyser.analyze(problem, points, values, seed=seed)}
     columns = [np.asarray(indices[key], float) for key in METHODS[method]]
-    return Global(method, list(names), list(box), *columns, len(values), float(values.mean()), float(values.std()))
+    return GlobalIndices(
+        method, list(names), list(box), *columns, len(values), float(values.mean()), float(values.std())
+    )
 
 
-def ranges(problem: Study, given: Mapping[str, tuple[float, float]] | None = None) -> list[tuple[float, float]]:
+def parameter_ranges(
+    problem: Study, given: Mapping[str, tuple[float, float]] | None = None
+) -> list[tuple[float, float]]:
     """Range of each parameter in a global study: the given one, otherwise +-20 %, inside its bounds.
 
     Raises:
-        SceneError: an empty range, one of no parameter of the study, or a parameter that ranges cannot vary.
+        SceneError: an empty range, one out of the parameter's bounds or of no parameter of the study, or a parameter
+            that ranges cannot vary.
     """
     given = given or {}
     full: dict[str, tuple[float, float]] = {}
@@ -120,5 +125,8 @@ def ranges(problem: Study, given: Mapping[str, tuple[float, float]] | None = Non
                 f"to: the model is not linear in {p.name!r}. Use it in local studies, or in `dropper sweep`"
             )
         spread = RANGE_FRACTION * p.scale
-        found.append(full.get(p.name, (max(p.low, p.value - spread), min(p.high, p.value + spread))))
+        low, high = full.get(p.name, (max(p.low, p.value - spread), min(p.high, p.value + spread)))
+        if not p.low <= low < high <= p.high:
+            raise SceneError(f"range: {p.name} = {low:g}:{high:g} is out of bounds; allowed: {p.bounds_in_words}")
+        found.append((low, high))
     return found

@@ -9,13 +9,15 @@ import numpy as np
 
 from dropper_jax.study.gradient_check import GradientCheck
 from fitting.sensitivity.problem import Study
-from fitting.sensitivity.result import Local
+from fitting.sensitivity.result import LocalDerivatives
 
 #: Relative changes of all parameters that are tried, the largest first.
 CHANGE_SIZES = (1e-2, 1e-3, 1e-4)
 
 
-def with_linear_range(problem: Study, found: Local, evaluate: Callable[[np.ndarray], float]) -> Local:
+def with_linear_range(
+    problem: Study, found: LocalDerivatives, evaluate: Callable[[np.ndarray], float]
+) -> LocalDerivatives:
     """The result with the relative change of all parameters that its derivatives predict: 0.01, 0.001, 0.0001,
     otherwise 0; with their error as predictions of that change, which is what all together do not predict.
 

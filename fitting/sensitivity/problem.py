@@ -127,7 +127,7 @@ class Study:
     constant.
 
     Without `retries` an equal step that does not converge makes the value NaN. Derivatives of halved steps take most of
-    the compilation, and few runs need them. `local` turns them on if needed, `batch` always has them.
+    the compilation, and few runs need them. `local_derivatives` turns them on if needed, `batch` always has them.
     """
 
     scene: Scene

@@ -30,7 +30,7 @@ OF_RUNS = "differences"
 
 
 @dataclass(frozen=True)
-class Local:
+class LocalDerivatives:
     """Derivatives at the scene's values.
 
     Attributes:
@@ -150,10 +150,10 @@ class Local:
         return found
 
 
-def empty_result(problem: Study, duration: float) -> Local:
+def empty_result(problem: Study, duration: float) -> LocalDerivatives:
     """The study's parameters and quantity, without derivatives."""
     nothing = np.full(len(problem.names), np.nan)
-    return Local(
+    return LocalDerivatives(
         names=problem.names,
         units=[p.unit for p in problem.parameters],
         values=problem.values,
@@ -167,7 +167,7 @@ def empty_result(problem: Study, duration: float) -> Local:
     )
 
 
-def with_status(problem: Study, found: Local, errors: np.ndarray, branched: np.ndarray) -> Local:
+def with_status(problem: Study, found: LocalDerivatives, errors: np.ndarray, branched: np.ndarray) -> LocalDerivatives:
     """The result with errors of its slopes and their status, without slopes that are not resolved.
 
     Args:

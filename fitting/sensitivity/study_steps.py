@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from jax import Array
 
@@ -25,17 +23,13 @@ def find_step_lengths(
 
 
 def make_steps(model: Model, length: np.ndarray, ends: np.ndarray, failed: bool) -> Steps:
-    """Steps of these lengths [s], with intervals that have these ends."""
+    """Steps of these lengths [s], with intervals that have these ends.
+
+    Their arrays are NumPy's: for those of JAX, every shape has a program that copies it.
+    """
     none = np.zeros(len(ends), np.int32)
     residual = np.zeros(len(ends), model.dtype)
-    return _steps_of_numpy(
-        length.astype(model.dtype), ends.astype(np.int32), residual, none, np.full(len(ends), failed)
-    )
-
-
-def _steps_of_numpy(*fields: Any) -> Steps:
-    """Steps of NumPy arrays: for those of JAX, every shape has a program that copies it."""
-    return Steps(*fields)
+    return Steps(length.astype(model.dtype), ends.astype(np.int32), residual, none, np.full(len(ends), failed))
 
 
 def part_of_steps(steps: Steps, first: int, rows: int) -> Steps:
@@ -43,12 +37,12 @@ def part_of_steps(steps: Steps, first: int, rows: int) -> Steps:
     length, ends, *others = map(np.asarray, steps)
     begin = ends[first - 1] if first else 0
     ends = ends[first : first + rows]
-    return _steps_of_numpy(length[begin : ends[-1]], ends - begin, *(x[first : first + rows] for x in others))
+    return Steps(length[begin : ends[-1]], ends - begin, *(x[first : first + rows] for x in others))
 
 
 def padded(steps: Steps) -> Steps:
     """The same with room for more steps and intervals, so that one program serves many durations."""
-    return _steps_of_numpy(*(np.pad(np.asarray(x), (0, spare_rows(len(x)) - len(x))) for x in steps))
+    return Steps(*(np.pad(np.asarray(x), (0, spare_rows(len(x)) - len(x))) for x in steps))
 
 
 def saved_times(steps: Steps) -> np.ndarray:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from dropper_jax.cli.printing import listing, table
-from fitting.sensitivity.global_indices import Global
-from fitting.sensitivity.result import OF_RUNS, Local
+from fitting.sensitivity.global_indices import GlobalIndices
+from fitting.sensitivity.result import OF_RUNS, LocalDerivatives
 
 #: What grows over a run, in words, by `Local.grows`.
 GROWTH_WORDS = {
@@ -17,7 +17,7 @@ GROWTH_WORDS = {
 WIDE_INTERVAL = 0.2
 
 
-def local_text(found: Local) -> str:
+def local_text(found: LocalDerivatives) -> str:
     """Derivatives as text, the largest first, and their range of validity."""
     scaled = np.isfinite(found.scaled[found.resolved]).all()
     slopes = found.scaled if scaled else found.forward
@@ -39,7 +39,7 @@ def local_text(found: Local) -> str:
     return f"{listing(local_facts(found))}\n\n{table(rows)}"
 
 
-def local_facts(found: Local) -> list[tuple[str, str]]:
+def local_facts(found: LocalDerivatives) -> list[tuple[str, str]]:
     """Names and values of the lines above the table: the quantity, and how far its derivatives are valid."""
     rate = "" if found.exponent is None else f" (growth rate {found.exponent:.2g} per s)"
     error = f" +- {found.value_error:.2g}" if np.isfinite(found.value_error) else ""
@@ -62,13 +62,13 @@ def local_facts(found: Local) -> list[tuple[str, str]]:
     return pairs
 
 
-def slope_cells(found: Local, numbers: np.ndarray, form: str, otherwise: str) -> list[str]:
+def slope_cells(found: LocalDerivatives, numbers: np.ndarray, form: str, otherwise: str) -> list[str]:
     """Numbers (p,) as text; `otherwise` where the slope is not resolved."""
     cells = np.array([f"{x:{form}}" for x in numbers])
     return np.where(found.resolved, cells, otherwise).tolist()
 
 
-def validity_in_words(found: Local) -> str:
+def validity_in_words(found: LocalDerivatives) -> str:
     """Where the derivatives are valid, in words."""
     if found.window is not None:
         return f"up to {found.horizon:.3g} s only: beyond, they predict over 10 % of the motion for 1 % of a parameter"
@@ -77,7 +77,7 @@ def validity_in_words(found: Local) -> str:
     return "over the whole run"
 
 
-def global_text(found: Global, of: str) -> str:
+def global_text(found: GlobalIndices, of: str) -> str:
     """Indices as text, the largest first."""
     sobol = found.method == "sobol"
     heads = ("mean |effect|", "+-", "spread", "")

@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 
 from dropper_jax.plots import figures, style
-from fitting.sensitivity.global_indices import Global
-from fitting.sensitivity.result import Local
+from fitting.sensitivity.global_indices import GlobalIndices
+from fitting.sensitivity.result import LocalDerivatives
 
 #: Of bars with a positive value, for each of the values.
 COLOURS = (style.CYCLE[0], style.CYCLE[5])
 
 
-def local_picture(found: Local, path: str | Path) -> Path:
+def local_picture(found: LocalDerivatives, path: str | Path) -> Path:
     """Scaled derivatives as bars, the largest on top, without those that are not resolved."""
     values = found.scaled
     errors = found.scaled_error
@@ -35,7 +35,7 @@ def local_picture(found: Local, path: str | Path) -> Path:
     return _bars(names, [values[shown]], [""], label, title, path, [errors[shown]])
 
 
-def global_picture(found: Global, of: str, path: str | Path) -> Path:
+def global_picture(found: GlobalIndices, of: str, path: str | Path) -> Path:
     """Sobol's first and total indices, or Morris' mean and spread, as bars."""
     labels = ["mean |effect|", "spread"]
     axis = "effect over the whole range [unit of the quantity]"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 import jax
@@ -54,7 +55,8 @@ def read_values(path: str, values: Sequence[float]) -> np.ndarray:
         SceneError: an empty list, or numbers that are not finite.
     """
     found = np.asarray(values)
-    if found.ndim != 1 or found.size == 0 or (found.dtype.kind in "fc" and not np.isfinite(found).all()):
+    is_number = found.dtype.kind in "iuf"
+    if not is_number or found.ndim != 1 or found.size == 0 or not np.isfinite(found).all():
         raise SceneError(f"vary: {path}: no finite numbers; allowed: at least one")
     return found
 
@@ -98,37 +100,42 @@ def first_seed(scene: Scene) -> int:
 def make_axis(scene: Scene, path: str, values: np.ndarray) -> Axis:
     """How a path's values enter the model.
 
-    They replace numbers of the model if a value other than the first one, set there, gives the model of the scene with
-    that value.
+    They replace numbers of the model if the lowest and the highest one, set there, give the model of the scene with
+    that value. A list with a value that the scene rejects goes through the scene, which decides on each of them.
     """
     if changes_size(scene, path, values):
         return Axis(path, values, resizes=True)
     model = build_model(scene)
     try:
         parameters = resolve(model, [path], option="vary")
+        for end in (values.min().item(), values.max().item()):
+            inside = with_parameter_values(model, parameters, np.full(len(parameters), float(end)))
+            if not same_numbers(inside, build_model(scene.with_values({path: end}))):
+                return Axis(path, values)
     except SceneError:
         return Axis(path, values)
-    other = other_value(values)
-    inside = with_parameter_values(model, parameters, np.full(len(parameters), float(other)))
-    if same_numbers(inside, build_model(scene.with_values({path: other}))):
-        moves_start = ScenePath(path).stem not in DAMPING_PATHS
-        return Axis(path, values, parameters, moves_start)
-    return Axis(path, values)
+    moves_start = ScenePath(path).stem not in DAMPING_PATHS
+    return Axis(path, values, parameters, moves_start)
 
 
 def changes_size(scene: Scene, path: str, values: np.ndarray) -> bool:
-    """Whether the first and another one of these values give different numbers of links or nodes."""
-    first = bare_model(scene.with_values({path: values[0].item()}))
-    other = bare_model(scene.with_values({path: other_value(values)}))
-    return first.line.links != other.line.links or first.free_nodes != other.free_nodes
+    """Whether the lowest and the highest value that the scene accepts give different numbers of links or nodes."""
+    rising = np.unique(values).tolist()
+    lowest = _first_accepted(scene, path, rising)
+    highest = _first_accepted(scene, path, rising[::-1])
+    if lowest is None or highest is None:
+        return False
+    one = bare_model(lowest)
+    other = bare_model(highest)
+    return one.line.links != other.line.links or one.free_nodes != other.free_nodes
 
 
-def other_value(values: np.ndarray) -> float:
-    """The last value that is not the first one; the first one if all are equal."""
-    different = values[values != values[0]]
-    if not different.size:
-        return values[0].item()
-    return different[-1].item()
+def _first_accepted(scene: Scene, path: str, values: list[float]) -> Scene | None:
+    """The scene with the first of these values that it accepts."""
+    for value in values:
+        with suppress(SceneError):
+            return scene.with_values({path: value})
+    return None
 
 
 def same_numbers(one: Model, other: Model) -> bool:

@@ -14,7 +14,8 @@ from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.machine import available_memory, in_words
 from dropper_jax.base.read import declared_fields
 from dropper_jax.integrators import OPTIONS
-from dropper_jax.modelling.build import SceneLike, build_model
+from dropper_jax.model import Model, State
+from dropper_jax.modelling.build import SceneLike, build
 from dropper_jax.quantities.quantity_names import quantity
 from dropper_jax.quantities.statistics import PERIOD
 from dropper_jax.scene import RunSpec
@@ -30,6 +31,8 @@ SYSTEM_CHUNK = 1
 #: droppers only 1.14 times as fast per case.
 GPU_CHUNK = 16384
 GPU_SYSTEM_CHUNK = 256
+#: Number of cases that are tried for one with a start: all of a sweep may take hours.
+MOST_TRIED_CASES = 64
 #: Fraction of the free memory that the table of all cases may use.
 MOST_MEMORY = 0.5
 
@@ -83,20 +86,50 @@ def make_plan(
         raise SceneError(f"chunk: {chunk}; allowed: a whole number >= 1")
     if quantities is None:
         quantities = list(QUANTITIES)
-    for name in quantities:
+    _check_quantity_names(quantities)
+    cases = _count_cases([values.size for values in lists.values()], len(quantities), listed)
+    full = dict(zip(full_paths(scene, list(lists)), lists.values(), strict=True))
+    base, built = _first_valid_case(scene, full, listed)
+    axes = tuple(make_axis(base, path, values) for path, values in full.items())
+    if chunk is None:
+        chunk = default_chunk(not built[0].geometry.is_path, cases)
+    plan = Plan(base, axes, tuple(quantities), traces, chunk, settings, listed, built)
+    _check_named_quantities(plan)
+    return plan
+
+
+def _check_quantity_names(names: Sequence[str]) -> None:
+    """Reject names that are neither in `QUANTITIES` nor of the form of all others."""
+    for name in names:
         if name not in QUANTITIES and "." not in name:
             known = f"{nearest(name, QUANTITIES)}; also SIGNAL.WHERE.STATISTIC, such as tension.chain.fairlead.max"
             raise SceneError(f"quantities: {name!r} is unknown; {known}")
-    cases = _count_cases([values.size for values in lists.values()], len(quantities), listed)
-    full = dict(zip(full_paths(scene, list(lists)), lists.values(), strict=True))
-    # the first value of every axis is in the base scene, so that an effect that the scene lacks exists
-    base = scene.with_values({path: values[0].item() for path, values in full.items()})
-    axes = tuple(make_axis(base, path, values) for path, values in full.items())
-    if chunk is None:
-        chunk = default_chunk(not build_model(base).geometry.is_path, cases)
-    plan = Plan(base, axes, tuple(quantities), traces, chunk, settings, listed)
-    _check_named_quantities(plan)
-    return plan
+
+
+def _first_valid_case(scene: Scene, lists: Mapping[str, np.ndarray], listed: bool) -> tuple[Scene, tuple[Model, State]]:
+    """The scene of the first case that has a start, with its model and start.
+
+    All values of a case are in its scene, so that an effect that the scene lacks exists. Cases of a grid are tried by
+    the sum of their positions along the axes: one step along each axis, then two.
+
+    Raises:
+        SceneError: that of the first case, if none of `MOST_TRIED_CASES` has a start.
+    """
+    shape = [values.size for values in lists.values()]
+    if listed:
+        positions = np.repeat(np.arange(shape[0])[:, None], len(shape), axis=1)
+    else:
+        positions = np.indices(shape).reshape(len(shape), -1).T
+    order = np.argsort(positions.sum(axis=1), kind="stable")[:MOST_TRIED_CASES]
+    errors = []
+    for row in positions[order]:
+        case = {path: values[i].item() for (path, values), i in zip(lists.items(), row, strict=True)}
+        try:
+            found = scene.with_values(case)
+            return found, build(found)
+        except SceneError as error:
+            errors.append(error)
+    raise errors[0]
 
 
 def _check_named_quantities(plan: Plan) -> None:

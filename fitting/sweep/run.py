@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     import xarray
 
 #: Arrays of one chunk by name, each (cases, ...).
-Found = dict[str, np.ndarray]
+ChunkArrays = dict[str, np.ndarray]
 #: A Dask client, or the address of a scheduler.
 Scheduler = Any
 
@@ -107,7 +107,7 @@ def sweep(
     plan = make_plan(scene, vary, seeds, quantities, traces, chunk, listed, **settings)
     store = SweepStore(out, plan, versions(), mix_versions)
     try:
-        return _fill(store, scheduler, progress or silent)
+        return _run_missing_chunks(store, scheduler, progress or silent)
     except BaseException:
         store.remove_if_empty()
         raise
@@ -115,7 +115,7 @@ def sweep(
         store.close()
 
 
-def _fill(store: SweepStore, scheduler: Scheduler | None, say: Progress) -> SweepResult:
+def _run_missing_chunks(store: SweepStore, scheduler: Scheduler | None, say: Progress) -> SweepResult:
     """Run the missing chunks, and check the step of the sweep if that was not done yet."""
     plan = store.plan
     todo = [chunk for chunk in range(plan.chunks) if not store.has(chunk)]
@@ -126,9 +126,9 @@ def _fill(store: SweepStore, scheduler: Scheduler | None, say: Progress) -> Swee
     if todo:
         started = time.perf_counter()
         if scheduler is None:
-            results = _local(plan, todo)
+            results = _run_here(plan, todo)
         else:
-            results = _remote(plan, todo, scheduler)
+            results = _run_on_scheduler(plan, todo, scheduler)
         compile_s = time.perf_counter() - started
 
         def rate_and_rest(ran: int, seconds: float) -> str:
@@ -157,15 +157,15 @@ def _fill(store: SweepStore, scheduler: Scheduler | None, say: Progress) -> Swee
     )
 
 
-def _local(plan: Plan, todo: list[int]) -> Iterator[tuple[int, Found]]:
+def _run_here(plan: Plan, todo: list[int]) -> Iterator[tuple[int, ChunkArrays]]:
     """Results chunk by chunk, of a program that is compiled here."""
-    program = _program(json.dumps(plan.identity()), None)
+    program = _compiled_program(json.dumps(plan.identity()), None)
     groups = [todo[i : i + program.devices] for i in range(0, len(todo), program.devices)]
     program.compile(groups[0])
     return _results_ahead(program, groups)
 
 
-def _results_ahead(program: Program, groups: list[list[int]]) -> Iterator[tuple[int, Found]]:
+def _results_ahead(program: Program, groups: list[list[int]]) -> Iterator[tuple[int, ChunkArrays]]:
     """Results chunk by chunk; the next chunks run while these are written."""
     running = map(program, groups)
     pending = next(running)
@@ -176,24 +176,24 @@ def _results_ahead(program: Program, groups: list[list[int]]) -> Iterator[tuple[
 
 
 @lru_cache(maxsize=2)
-def _program(identity: str, devices: int | None) -> Program:
+def _compiled_program(identity: str, devices: int | None) -> Program:
     """Compiled once per process, for later calls and for all chunks of a worker."""
     return Program(from_identity(json.loads(identity)), devices)
 
 
-def run_at(plan: Plan, values: np.ndarray) -> Found:
+def run_extra_case(plan: Plan, values: np.ndarray) -> ChunkArrays:
     """One more case of a sweep, with other values (axes,), by the program of its chunks: arrays (1, ...) by name."""
-    return _program(json.dumps(plan.identity()), None).at(values)
+    return _compiled_program(json.dumps(plan.identity()), None).run_extra_case(values)
 
 
-def run_chunk(identity: str, chunk: int) -> Found:
+def run_chunk(identity: str, chunk: int) -> ChunkArrays:
     """One chunk of the sweep with this identity, on a worker."""
     register_installed()
-    program = _program(identity, 1)
+    program = _compiled_program(identity, 1)
     return program.collect(program([chunk]))[chunk]
 
 
-def _remote(plan: Plan, todo: list[int], scheduler: Scheduler) -> Iterator[tuple[int, Found]]:
+def _run_on_scheduler(plan: Plan, todo: list[int], scheduler: Scheduler) -> Iterator[tuple[int, ChunkArrays]]:
     """Results in the order in which the workers of a cluster finish, from the first one, which had to be compiled."""
     identity = json.dumps(plan.identity())
     jobs = [(identity, chunk) for chunk in todo]

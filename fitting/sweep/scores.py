@@ -14,7 +14,7 @@ from dropper_jax.analysis.spectrum import amplitude_spectrum
 from dropper_jax.base.json_values import jsonable
 from dropper_jax.base.read import Table
 from fitting.sweep.plan import STATUS, Plan
-from fitting.sweep.run import SweepResult, run_at
+from fitting.sweep.run import SweepResult, run_extra_case
 from fitting.traces.planar import wrap
 from fitting.traces.trace import Trace
 
@@ -99,10 +99,10 @@ class TraceScores:
         """Case with the best score of a part, by `angle` or `spectrum`."""
         return int(np.nanargmin(getattr(self, by)[:, part]))
 
-    def run_at(self, values: Sequence[float] | np.ndarray) -> np.ndarray:
+    def run_extra_case(self, values: Sequence[float] | np.ndarray) -> np.ndarray:
         """Angles (k, n) [rad] of one more run, at other values (axes,) such as fitted ones; NaN if it fails."""
         plan = self.sweep.plan
-        return link_angles(plan, run_at(plan, np.asarray(values, float))["positions"][0])
+        return link_angles(plan, run_extra_case(plan, np.asarray(values, float))["positions"][0])
 
     def to_json(self) -> Table:
         """Plain values."""
@@ -144,7 +144,7 @@ class FittedScore:
     @classmethod
     def of(cls, scores: TraceScores, status: str, values: np.ndarray, errors: np.ndarray) -> FittedScore:
         """A run with the fit's values from the scene's start, like the cases."""
-        simulated = scores.run_at(values)
+        simulated = scores.run_extra_case(values)
         return cls(scores.paths, status, values, errors, simulated, *scores.against.score(simulated))
 
     def to_json(self) -> Table:

@@ -174,11 +174,11 @@ def swept() -> list[Any]:
 
 def sensitivity() -> list[Any]:
     import dropper_jax as dj
-    from fitting.sensitivity.derivatives import local
+    from fitting.sensitivity.derivatives import local_derivatives
     from fitting.sensitivity.problem import study
 
     scene = dj.load_scene(LAB).with_values({"run.duration": 0.1})
-    return in_numbers(local(study(scene, "tension.max", ["effects.weight.gravity"])).forward)
+    return in_numbers(local_derivatives(study(scene, "tension.max", ["effects.weight.gravity"])).forward)
 
 
 def at_rest() -> list[Any]:

@@ -13,7 +13,7 @@ from dropper_jax import SceneError, build, build_model, integrate, load_scene, m
 from dropper_jax.cli.run_text import text
 from dropper_jax.model import as_parted
 from dropper_jax.residual.breaking import break_links
-from fitting.sensitivity import study, windows
+from fitting.sensitivity import study, window_means
 from fitting.sweep import open_sweep, sweep
 
 G, MASS, LENGTH, EA = 9.81, 100.0, 10.0, 4e4
@@ -199,7 +199,8 @@ def test_a_sweep_and_a_study_count_the_energy_of_broken_links_as_single_runs_do(
 def test_windows_of_a_study_continue_with_links_that_have_parted():
     scene = hanging(2, {"line": "rope", "link": 2, "load": 500.0}, run={"dt": 0.01, "duration": 1.0})
     problem = study(scene, "tension.2.max", ["effects.point_bodies.gravity"])
-    mean, error, length = windows(problem, problem.values, 0.2)
+    run = problem.plan.march(problem.model, problem.start, problem.steps)
+    mean, error, length = window_means(problem, 0.2, run)
     # its first step parts the link: of the five windows the first alone has a derivative d, so that the mean is d/5
     # and its standard error d/5 as well
     assert length == pytest.approx(0.2)

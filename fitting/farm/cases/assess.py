@@ -12,9 +12,9 @@ from dropper_jax.base.read import Table
 from dropper_jax.base.records import column
 from dropper_jax.evaluation.fatigue import YEAR, damage
 from fitting.farm.cases.case_store import CaseStore
-from fitting.farm.cases.characteristic import characteristic
+from fitting.farm.cases.characteristic import characteristic_load
 from fitting.farm.cases.flags import FINAL_SEEDS, exceeds_uplift, flags_of
-from fitting.farm.cases.run_arrays import Found
+from fitting.farm.cases.run_arrays import RunArrays
 from fitting.farm.site import Anchor, Part, Site, Storm
 
 #: Below 1 % of its mean a load has no defined direction.
@@ -99,7 +99,7 @@ def _labels(site: Site, storm: Storm) -> Table:
     }
 
 
-def _position_results(site: Site, storm: Storm, good: Sequence[Found]) -> Table:
+def _position_results(site: Site, storm: Storm, good: Sequence[RunArrays]) -> Table:
     """Maximum excursion [m] over the lines of the exclusion zone, depths of the backbone at rest [m], breaks."""
     found: Table = {"broken": sum(len(run["broken"]) for run in good)}
     own = site.run_of(storm)
@@ -107,11 +107,11 @@ def _position_results(site: Site, storm: Storm, good: Sequence[Found]) -> Table:
         kind = own
         if not name.endswith(".max"):  # other statistics have no maximum of a storm
             kind = replace(own, characteristic="mean")
-        value = characteristic(column(good, f"quantity:{name}"), kind)
+        value = characteristic_load(column(good, f"quantity:{name}"), kind)
         found.setdefault("quantities", {})[name] = asdict(value)
     if site.exclusion is not None:
         rows = list(map(site.lines.index, site.matching(site.exclusion.lines)))
-        excursion = characteristic([run["excursion"][rows].max() for run in good], own)
+        excursion = characteristic_load([run["excursion"][rows].max() for run in good], own)
         found["excursion_m"] = asdict(excursion)
     if site.backbone is not None:
         rows = list(map(site.lines.index, site.matching(site.backbone.lines)))
@@ -120,11 +120,11 @@ def _position_results(site: Site, storm: Storm, good: Sequence[Found]) -> Table:
     return found
 
 
-def _part_row(site: Site, part: Part, storm: Storm, runs: CaseStore, good: Sequence[Found]) -> Table:
+def _part_row(site: Site, part: Part, storm: Storm, runs: CaseStore, good: Sequence[RunArrays]) -> Table:
     """A part in one case, represented by its worst line."""
     factor = part.factors.by_kind[storm.kind]
     run = site.run_of(storm)
-    found = [characteristic(runs.maxima(good, name), run) for name in part.lines]
+    found = [characteristic_load(runs.maxima(good, name), run) for name in part.lines]
     share = np.array([load.value for load in found]) * factor / part.capacity
     worst = np.argmax(share)
     load = found[worst]
@@ -152,7 +152,7 @@ def _part_row(site: Site, part: Part, storm: Storm, runs: CaseStore, good: Seque
     }
 
 
-def _damage(part: Part, good: Sequence[Found], counted: float) -> float | None:
+def _damage(part: Part, good: Sequence[RunArrays], counted: float) -> float | None:
     """Damage per hour of the part's worst line, mean over the seeds; None without a curve or without cycles."""
     if part.curve is None:
         return None
@@ -175,8 +175,8 @@ def _anchor_row(site: Site, anchor: Anchor | None, storm: Storm, loads: Sequence
         loads: horizontal and upward loads (k, 2) [N] of each seed.
     """
     run = site.run_of(storm)
-    total = characteristic([np.hypot(*load.T).max() for load in loads], run)
-    upward = characteristic([load[:, 1].max() for load in loads], run)
+    total = characteristic_load([np.hypot(*load.T).max() for load in loads], run)
+    upward = characteristic_load([load[:, 1].max() for load in loads], run)
     row: Table = {
         "case": storm.number,
         "total_n": asdict(total),
@@ -187,7 +187,7 @@ def _anchor_row(site: Site, anchor: Anchor | None, storm: Storm, loads: Sequence
     }
     if anchor is not None:
         factor = anchor.factor[storm.kind]
-        used = characteristic([anchor.table.utilisation(*load.T).max() for load in loads], run)
+        used = characteristic_load([anchor.table.utilisation(*load.T).max() for load in loads], run)
         error = used.error_of(factor)
         row |= {"factor": factor, "utilisation": factor * used.value, "utilisation_error": error}
     return row

@@ -20,21 +20,21 @@ from dropper_jax.run.chunks import OWN, compile_run, first_carry
 from dropper_jax.run.observation import breaks
 from dropper_jax.scene import RunSpec
 from dropper_jax.statics.static_pose import equilibrium
-from fitting.farm.cases.run_arrays import Found, LoadStatistics, QuantityValues
+from fitting.farm.cases.run_arrays import LoadStatistics, QuantityValues, RunArrays
 from fitting.farm.site import Case, Site, Storm
 
 #: How a run ended, stored as the index.
 STATUS = ("ok", "not_converged", "non_finite", "invalid_input")
 
 
-class Rest(NamedTuple):
+class FarmAtRest(NamedTuple):
     """The farm at rest: the state at the start of runs, and positions of all nodes in still water (nodes, 3) [m]."""
 
     start: State
     positions: np.ndarray
 
 
-class Runner:
+class CaseRunner:
     """Runs of one site; shared results of cases are computed once.
 
     Cases share one compiled program, and each run is separate. Side by side, a step of such a system costs more
@@ -45,9 +45,9 @@ class Runner:
         self.site = site
         self.base = site.prepared()
         self._scenes: dict[tuple[object, ...], Scene] = {}
-        self._rests: dict[tuple[object, ...], Rest] = {}
+        self._rests: dict[tuple[object, ...], FarmAtRest] = {}
 
-    def __call__(self, case: Case) -> Found:
+    def __call__(self, case: Case) -> RunArrays:
         """Arrays of a run: those of `LoadStatistics`, `quantity:NAME` of the site's quantities, `status`, `retried`,
         `failed_at` [s], `message`, `broken` (time [s] of the state's break), `rest` (n,) [N] and `depth` (lines, 2)
         [m], the minimum and maximum depth below the level, both at rest."""
@@ -63,7 +63,7 @@ class Runner:
             self._scenes[key] = overgrown(self.base.with_values(self.site.still_changes(case.storm)))
         return self._scenes[key].with_values(self.site.moving_changes(case))
 
-    def _run(self, case: Case) -> Found:
+    def _run(self, case: Case) -> RunArrays:
         """The run of a case up to its end or its first step that fails."""
         scene = self.scene(case)
         model = build_model(scene)
@@ -82,7 +82,7 @@ class Runner:
         found |= {"rest": np.asarray(start.tension), "depth": np.array(depth), "broken": np.array(broken)}
         return {**loads.collect(), **found, **quantities.collect()}
 
-    def _rest(self, scene: Scene, model: Model, storm: Storm) -> Rest:
+    def _rest(self, scene: Scene, model: Model, storm: Storm) -> FarmAtRest:
         """The farm at rest in the water of a load case."""
         key = storm.still
         if key not in self._rests:
@@ -93,13 +93,13 @@ class Runner:
                 if still.status != "ok":
                     raise SceneError(f"exclusion: no equilibrium in still water: {still.message}")
                 positions = still.positions
-            self._rests[key] = Rest(start, np.asarray(positions))
+            self._rests[key] = FarmAtRest(start, np.asarray(positions))
         return self._rests[key]
 
 
 def _advance(
     model: Model, start: State, spec: RunSpec, skip: float, loads: LoadStatistics, quantities: QuantityValues
-) -> tuple[State, Found]:
+) -> tuple[State, RunArrays]:
     """Run chunk by chunk into `loads` and `quantities`; the last state, and how the run ended."""
     stepper = stepper_of(model, spec, track_work=False)
     run = compile_run(stepper, model, first_carry(stepper, model, start, spec), spec, watch=quantities.watch)

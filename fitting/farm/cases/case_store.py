@@ -18,7 +18,7 @@ from dropper_jax.base.read import Table
 from dropper_jax.base.store import Store, StoreStopped, read_archive, write_archive
 from dropper_jax.scene import whole_lines
 from fitting.farm.cases.case_run import STATUS
-from fitting.farm.cases.run_arrays import Found
+from fitting.farm.cases.run_arrays import RunArrays
 from fitting.farm.site import Case, Site, Storm
 from fitting.sweep.effect_files import effect_digests
 
@@ -33,7 +33,7 @@ class CasesStopped(StoreStopped):
     """Runs that had to stop (full disk, dead worker); finished runs are complete, and the same call resumes."""
 
 
-class CaseStore(Store[Case, Found]):
+class CaseStore(Store[Case, RunArrays]):
     """The folder of a site's runs with one step: a file for each, whose name is the mark and the key of its inputs.
 
     Attributes:
@@ -72,16 +72,16 @@ class CaseStore(Store[Case, Found]):
     def has(self, key: Case) -> bool:
         return self.read(key) is not None
 
-    def read(self, key: Case) -> Found | None:
+    def read(self, key: Case) -> RunArrays | None:
         try:
             return read_archive(self.file(key))[1]
         except Exception:  # any error about damaged bytes: such a file is computed again
             return None
 
-    def write(self, key: Case, found: Found) -> None:
+    def write(self, key: Case, found: RunArrays) -> None:
         write_archive(self.file(key), found)
 
-    def runs_of(self, storm: Storm, seeds: Sequence[int] | None = None) -> tuple[list[Found], list[Table]]:
+    def runs_of(self, storm: Storm, seeds: Sequence[int] | None = None) -> tuple[list[RunArrays], list[Table]]:
         """Runs of a load case that ended well, and a row for every other one.
 
         Args:
@@ -103,7 +103,7 @@ class CaseStore(Store[Case, Found]):
             bad.append({"case": storm.number, "seed": seed, "status": status, "time_s": at, "why": why})
         return good, bad
 
-    def maxima(self, runs: Sequence[Found], line: str) -> np.ndarray:
+    def maxima(self, runs: Sequence[RunArrays], line: str) -> np.ndarray:
         """Maximum tension (runs,) [N] of a line."""
         return np.array([run["largest"][self.links[line]].max() for run in runs])
 

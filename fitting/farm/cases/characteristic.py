@@ -12,7 +12,7 @@ from fitting.farm.site.sections import RunValues
 
 
 @dataclass(frozen=True)
-class Characteristic:
+class CharacteristicLoad:
     """Characteristic load of a case.
 
     Attributes:
@@ -34,7 +34,7 @@ class Characteristic:
         return scale * self.error
 
 
-def characteristic(maxima: Sequence[float] | np.ndarray, run: RunValues) -> Characteristic:
+def characteristic_load(maxima: Sequence[float] | np.ndarray, run: RunValues) -> CharacteristicLoad:
     """Mean of the seeds' maxima (seeds,), or the most probable maximum of a storm.
 
     The standard error of the mean is `s/sqrt(n)`. The interval of either is that of a Gumbel distribution (see
@@ -44,7 +44,7 @@ def characteristic(maxima: Sequence[float] | np.ndarray, run: RunValues) -> Char
     n = len(maxima)
     counted = run.duration - run.skip
     error = maxima.std(ddof=1) / np.sqrt(n) if n > 1 else None
-    mean = Characteristic(maxima.mean(), error, None, n, "mean")
+    mean = CharacteristicLoad(maxima.mean(), error, None, n, "mean")
     whole = storm_extreme(maxima, counted, counted, run.confidence)
     if "skipped" in whole:
         return mean
@@ -53,4 +53,4 @@ def characteristic(maxima: Sequence[float] | np.ndarray, run: RunValues) -> Char
     storm = storm_extreme(maxima, counted, run.storm, run.confidence)
     low, high = storm_extreme(maxima, counted, run.storm, 0.6827)["most_probable_interval"]
     error = 0.5 * (high - low)
-    return Characteristic(storm["most_probable"], error, storm["most_probable_interval"], n, "most_probable")
+    return CharacteristicLoad(storm["most_probable"], error, storm["most_probable_interval"], n, "most_probable")

@@ -44,6 +44,12 @@ def flags_of(found: Table, site: Site) -> list[str]:
         if exceeds_uplift(anchor):
             allowed = anchor["allowed_uplift_deg"]
             notes.append(f"anchor {point}: uplift {anchor['uplift_deg']:.3g} deg; allowed: {allowed:g} deg")
+    return notes + _position_notes(found)
+
+
+def _position_notes(found: Table) -> list[str]:
+    """Lines about an exclusion zone that nodes leave, and a backbone outside its depths."""
+    notes = []
     zone = found["exclusion"]
     if zone is not None and zone["utilisation"] > 1.0:
         notes.append("exclusion: {value:.3g} m in case {case}; allowed: {allowed_m:g} m".format_map(zone))

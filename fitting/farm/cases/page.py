@@ -39,7 +39,7 @@ COLUMNS = (
     "step_error",
     "damage_per_hour",
 )
-#: Meaning of `run.characteristic`, in words.
+#: Meaning of `run.characteristic_load`, in words.
 CHARACTERISTIC = {"mean": "mean of the seeds' maxima", "most_probable": "most probable maximum of the storm"}
 #: Labels of the cases by number.
 Labels = dict[int, str]
@@ -59,19 +59,9 @@ def write_page(found: Table, folder: str | Path) -> dict[str, Path]:
 def page_text(found: Table) -> str:
     """The page's text."""
     labels = {case["case"]: _label(case) for case in found["cases"]}
-    verdict = "A limit is exceeded, or a run is missing: see below."
-    if found["passes"]:
-        verdict = "All limits hold."
-    if found["dt_s"] is None:
-        steps = f"accuracy {found['accuracy']:g}"
-    else:
-        steps = f"steps of {found['dt_s']:g} s"
     parts = [
         f"# Load cases: {found['site']}",
-        f"{verdict} Load cases: {len(labels)}, seeds of each: {found['seeds']}, {found['duration_s']:g} s of which the "
-        f"first {found['skip_s']:g} s do not count, {steps}. Characteristic load: "
-        f"{CHARACTERISTIC[found['characteristic']]}. "
-        f"Factors: {found['factors']['source']} (edition: {found['factors']['edition']}).",
+        _verdict(found),
         bullets(found["flags"]),
         "## Parts, each in its worst case",
         markdown_table(
@@ -102,6 +92,23 @@ def page_text(found: Table) -> str:
         _worst_cases(found, labels),
     ]
     return "\n\n".join(filter(None, parts)) + "\n"
+
+
+def _verdict(found: Table) -> str:
+    """Whether all limits hold, and what was run."""
+    verdict = "A limit is exceeded, or a run is missing: see below."
+    if found["passes"]:
+        verdict = "All limits hold."
+    if found["dt_s"] is None:
+        steps = f"accuracy {found['accuracy']:g}"
+    else:
+        steps = f"steps of {found['dt_s']:g} s"
+    return (
+        f"{verdict} Load cases: {len(found['cases'])}, seeds of each: {found['seeds']}, {found['duration_s']:g} s of "
+        f"which the first {found['skip_s']:g} s do not count, {steps}. Characteristic load: "
+        f"{CHARACTERISTIC[found['characteristic']]}. "
+        f"Factors: {found['factors']['source']} (edition: {found['factors']['edition']})."
+    )
 
 
 def _standard(found: Table) -> str:

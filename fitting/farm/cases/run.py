@@ -16,15 +16,15 @@ from typing import Any
 
 from dropper_jax.base.progress import Progress, silent
 from dropper_jax.effects import REGISTERED_FILES, register_file, register_installed
-from fitting.farm.cases.case_run import Runner
+from fitting.farm.cases.case_run import CaseRunner
 from fitting.farm.cases.case_store import CasesStopped, CaseStore
-from fitting.farm.cases.run_arrays import Found
+from fitting.farm.cases.run_arrays import RunArrays
 from fitting.farm.site import Case, Site, read_site
 from fitting.sweep.cluster import run_on_cluster
 
 
 @dataclass(frozen=True)
-class Done:
+class FinishedRuns:
     """Result of a call: total number of runs, those found in the folder, wall time [s] of the others."""
 
     runs: int
@@ -40,7 +40,7 @@ def run_cases(
     workers: int = 1,
     scheduler: Any = None,
     progress: Progress | None = None,
-) -> Done:
+) -> FinishedRuns:
     """Run all cases that are not stored yet.
 
     Args:
@@ -61,39 +61,39 @@ def run_cases(
     started = time.perf_counter()
     identity = json.dumps(site.portable())
     jobs = [(identity, case.storm.number, case.seed) for case in todo]
-    source: Iterable[tuple[int, Found]] = ()
+    source: Iterable[tuple[int, RunArrays]] = ()
     if scheduler is not None:
         source = run_on_cluster(scheduler, run_one, jobs)
     elif workers > 1 and len(todo) > 1:
-        source = _local(jobs, min(workers, len(todo)))
+        source = _run_in_processes(jobs, min(workers, len(todo)))
     elif todo:
-        source = enumerate(map(Runner(site), todo))
+        source = enumerate(map(CaseRunner(site), todo))
 
     def count_and_rest(ran: int, seconds: float) -> str:
         return f"{resumed + ran} of {len(cases)} runs, {seconds / ran * (len(todo) - ran):.0f} s left"
 
     results = ((todo[i], found) for i, found in source)
     store.fill(results, resumed, len(cases), progress or silent, count_and_rest)
-    return Done(len(cases), resumed, time.perf_counter() - started)
+    return FinishedRuns(len(cases), resumed, time.perf_counter() - started)
 
 
 @lru_cache(maxsize=2)
-def _runner(identity: str) -> Runner:
+def _runner(identity: str) -> CaseRunner:
     """The runner shared by all runs of a worker."""
     register_installed()
-    return Runner(read_site(json.loads(identity)))
+    return CaseRunner(read_site(json.loads(identity)))
 
 
-def run_one(identity: str, number: int, seed: int) -> Found:
+def run_one(identity: str, number: int, seed: int) -> RunArrays:
     """One run on a worker: the load case with this number, of the site with these values."""
     runner = _runner(identity)
     return runner(Case(runner.site.storms[number], seed))
 
 
-def _local(jobs: list[tuple[str, int, int]], workers: int) -> Iterator[tuple[int, Found]]:
+def _run_in_processes(jobs: list[tuple[str, int, int]], workers: int) -> Iterator[tuple[int, RunArrays]]:
     """Results from processes of this machine by number of the job, as they finish."""
     with ProcessPoolExecutor(
-        workers, mp_context=get_context("spawn"), initializer=_begin, initargs=(os.getpid(), REGISTERED_FILES)
+        workers, mp_context=get_context("spawn"), initializer=_start_worker, initargs=(os.getpid(), REGISTERED_FILES)
     ) as pool:
         futures = {pool.submit(run_one, *job): i for i, job in enumerate(jobs)}
         try:
@@ -105,7 +105,7 @@ def _local(jobs: list[tuple[str, int, int]], workers: int) -> Iterator[tuple[int
             pool.shutdown(wait=False, cancel_futures=True)
 
 
-def _begin(parent: int, effect_files: list[str]) -> None:
+def _start_worker(parent: int, effect_files: list[str]) -> None:
     """Register the effects that the parent knows; end this process when the parent ends, for any reason."""
     for file in effect_files:
         register_file(file)

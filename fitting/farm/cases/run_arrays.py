@@ -21,7 +21,7 @@ from dropper_jax.scene import RunSpec, whole_lines
 from dropper_jax.stepping.progress import Trajectory
 
 #: Stored arrays of a run by name.
-Found = dict[str, np.ndarray]
+RunArrays = dict[str, np.ndarray]
 
 
 class LoadStatistics:
@@ -74,7 +74,7 @@ class LoadStatistics:
         for name, links in self.curved.items():
             self.series[name].append(tension[:, links].astype(np.float32))
 
-    def collect(self) -> Found:
+    def collect(self) -> RunArrays:
         """Arrays of the whole run; cycles are omitted if the package that counts them is not installed."""
         found = {
             "largest": self.largest,
@@ -89,7 +89,7 @@ class LoadStatistics:
         return found
 
 
-def _cycles(name: str, tension: np.ndarray) -> Found:
+def _cycles(name: str, tension: np.ndarray) -> RunArrays:
     """Rainflow cycles of the links with the most varying and the highest tension: rows of range and count."""
     found = {}
     if not len(tension):
@@ -135,7 +135,7 @@ class QuantityValues:
                 values = one.in_time(self.model, self.start.r, rows.r, rows.v, rows.tension, times, rows.parted)
             parts.append(np.asarray(values)[counts])
 
-    def collect(self) -> Found:
+    def collect(self) -> RunArrays:
         """The statistic of each quantity, as `quantity:NAME`."""
         found = {}
         over_steps = self.watch is not None

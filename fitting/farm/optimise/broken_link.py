@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.model import Model
-from fitting.farm.optimise.models import Still
+from fitting.farm.optimise.calm_model import CalmModel
 from fitting.farm.site.states import Break
 
 
@@ -34,6 +34,6 @@ def with_link_mask(model: Model, broken_link: int | None) -> Model:
     return model.with_axial(model.line.axial.with_broken_links(intact))
 
 
-def masked_still(found: Still, broken_link: int | None) -> Still:
+def mask_link(found: CalmModel, broken_link: int | None) -> CalmModel:
     """The same for a model, including the derivatives of its leaves with respect to the variables."""
     return replace(found, model=with_link_mask(found.model, broken_link))

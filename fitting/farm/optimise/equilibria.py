@@ -18,11 +18,11 @@ from dropper_jax.statics.descent import find_rest
 from dropper_jax.statics.host_stiffness import stiffness
 from dropper_jax.statics.rest_problem import system_tolerance, unbalanced
 from dropper_jax.statics.static_pose import equilibrium
-from fitting.farm.optimise.models import Still, numbered_slopes
+from fitting.farm.optimise.calm_model import CalmModel, numbered_slopes
 
 
 @dataclass(frozen=True)
-class Rest:
+class EquilibriumSlopes:
     """An equilibrium.
 
     Attributes:
@@ -36,7 +36,7 @@ class Rest:
     dtension: np.ndarray
 
 
-def near_rest(model: Model, near: State | None) -> State:
+def find_equilibrium(model: Model, near: State | None) -> State:
     """The equilibrium of a model in calm water, solved from a nearby one if given.
 
     Raises:
@@ -54,27 +54,27 @@ def near_rest(model: Model, near: State | None) -> State:
     return found.state
 
 
-def solve_rest(still: Still, near: State | None = None) -> Rest:
+def find_equilibrium_slopes(calm: CalmModel, near: State | None = None) -> EquilibriumSlopes:
     """The equilibrium and its derivatives by the variables.
 
     F(r, p) = 0  ->  dr/dp = -K^-1 dF/dp,    K = dF/dr (sparse, all forces)
     """
     from scipy.sparse.linalg import splu  # noqa: PLC0415
 
-    s = near_rest(still.model, near)
+    s = find_equilibrium(calm.model, near)
     loads = jnp.zeros_like(s.r)
-    slopes = numbered_slopes(still.model, still)
-    by_variables = partial(_by_variables, tuple(slopes), still.model, list(slopes.values()), s)
+    slopes = numbered_slopes(calm.model, calm)
+    by_variables = partial(_by_variables, tuple(slopes), calm.model, list(slopes.values()), s)
     fixed = np.zeros((len(next(iter(slopes.values()))), *s.r.shape))
     rows = np.asarray(by_variables(fixed)[0])
     try:
-        matrix = splu(stiffness(still.model, s, loads).tocsc())
+        matrix = splu(stiffness(calm.model, s, loads).tocsc())
     except RuntimeError:
         raise SceneError(
             "design: it has unsupported parts, so its equilibrium is not unique. Use another design"
         ) from None
     dr = -matrix.solve(rows.reshape(len(rows), -1).T).T.reshape(rows.shape)
-    return Rest(s, dr, np.asarray(by_variables(dr)[1]))
+    return EquilibriumSlopes(s, dr, np.asarray(by_variables(dr)[1]))
 
 
 @cached_jit(static=("moving",))

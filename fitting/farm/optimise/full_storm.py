@@ -17,15 +17,15 @@ from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model, State, state
 from dropper_jax.modelling.build import build_model, stepper_of
 from dropper_jax.run.chunks import compile_run, first_carry, run_chunks
-from fitting.farm.optimise.equilibria import near_rest
-from fitting.farm.optimise.models import in_waves, sea_of, still_scene
+from fitting.farm.optimise.calm_model import calm_scene, sea_of, with_waves
+from fitting.farm.optimise.equilibria import find_equilibrium
 from fitting.farm.optimise.quantities import LimitedSignal, Steps
-from fitting.farm.optimise.storm import highest_signals
+from fitting.farm.optimise.window_peaks import highest_signals
 from fitting.farm.site import Case, Site
 
 
 @dataclass(frozen=True)
-class Storms:
+class StormPeaks:
     """Hard peaks of one case (q,) and their times (q,) [s]; NaN if the run failed, with `message`."""
 
     hard: np.ndarray
@@ -44,15 +44,17 @@ class StepPeaks:
         return jnp.concatenate(peaks), after.t
 
 
-def full_storm(site: Site, scene: Scene, case: Case, quantities: tuple[LimitedSignal, ...], near: State) -> Storms:
+def run_full_storm(
+    site: Site, scene: Scene, case: Case, quantities: tuple[LimitedSignal, ...], near: State
+) -> StormPeaks:
     """The whole run of a case of a design.
 
     The time before `skip`, or before a line breaks, is not counted.
     """
-    own = still_scene(site, scene, case.storm)
+    own = calm_scene(site, scene, case.storm)
     model = build_model(own)
-    start = near_rest(model, state(model, near.r, tension=near.tension))
-    model = in_waves(model, sea_of(site, scene, case, site.ramp))
+    start = find_equilibrium(model, state(model, near.r, tension=near.tension))
+    model = with_waves(model, sea_of(site, scene, case, site.ramp))
     run = own.run
     stepper = stepper_of(model, run, track_work=False)
     pieces = compile_run(stepper, model, first_carry(stepper, model, start, run), run, StepPeaks(quantities))
@@ -61,7 +63,7 @@ def full_storm(site: Site, scene: Scene, case: Case, quantities: tuple[LimitedSi
         raise ValueError("a run that is watched has extremes")
     if found.first_bad[-1] >= 0:
         none = np.full(len(quantities), np.nan)
-        return Storms(none, none, f"a step of {case.storm.name}, seed {case.seed}, failed")
+        return StormPeaks(none, none, f"a step of {case.storm.name}, seed {case.seed}, failed")
     first = int(np.floor(site.run_of(case.storm).skip / run.interval))
     largest = found.extremes.largest[first:]
     peak = (np.argmax(largest, axis=0), np.arange(largest.shape[1]))
@@ -73,4 +75,4 @@ def full_storm(site: Site, scene: Scene, case: Case, quantities: tuple[LimitedSi
             (rows,) = highest_signals((quantity,), model, steps)
             hard[i] = np.max(rows)
             when[i] = (first + np.argmax(rows) + 1) * run.interval
-    return Storms(hard, when)
+    return StormPeaks(hard, when)

@@ -19,7 +19,7 @@ from dropper_jax.evaluation.extremes import EULER_CONSTANT, MIN_RUNS
 from fitting.farm.site.sections import RunValues
 
 
-def weights(maxima: np.ndarray, run: RunValues) -> np.ndarray:
+def maxima_weights(maxima: np.ndarray, run: RunValues) -> np.ndarray:
     """Weights (n, q) of maxima (n, q), in the order of the seeds; for a signal without spread, those of the mean.
 
     A load that is absent for some seeds has no single distribution of maxima, and also uses the mean, as in

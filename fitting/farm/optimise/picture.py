@@ -9,8 +9,8 @@ import numpy as np
 from dropper_jax.plots.figures import new_figure
 from dropper_jax.plots.figures import save as save_figure
 from dropper_jax.plots.style import DARK, FAINT, FIRST, SECOND, plot_style
-from fitting.farm.optimise.equilibria import near_rest
-from fitting.farm.optimise.models import still_model
+from fitting.farm.optimise.calm_model import build_calm_model
+from fitting.farm.optimise.equilibria import find_equilibrium
 from fitting.farm.optimise.optimum import Optimum
 from fitting.farm.site import Site
 
@@ -19,7 +19,7 @@ MAX_BARS = 14
 
 
 @plot_style()
-def design_picture(site: Site, found: Optimum, file: Path) -> Path:
+def draw_design(site: Site, found: Optimum, file: Path) -> Path:
     """Write the picture, with at most `MAX_BARS` constraints, the most used ones."""
     figure = new_figure(10.0, 7.4)
     above, below = figure.subplots(2, 1, height_ratios=(1.2, 1.0))
@@ -29,8 +29,8 @@ def design_picture(site: Site, found: Optimum, file: Path) -> Path:
     used = np.reshape([both for _, both in rows], (-1, 2)).T
     designs = (("before", found.before, FAINT, 0.2), ("after", found.after, FIRST, -0.2))
     for i, (label, values, colour, shift) in enumerate(designs):
-        model = still_model(site, found.variables, values, storm)
-        s = near_rest(model, None)
+        model = build_calm_model(site, found.variables, values, storm)
+        s = find_equilibrium(model, None)
         nodes = np.asarray(model.nodes(s.r, model.ends(s.t)))
         counts = [member.links + 1 for member in model.geometry.members]
         for k, line in enumerate(np.split(nodes, np.cumsum(counts)[:-1])):

@@ -24,7 +24,7 @@ class Programme:
     violation: float
 
 
-def programme(values: Values, low: np.ndarray, high: np.ndarray, scale: float, limit: float) -> Programme:
+def solve_programme(values: Values, low: np.ndarray, high: np.ndarray, scale: float, limit: float) -> Programme:
     """The linear programme for steps between low and high (p,).
 
     Raises:
@@ -45,6 +45,6 @@ def programme(values: Values, low: np.ndarray, high: np.ndarray, scale: float, l
     return Programme(step, values.objective + values.slope[:p] @ step, left.sum())
 
 
-def violation(values: Values, limit: float) -> float:
+def total_violation(values: Values, limit: float) -> float:
     """Total violation of the constraints."""
     return np.sum(np.maximum(values.value - limit, 0.0))

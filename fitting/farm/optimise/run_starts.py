@@ -9,9 +9,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from dropper_jax.model import State
-from fitting.farm.optimise.broken_link import link_of, masked_still
-from fitting.farm.optimise.equilibria import Rest, solve_rest
-from fitting.farm.optimise.models import Still, still
+from fitting.farm.optimise.broken_link import link_of, mask_link
+from fitting.farm.optimise.calm_model import CalmModel, differentiate_calm_model
+from fitting.farm.optimise.equilibria import EquilibriumSlopes, find_equilibrium_slopes
 from fitting.farm.optimise.variables import Variable
 from fitting.farm.site import Site, Storm
 
@@ -19,9 +19,9 @@ from fitting.farm.site import Site, Storm
 class RunStart(NamedTuple):
     """Start of a run: calm model with its slopes, equilibrium, and the later model of a window with a broken line."""
 
-    still: Still
-    rest: Rest
-    after: Still | None = None
+    calm: CalmModel
+    rest: EquilibriumSlopes
+    after: CalmModel | None = None
 
 
 class DesignCache:
@@ -43,11 +43,11 @@ class RunStarts:
     """Starts of windows; each equilibrium is solved from that of the last design.
 
     Args:
-        calm: the site without states in which lines break.
+        intact_site: the site without states in which lines break.
     """
 
-    def __init__(self, calm: Site, variables: Sequence[Variable]) -> None:
-        self.calm = calm
+    def __init__(self, intact_site: Site, variables: Sequence[Variable]) -> None:
+        self.intact_site = intact_site
         self.variables = variables
         self._near: dict[object, State] = {}
         self._cache = DesignCache()
@@ -68,16 +68,16 @@ class RunStarts:
     def _make_start(self, x: np.ndarray, storm: Storm, starts_broken: bool, key: object) -> RunStart:
         """The start of a window, whose equilibrium is stored under a key."""
         if storm.broken is None:
-            found = still(self.calm, self.variables, x, storm)
+            found = differentiate_calm_model(self.intact_site, self.variables, x, storm)
             return RunStart(found, self._rest(found, key))
         whole = self.at(x, replace(storm, broken=None))
-        parted = masked_still(whole.still, link_of(whole.still.model, storm.broken))
+        parted = mask_link(whole.calm, link_of(whole.calm.model, storm.broken))
         if starts_broken:
             return RunStart(parted, self._rest(parted, key), parted)
-        return RunStart(masked_still(whole.still, None), whole.rest, parted)
+        return RunStart(mask_link(whole.calm, None), whole.rest, parted)
 
-    def _rest(self, found: Still, key: object) -> Rest:
+    def _rest(self, found: CalmModel, key: object) -> EquilibriumSlopes:
         """The equilibrium, solved from the last one under this key."""
-        own = solve_rest(found, self._near.get(key))
+        own = find_equilibrium_slopes(found, self._near.get(key))
         self._near[key] = own.state
         return own

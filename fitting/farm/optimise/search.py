@@ -11,7 +11,7 @@ from collections.abc import Callable
 import numpy as np
 
 from dropper_jax.base.progress import Progress
-from fitting.farm.optimise.design import Design
+from fitting.farm.optimise.design_problem import DesignProblem
 from fitting.farm.optimise.programme import PENALTY_AT_START
 from fitting.farm.optimise.search_round import SMALLEST_REACH, run_round, try_design
 from fitting.farm.optimise.search_state import Search, Start
@@ -22,15 +22,15 @@ from fitting.farm.optimise.windows import Window
 PERMITTED_EXCESS = 1e-9
 
 
-def measure(
-    search: Search, design: Design, say: Progress, predicted: Values | None = None
+def measure_design(
+    search: Search, problem: DesignProblem, say: Progress, predicted: Values | None = None
 ) -> tuple[tuple[Window, ...], Values]:
     """Update the windows and compute the constraints by whole runs; the best design so far is stored.
 
     Args:
         predicted: values of this design with the previous windows and factors, for the residual.
     """
-    windows, found = design.measure(search.x, say)
+    windows, found = problem.measure(search.x, say)
     search.residual = None
     if predicted is not None:
         search.residual = np.max(np.abs(predicted.value - found.value), initial=0.0)
@@ -43,11 +43,11 @@ def measure(
     return windows, found
 
 
-def snap_to_catalogue(search: Search, design: Design, values: Values) -> np.ndarray:
+def snap_to_catalogue(search: Search, problem: DesignProblem, values: Values) -> np.ndarray:
     """The design with variables on sizes of their catalogues: the neighbours with the lowest cost to first order."""
     x = search.x.copy()
-    limit = 1.0 - design.settings.margin
-    for k, variable in enumerate(design.variables):
+    limit = 1.0 - problem.settings.margin
+    for k, variable in enumerate(problem.variables):
         if variable.catalogue:
             sizes = np.array(variable.sizes(x[k]))
             d = sizes - x[k]
@@ -56,10 +56,10 @@ def snap_to_catalogue(search: Search, design: Design, values: Values) -> np.ndar
     return x
 
 
-def run_search(search: Search, design: Design, save: Callable[[], None], say: Progress) -> Start:
+def run_search(search: Search, problem: DesignProblem, save: Callable[[], None], say: Progress) -> Start:
     """The whole search, from its current state; returns the design at its start."""
-    settings = design.settings
-    windows, found = measure(search, design, say)
+    settings = problem.settings
+    windows, found = measure_design(search, problem, say)
     start = search.before
     if start is None:
         start = Start(search.x.tolist(), found.objective, constraints_by_name(found))
@@ -69,9 +69,9 @@ def run_search(search: Search, design: Design, save: Callable[[], None], say: Pr
     last = search.best_objective
     still_better = True
     while search.round < search.sized + settings.rounds and still_better:
-        here = run_round(search, design, windows, save, say)
+        here = run_round(search, problem, windows, save, say)
         search.round += 1
-        windows, found = measure(search, design, say, here)
+        windows, found = measure_design(search, problem, say, here)
         save()
         # the first design that meets all constraints gains
         gained = last - search.best_objective if np.isfinite(last) else np.inf
@@ -82,8 +82,8 @@ def run_search(search: Search, design: Design, save: Callable[[], None], say: Pr
         if search.fixed is None and (not still_better or search.round >= settings.rounds):
             if search.best is not None:
                 search.x = search.best.copy()
-            if any(v.catalogue for v in design.variables):
-                windows = _fix_sizes(search, design, windows, say)
+            if any(v.catalogue for v in problem.variables):
+                windows = _fix_sizes(search, problem, windows, say)
                 last = search.best_objective
                 still_better = True
                 save()
@@ -92,19 +92,22 @@ def run_search(search: Search, design: Design, save: Callable[[], None], say: Pr
     return start
 
 
-def _fix_sizes(search: Search, design: Design, windows: tuple[Window, ...], say: Progress) -> tuple[Window, ...]:
+def _fix_sizes(
+    search: Search, problem: DesignProblem, windows: tuple[Window, ...], say: Progress
+) -> tuple[Window, ...]:
     """Fix variables on sizes of their catalogues: the others are optimised again, with these windows."""
     say(0.0, "sizes of the catalogues: derivatives")
-    runs = design.differentiate(design.run_windows(search.x, windows, say), say)
-    search.x = snap_to_catalogue(search, design, design.values(runs))
-    search.fixed = np.array([bool(v.catalogue) for v in design.variables])
-    search.reach = design.settings.reach
+    storms = problem.storm_runs
+    runs = storms.differentiate(storms.run_windows(search.x, windows, say), say)
+    search.x = snap_to_catalogue(search, problem, problem.values(runs))
+    search.fixed = np.array([bool(v.catalogue) for v in problem.variables])
+    search.reach = problem.settings.reach
     search.sized = search.round
     search.best = None
     search.best_objective = np.inf
-    there, _ = try_design(design, search.x, windows, say)
-    predicted = None if there is None else design.values(there)
-    return measure(search, design, say, predicted)[0]
+    there, _ = try_design(problem, search.x, windows, say)
+    predicted = None if there is None else problem.values(there)
+    return measure_design(search, problem, say, predicted)[0]
 
 
 def constraints_by_name(values: Values) -> dict[str, float]:

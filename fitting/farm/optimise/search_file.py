@@ -15,7 +15,7 @@ from dropper_jax.base.json_values import jsonable
 from dropper_jax.base.read import Table
 from dropper_jax.base.records import without_keys
 from dropper_jax.study.gradient_check import NOT_TRUSTED, GradientCheck
-from fitting.farm.optimise.design import Design
+from fitting.farm.optimise.design_problem import DesignProblem
 from fitting.farm.optimise.search_state import Search, Start
 from fitting.sweep.effect_files import effect_digests
 
@@ -27,21 +27,21 @@ def save_search(file: Path | None, digest: str, search: Search, along: GradientC
         atomic_write(file, json.dumps(jsonable(table)))
 
 
-def digest_inputs(design: Design) -> str:
+def digest_inputs(problem: DesignProblem) -> str:
     """Digest of the inputs that a state belongs to: the whole site but its name, and the user's files of effects."""
-    site = without_keys(design.site.portable(), ("name", "description"))
-    text = json.dumps(jsonable([site, effect_digests(design.site.scene)]), sort_keys=True)
+    site = without_keys(problem.site.portable(), ("name", "description"))
+    text = json.dumps(jsonable([site, effect_digests(problem.site.scene)]), sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def load_search(file: Path | None, digest: str, design: Design) -> tuple[Search, GradientCheck]:
+def load_search(file: Path | None, digest: str, problem: DesignProblem) -> tuple[Search, GradientCheck]:
     """The search of a state's file, with its check of derivatives; a new one without a file.
 
     Raises:
         SceneError: a file that is not a state, or belongs to other inputs.
     """
     if file is None or not file.exists():
-        return Search(design.start, design.settings.reach), GradientCheck(np.nan, np.nan, np.nan, NOT_TRUSTED)
+        return Search(problem.start, problem.settings.reach), GradientCheck(np.nan, np.nan, np.nan, NOT_TRUSTED)
     try:
         table: Table = json.loads(file.read_text(encoding="utf-8"))
         site = table.pop("site")

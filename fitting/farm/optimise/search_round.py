@@ -17,8 +17,8 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.progress import Progress
-from fitting.farm.optimise.design import Design
-from fitting.farm.optimise.programme import PENALTY_AT_START, programme, violation
+from fitting.farm.optimise.design_problem import DesignProblem
+from fitting.farm.optimise.programme import PENALTY_AT_START, solve_programme, total_violation
 from fitting.farm.optimise.search_state import Search
 from fitting.farm.optimise.values import Values
 from fitting.farm.optimise.variables import bounds
@@ -44,12 +44,12 @@ LARGEST_REACH = 0.5
 
 
 def run_round(
-    search: Search, design: Design, windows: tuple[Window, ...], save: Callable[[], None], say: Progress
+    search: Search, problem: DesignProblem, windows: tuple[Window, ...], save: Callable[[], None], say: Progress
 ) -> Values:
     """Steps of one round; the values at its end."""
-    settings = design.settings
+    settings = problem.settings
     say(0.0, f"round {search.round + 1}: derivatives")
-    one = _Round(search, design, windows, save, say, design.run_windows(search.x, windows, say))
+    one = _Round(search, problem, windows, save, say, problem.storm_runs.run_windows(search.x, windows, say))
     if not one.differentiate(one.runs):
         return replace(one.here, solved=False)
     renew = settings.renew if (search.residual or 0.0) <= MAX_RESIDUAL else 1
@@ -99,7 +99,7 @@ class _Round:
     """
 
     search: Search
-    design: Design
+    problem: DesignProblem
     windows: tuple[Window, ...]
     save: Callable[[], None]
     say: Progress
@@ -107,15 +107,15 @@ class _Round:
     tried: int = 0
 
     def __post_init__(self) -> None:
-        self.here = self.design.values(self.runs)
+        self.here = self.problem.values(self.runs)
 
     def differentiate(self, runs: WindowRuns) -> bool:
         """Make the design of these runs the current one, with its derivatives; False if a shifted run fails."""
-        found = self.design.differentiate(runs, self.say)
+        found = self.problem.storm_runs.differentiate(runs, self.say)
         if not found.slopes:
             return False
         self.runs = found
-        self.here = self.design.values(found)
+        self.here = self.problem.values(found)
         return True
 
     def take(self, step: _Attempt, differentiate: bool) -> bool:
@@ -134,16 +134,16 @@ class _Round:
     @property
     def limit(self) -> float:
         """Upper limit of the constraints."""
-        return 1.0 - self.design.settings.margin
+        return 1.0 - self.problem.settings.margin
 
     def merit(self, values: Values) -> float:
         """The objective in those at the start, with penalties for violations."""
-        return values.objective / self.search.scale + PENALTY_AT_START * violation(values, self.limit)
+        return values.objective / self.search.scale + PENALTY_AT_START * total_violation(values, self.limit)
 
     def attempt_corrected(self) -> _Attempt | None:
         """The step of the linear programme, corrected where constraints are curved; None if it predicts no gain."""
         first = self.attempt(self.here)
-        if first is None or first.good or first.values is None or violation(first.values, self.limit) == 0.0:
+        if first is None or first.good or first.values is None or total_violation(first.values, self.limit) == 0.0:
             return first
         seen = first.values.value - self.here.slopes[:, : len(first.step)] @ first.step
         corrected = self.attempt(replace(self.here, value=seen))
@@ -154,15 +154,15 @@ class _Round:
     def attempt(self, model: Values) -> _Attempt | None:
         """The step of a model's linear programme within the reach, run; None if it predicts no gain."""
         search = self.search
-        settings = self.design.settings
-        low, high = bounds(self.design.variables)
-        span = np.array([v.span for v in self.design.variables])
+        settings = self.problem.settings
+        low, high = bounds(self.problem.variables)
+        span = np.array([v.span for v in self.problem.variables])
         reach = search.reach * span
         if search.fixed is not None:
             reach = np.where(search.fixed, 0.0, reach)
         least = np.maximum(low - search.x, -reach)
         most = np.minimum(high - search.x, reach)
-        step = programme(model, least, most, search.scale, self.limit)
+        step = solve_programme(model, least, most, search.scale, self.limit)
         merit = self.merit(self.here)
         gain = merit - (step.objective / search.scale + PENALTY_AT_START * step.violation)
         if gain < 1e-4 * settings.enough + 1e-9:
@@ -171,11 +171,11 @@ class _Round:
         x = np.clip(search.x + step.step, low, high)
         attempt = _Attempt(x, step.step, np.max(np.abs(step.step) / span), None, None, gain, -np.inf)
         row = {"round": search.round + 1, "taken": False, "reach": search.reach, "values": x.tolist()}
-        runs, failure = try_design(self.design, x, self.windows, self.say)
+        runs, failure = try_design(self.problem, x, self.windows, self.say)
         if runs is None:
             row["failure"] = failure
         else:
-            found = self.design.values(runs)
+            found = self.problem.values(runs)
             attempt = replace(attempt, runs=runs, values=found, won=merit - self.merit(found))
             row |= {"taken": attempt.good, "objective": found.objective, "worst": found.worst}
             failure = f"objective {found.objective:.5g}, worst {found.worst:.3f}"
@@ -186,11 +186,11 @@ class _Round:
 
 
 def try_design(
-    design: Design, x: np.ndarray, windows: tuple[Window, ...], say: Progress
+    problem: DesignProblem, x: np.ndarray, windows: tuple[Window, ...], say: Progress
 ) -> tuple[WindowRuns | None, str]:
     """Windows of a design; None with the reason if it has no equilibrium or they cannot be run."""
     try:
-        found = design.run_windows(x, windows, say)
+        found = problem.storm_runs.run_windows(x, windows, say)
     except SceneError as error:
         return None, str(error)
     if not found.solved:

@@ -11,7 +11,7 @@ from dropper_jax.scene import whole_lines
 from fitting.farm.site import Part
 
 
-def over_strength(
+def relate_loads_to_strength(
     hard: Sequence[np.ndarray], slope: Sequence[np.ndarray], strength: np.ndarray, slopes: np.ndarray
 ) -> tuple[list[np.ndarray], list[np.ndarray]]:
     """Quantities (q,) of every case and their slopes (q, p + a), with the loads of parts over their present strength.
@@ -30,7 +30,7 @@ def over_strength(
     return peaks, changes
 
 
-def strength_of(part: Part, scene: Scene) -> float:
+def part_strength(part: Part, scene: Scene) -> float:
     """Breaking load of a part [N] if it comes from the scene, so that it follows the design; 1 if the site gives it."""
     if not part.of_scene:
         return 1.0

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fitting.farm.optimise.storm import Peaks
+from fitting.farm.optimise.window_peaks import Peaks
 from fitting.farm.site import Case
 
 

@@ -8,7 +8,7 @@ tide and in every current, then give the depth of the backbone.
 """
 
 from fitting.farm.season.report import write_season
-from fitting.farm.season.schedule import schedule
-from fitting.farm.season.season import season
+from fitting.farm.season.schedule import float_schedule
+from fitting.farm.season.season import plan_season
 
-__all__ = ["schedule", "season", "write_season"]
+__all__ = ["float_schedule", "plan_season", "write_season"]

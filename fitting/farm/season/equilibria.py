@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import product, starmap
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -29,19 +29,24 @@ CHANGING = ("time", "factor", "amplitude", "period", "phase")
 
 
 class WaterState(NamedTuple):
-    """A state of the tide: level [m], speed of the current [m/s], None for that of the scene."""
+    """A state of the tide: level [m], speed [m/s] and direction [rad] of the current, None for those of the scene."""
 
     level: float
     speed: float | None
+    direction: float | None
 
 
 def list_waters(site: Site, season: SeasonValues) -> tuple[WaterState, ...]:
     """Every combination of level and current of `[season]`, otherwise of `[cases]`."""
     levels = site.lists.levels if season.levels is None else season.levels
-    speeds = season.currents
-    if speeds is None:
-        speeds = sorted({float(current["speed"]) for current in site.lists.currents if "speed" in current}) or [None]
-    return tuple(starmap(WaterState, product(levels, speeds)))
+    heading = site.lists.current_direction
+    if season.currents is not None:
+        currents = [(speed, None if heading is None else np.radians(heading)) for speed in season.currents]
+    else:
+        tables = [storm.current for storm in site.storms if storm.current is not None]
+        pairs = {(float(table["speed"]), table["direction"]) for table in tables if "speed" in table}
+        currents = sorted(pairs) or [(None, None)]
+    return tuple(WaterState(level, *current) for level, current in product(levels, currents))
 
 
 def scene_at_rest(site: Site, month: str, water: WaterState, points: dict[str, Table]) -> Scene:
@@ -57,8 +62,8 @@ def scene_at_rest(site: Site, month: str, water: WaterState, points: dict[str, T
     if water.speed is not None:
         current = without_keys(sea.get("current", {}), CHANGING)
         sea["current"] = {**current, "speed": water.speed}
-        if site.lists.current_direction is not None:
-            sea["current"]["direction"] = float(np.radians(site.lists.current_direction))
+        if water.direction is not None:
+            sea["current"]["direction"] = float(water.direction)
     table["sea"] = sea
     return overgrown(Scene.from_dict(table, site.scene.name))
 

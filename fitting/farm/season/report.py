@@ -39,11 +39,11 @@ ABOUT = (
 
 def write_season(found: Table, folder: str | Path) -> dict[str, Path]:
     """Write season.md, season.csv, season.json and season.png into a folder; returns their paths by name."""
-    files = write_report(Path(folder), "season", found, page(found), COLUMNS, found["months"])
-    return {**files, "picture": draw(found, Path(folder) / "season.png")}
+    files = write_report(Path(folder), "season", found, page_text(found), COLUMNS, found["months"])
+    return {**files, "picture": draw_season(found, Path(folder) / "season.png")}
 
 
-def page(found: Table) -> str:
+def page_text(found: Table) -> str:
     """The page as Markdown."""
     verdict = "The schedule does not hold: see below."
     if found["holds"]:
@@ -77,7 +77,7 @@ MAX_UPRIGHT = 6
 
 
 @style.plot_style()
-def draw(found: Table, path: Path) -> Path:
+def draw_season(found: Table, path: Path) -> Path:
     """Draw floats of each month between their bounds, and the depths of the backbone."""
     months = found["months"]
     number = range(len(months))

@@ -11,7 +11,7 @@ import numpy as np
 FloatPlan = tuple[int, int, list[int]]
 
 
-def schedule(low: Sequence[int], high: Sequence[int], start: int | None = None) -> list[int]:
+def float_schedule(low: Sequence[int], high: Sequence[int], start: int | None = None) -> list[int]:
     """Number of installed floats in every month.
 
     Of all plans within the bounds, those with the fewest months of change are selected, then those that move the fewest
@@ -43,7 +43,7 @@ def _best_plan(best: dict[int | None, FloatPlan], floats: int) -> FloatPlan:
     return min(found)
 
 
-def spread(count: int, need: Sequence[float] | np.ndarray) -> list[int]:
+def distribute_floats(count: int, need: Sequence[float] | np.ndarray) -> list[int]:
     """Floats distributed over points in proportion to their needs, as whole numbers by largest remainders."""
     wanted = np.maximum(need, 0.0)
     if not wanted.any():

@@ -13,7 +13,7 @@ from dropper_jax.base.progress import Progress, part_of, silent
 from dropper_jax.base.read import Table
 from dropper_jax.load.library import FAMILIES, PREFIX
 from fitting.farm.season.equilibria import RestOnFloats, WaterState, find_float_loads, find_rest_on_floats, list_waters
-from fitting.farm.season.schedule import schedule, spread
+from fitting.farm.season.schedule import distribute_floats, float_schedule
 from fitting.farm.site import Site
 from fitting.farm.site.patterns import first_names, match_names
 from fitting.farm.site.sections import SeasonValues
@@ -52,7 +52,7 @@ class FarmOnFloats:
     holds: bool
 
 
-def season(site: Site, progress: Progress | None = None) -> Table:
+def plan_season(site: Site, progress: Progress | None = None) -> Table:
     """The season of a site with `[season]` and `[[growth]]`.
 
     Bounds come from the force on the fixed points. The schedule is then checked by free equilibria at every state of
@@ -80,7 +80,7 @@ def season(site: Site, progress: Progress | None = None) -> Table:
     for _ in range(MAX_TIGHTENED):
         on_floats = []
         is_narrowed = False
-        for i, (row, floats) in enumerate(zip(rows, schedule(low, high, season.start), strict=True)):
+        for i, (row, floats) in enumerate(zip(rows, float_schedule(low, high, season.start), strict=True)):
             say(0.5 + 0.5 * i / len(rows), f"{row.month}: equilibria, floats: {floats}")
             found = farm.on_floats(row, floats)
             on_floats.append(found)
@@ -156,7 +156,7 @@ class _Farm:
 
     def on_floats(self, row: Month, count: int) -> FarmOnFloats:
         """Geometry of the farm on this number of floats: rows by state of the tide, and distance from its limits."""
-        floats = dict(zip(self.points, spread(count, row.need_by_point_n), strict=True))
+        floats = dict(zip(self.points, distribute_floats(count, row.need_by_point_n), strict=True))
         key = (row.month, count)
         if key not in self.equilibria:
             poses = [find_rest_on_floats(self.site, self.season, row.month, water, floats) for water in self.waters]

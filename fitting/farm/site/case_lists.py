@@ -5,11 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from dropper_jax.base.fields import option, parameter
 from dropper_jax.base.read import Plain, Table, Values, plain, read_list, read_number, read_text, refuse
 from dropper_jax.base.records import column
 from fitting.farm.site.sections import Section
 from fitting.farm.site.standards import pop_return_periods, read_years
+
+#: Directions [deg] that differ by this are the same.
+FULL_TURN = 360.0
 
 
 @dataclass(frozen=True)
@@ -39,17 +44,18 @@ class CaseLists(Section):
             allowed = "'waves', or a number in deg"
             heading = read_number(heading, f"{path}.current_direction", {"unit": "deg"}, allowed)
         found = super().values_of(own, path)
-        for key in ("directions", "levels"):
-            found[key] = _distinct_numbers(found[key], f"{path}.{key}")
+        found["levels"] = _distinct_numbers(found["levels"], f"{path}.levels")
+        found["directions"] = _distinct_numbers(found["directions"], f"{path}.directions", FULL_TURN)
         return found | {"current_direction": heading, "currents": currents, "standard": standard}
 
 
-def _distinct_numbers(values: Sequence[float], path: str) -> list[float]:
-    """The values; rejects none at all, and duplicates."""
+def _distinct_numbers(values: Sequence[float], path: str, period: float | None = None) -> list[float]:
+    """The values; rejects none at all, and duplicates, with a period also values that differ by it."""
     found = list(map(float, values))
     if not found:
         raise refuse(path, [], "is empty", "at least one; or leave the key out")
-    if len(set(found)) < len(found):
+    phases = found if period is None else np.mod(found, period).tolist()
+    if len(set(phases)) < len(found):
         raise refuse(path, found, "has a duplicate value", "every value once")
     return found
 

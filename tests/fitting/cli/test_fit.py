@@ -8,7 +8,7 @@ from hard_scenes import rods
 
 from dropper_jax import as_toml, load_scene
 from fitting import Camera, observe, simulate_truth, write_trace
-from fitting.cli.fit_options import held_out_spans
+from fitting.cli.fit_options import read_spans
 
 PENDULUM = rods([np.pi / 2], effects={"linear_damping": {"b_l": 0.1}, "quadratic_damping": {"b_q": 0.05}})
 GUESS = {"weight": {}, "linear_damping": {"b_l": 1.0}, "quadratic_damping": {"b_q": 0.5}}
@@ -144,4 +144,4 @@ def test_a_fit_that_does_not_converge_keeps_its_best_point_and_exits_with_3(file
 
 
 def test_held_out_spans_are_read_in_order():
-    assert held_out_spans("1:2,3.5:4") == [(1.0, 2.0), (3.5, 4.0)]
+    assert read_spans("1:2,3.5:4") == [(1.0, 2.0), (3.5, 4.0)]

@@ -10,12 +10,12 @@ from dropper_jax import SceneError
 from fitting.from_file.angle_unit import unit_of_angle
 from fitting.from_file.cells import read_cells
 from fitting.from_file.columns import find_columns
+from fitting.from_file.fitted_values import per_mass
 from fitting.from_file.pendulum import main_period
 from fitting.from_file.pivot import error_of_pivot, pivot_of
 from fitting.from_file.points import find_chain
+from fitting.from_file.propose_scene import propose_scene
 from fitting.from_file.read_file import NO_OPTIONS, FileOptions, read_measured
-from fitting.from_file.scene_of import propose_scene
-from fitting.from_file.values import per_mass
 from fitting.traces.noise import without_spikes
 from fitting.traces.text_lines import LARGEST_FILE
 from fitting.traces.trace import Trace

@@ -15,7 +15,7 @@ from fitting.parameters.parameter import with_parameter_values
 from fitting.parameters.paths import resolve
 from fitting.parameters.scene_parameters import find_parameters, free_of_traces, scene_parameter
 from fitting.parameters.targets import Direction
-from fitting.sensitivity import Study, ranges
+from fitting.sensitivity import Study, parameter_ranges
 
 SCENE = "paper-case-4"
 #: Numbers that the model depends on linearly, and by how much they are changed.
@@ -78,6 +78,9 @@ def test_a_path_of_the_model_stays_one_and_a_wrong_one_is_named():
             find_parameters(scene, model, [path], "to")
     with pytest.raises(SceneError, match="is given twice"):
         find_parameters(scene, model, ["line.chain.length", "line.chain.length"], "to")
+    # anchors lie on the bed: it may only be lower
+    (depth,) = find_parameters(scene, model, ["sea.depth"], "to")
+    assert depth.low == scene.value("sea.depth")
 
 
 @pytest.mark.parametrize(
@@ -103,7 +106,7 @@ def test_global_studies_refuse_what_a_straight_line_cannot_follow():
 
     def over(path):
         (parameter,) = find_parameters(scene, model, [path], "to")
-        return ranges(Study(scene, quantity("tension.1.mean", model), (parameter,), model, None))
+        return parameter_ranges(Study(scene, quantity("tension.1.mean", model), (parameter,), model, None))
 
     with pytest.raises(SceneError, match="the model is not linear in 'line_type.chain.EA'"):
         over("line_type.chain.EA")
@@ -170,6 +173,27 @@ def test_a_number_of_parameters_ties_the_values_computed_from_it():
     bent = load_scene(squared)
     with pytest.raises(SceneError, match="'parameters.rest' changes the model non-linearly"):
         free_of_traces(bent, build_model(bent), ["parameters.rest"])
+
+
+@pytest.mark.parametrize(
+    ("b_l", "low", "high"),
+    [
+        ("= rest - 0.01", 0.01, np.inf),
+        ("= 0.05 - rest", 0.0, 0.05),
+        ("= 0.031 - rest", 0.0, 0.031),
+        (["= rest - 0.02", "= 0.08 - 2 * rest", "= rest - 0.01", 0.0], 0.02, 0.04),
+    ],
+)
+def test_bounds_of_a_number_of_parameters_are_those_of_the_values_computed_from_it(b_l, low, high):
+    tied = load_scene(TIED | {"effects": {"weight": {}, "linear_damping": {"b_l": b_l}}})
+    (found,) = free_of_traces(tied, build_model(tied), ["parameters.rest"])
+    assert (found.low, found.high) == pytest.approx((low, high))
+    for end in filter(np.isfinite, (found.low, found.high)):
+        tied.with_values({"parameters.rest": end})  # the scene takes it
+    # a mass must stay above 0: it is at least a thousandth of its value
+    parameters = {"parameters": {"light": 0.05}, "line": [TIED["line"][0] | {"mass": "= light - 0.02"}]}
+    heavy = load_scene(HELD | parameters)
+    assert scene_parameter(heavy, build_model(heavy), "parameters.light").low == pytest.approx(0.02 + 3e-5)
 
 
 @pytest.mark.check

@@ -16,7 +16,7 @@ from dropper_jax.quantities.quantity_names import quantity
 from dropper_jax.quantities.statistics import STATISTICS, excess_kurtosis, statistic
 from fitting import sensitivity
 from fitting.parameters.parameter import with_parameter_values
-from fitting.sensitivity import global_indices, local, ranges, study, windows
+from fitting.sensitivity import global_indices, local_derivatives, parameter_ranges, study, window_means
 from fitting.sensitivity.differences import central_differences, difference_sizes, slopes_of_runs, statistic_notes
 from fitting.sensitivity.study_runs import Run, StudyRuns, error_by_coarser
 from fitting.sensitivity.study_steps import saved_times
@@ -35,7 +35,7 @@ def loop():
 
 @pytest.fixture(scope="module")
 def found(loop):
-    return local(loop, check=True)
+    return local_derivatives(loop, check=True)
 
 
 def test_an_extreme_is_that_of_all_steps_also_of_unsaved_ones(loop):
@@ -63,7 +63,7 @@ def test_local_derivatives_are_central_differences_and_both_modes_agree(loop, fo
     assert found.trusted
     assert found.horizon == pytest.approx(0.5)
     assert (found.linear_range, found.warnings) == (0.01, [])
-    plain = local(loop)  # without a check no reverse pass, and the same derivative
+    plain = local_derivatives(loop)  # without a check no reverse pass, and the same derivative
     np.testing.assert_allclose(plain.forward, found.forward, rtol=1e-12)
     assert (plain.reverse, plain.mismatch, plain.exponent) == (None, None, None)
     assert plain.trusted
@@ -77,7 +77,7 @@ def test_exact_derivatives_of_a_run_with_an_accuracy_are_those_along_its_own_ste
     steps = problem.steps.length
     assert np.sum(steps) == pytest.approx(0.5, rel=1e-12)
     assert np.ptp(steps) > 1e-3
-    found = local(problem, check=True)
+    found = local_derivatives(problem, check=True)
     np.testing.assert_allclose(found.forward, differences(jax.jit(problem), problem.values), rtol=2e-6)
     assert found.mismatch < 1e-9
     assert found.trusted
@@ -90,7 +90,7 @@ def test_exact_derivatives_of_a_run_with_an_accuracy_are_those_along_its_own_ste
 
 
 def test_line_at_rest_is_not_chaotic_though_its_mass_moves_it_more_than_its_motion():
-    found = local(study({**SCENE, "start": {"kind": "static"}}, "tension.1.max", ["b_l", "line.0.mass.1"]))
+    found = local_derivatives(study({**SCENE, "start": {"kind": "static"}}, "tension.1.max", ["b_l", "line.0.mass.1"]))
     assert found.trusted
     assert found.exponent is None
 
@@ -118,7 +118,7 @@ def test_runs_of_a_study_take_the_steps_of_its_own_run(snapping):
 def test_slopes_of_a_snapping_rope_are_differences_with_an_error(snapping):
     problem, runs = snapping
     reported = []
-    found = local(problem, lambda share, text: reported.append(text))
+    found = local_derivatives(problem, lambda share, text: reported.append(text))
     assert (found.method, found.reverse, found.horizon, found.value) == ("differences", None, 0.6, runs.value)
     gravity = problem.values[0]
     slopes = []
@@ -205,7 +205,7 @@ def test_a_parameter_without_effect_has_slope_zero_with_error_zero():
         {**SCENE, "anchor": [{"point": "left", "kind": "tested", "capacity": 5.0, "safety_factor": 1.5}]}
     )
     problem = study(scene, "tension.1.mean", ["anchor.0.capacity", "b_l"])
-    found = local(problem)
+    found = local_derivatives(problem)
     assert (found.forward[0], found.error[0]) == (0.0, 0.0)
     assert found.forward[1] != 0.0
     by_differences = central_differences(problem)
@@ -238,7 +238,7 @@ def test_differences_of_lengths_are_smaller_and_end_at_bounds(loop):
 def test_slope_of_a_packaged_longline_predicts_its_runs():
     """Its tangent predicts 3.85e16 N for 1 % of a leg; the runs differ by -206 N."""
     scene = load_scene("edulis-longline").with_values({"run.duration": 30.0})
-    found = local(study(scene, "tension.west-leg.max", ["line.west-leg.length"]))
+    found = local_derivatives(study(scene, "tension.west-leg.max", ["line.west-leg.length"]))
     change, error = (0.01 * 44.0 * x[0] for x in (found.forward, found.error))
     assert abs(change + 206.0) < 2.0 * error
     assert error < 50.0
@@ -246,7 +246,9 @@ def test_slope_of_a_packaged_longline_predicts_its_runs():
 
 def test_growth_of_the_derivatives_finds_a_chaotic_motion():
     run = {"run.duration": 12.0, "run.dt": 0.01, "run.integrator": "rattle"}
-    found = local(study(load_scene("double-pendulum-chaotic").with_values(run), "angle.2.final", ["line.0.mass.1"]))
+    found = local_derivatives(
+        study(load_scene("double-pendulum-chaotic").with_values(run), "angle.2.final", ["line.0.mass.1"])
+    )
     assert found.exponent > 0.3
     assert found.horizon < 12.0
     assert np.isfinite(found.window_mean).all()
@@ -259,7 +261,7 @@ def test_window_as_long_as_the_run_is_the_run_from_a_held_start(loop):
         run = loop.plan.march(model, loop.start, loop.steps)
         return loop.plan.measure(model, loop.start, run, saved_times(loop.steps))
 
-    mean, _, length = windows(loop, jnp.asarray(loop.values), 0.5, None)  # one window needs no states of the run
+    mean, _, length = window_means(loop, 0.5, None)  # one window needs no states of the run
     assert length == pytest.approx(0.5)
     np.testing.assert_allclose(mean, differences(held, loop.values), rtol=1e-6)
 
@@ -312,10 +314,12 @@ def test_global_study_refuses_what_it_cannot_do(method, samples, message):
 
 
 def test_a_range_is_the_given_one_and_not_empty(loop):
-    assert ranges(loop, {"b_l": (0.1, 0.2)})[0] == (0.1, 0.2)
+    assert parameter_ranges(loop, {"b_l": (0.1, 0.2)})[0] == (0.1, 0.2)
     for wrong in ({"b_l": (2.0, 1.0)}, {"b_l": (0.1, 0.2), loop.names[0]: (0.1, 0.3)}):
         with pytest.raises(SceneError, match="allowed: low < high, once"):
-            ranges(loop, wrong)
+            parameter_ranges(loop, wrong)
+    with pytest.raises(SceneError, match=r"b_l = -0.1:0.2 is out of bounds; allowed: >= 0 kg/s"):
+        parameter_ranges(loop, {"b_l": (-0.1, 0.2)})
 
 
 def test_statistics_of_a_sine_are_its_amplitude():
@@ -361,7 +365,7 @@ def test_command_prints_a_table_and_draws(tmp_path, printed, json_of, monkeypatc
     argv = ["sensitivity", "double-pendulum-chaotic", "--duration", "1", "--of", "tension.1.max", "--quiet"]
     argv += ["--to", "line.0.mass"]
     with monkeypatch.context() as patch:
-        patch.setattr(sensitivity, "local", lambda problem, say, check: found)
+        patch.setattr(sensitivity, "local_derivatives", lambda problem, say, check: found)
         assert "p/Q dQ/dp" in printed([*argv, "--plot", str(picture)]).out
         assert picture.stat().st_size > 5000
         reported = json_of([*argv, "--json"])
@@ -375,7 +379,7 @@ def test_command_prints_a_table_and_draws(tmp_path, printed, json_of, monkeypatc
 def test_command_has_the_verdict_of_a_run_on_its_step(json_of, monkeypatch, found):
     """A derivative through steps that `dropper run` calls unusable is not ok."""
     argv = ["conical-pendulum-damped", "--dt", "0.3", "--duration", "15", "--quiet"]
-    monkeypatch.setattr(sensitivity, "local", lambda problem, say, check: found)
+    monkeypatch.setattr(sensitivity, "local_derivatives", lambda problem, say, check: found)
     printed = json_of(["sensitivity", *argv, "--of", "tension.max", "--to", "b_l", "--json"], 3)
     assert printed["status"] == "step_too_long"
     assert any(text.startswith("the run: mean tension") for text in printed["warnings"])

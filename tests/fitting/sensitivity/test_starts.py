@@ -7,7 +7,7 @@ import pytest
 from rod_cases import pinned_arm
 
 from dropper_jax import SceneError, build, load_scene, natural_modes
-from fitting.sensitivity import local, study
+from fitting.sensitivity import local_derivatives, study
 from fitting.sensitivity.study_steps import saved_times
 from fitting.sensitivity.texts import local_text
 
@@ -58,8 +58,18 @@ def differences(of, path, value, start="static"):
 def test_the_gravity_of_the_weight_is_that_of_the_sea_too():
     """Stiff legs without a current: all forces at rest are proportional to gravity."""
     scene = {**TABLE, "line_type": [{**TABLE["line_type"][0], "EA": 1e9}], "sea": {"depth": 10.0}}
-    found = local(study(scene, "tension.first.start", ["effects.weight.gravity"]))
+    found = local_derivatives(study(scene, "tension.first.start", ["effects.weight.gravity"]))
     assert found.scaled[0] == pytest.approx(1.0, abs=1e-5)
+
+
+def test_a_number_of_the_sea_has_a_short_path():
+    """Weight and buoyancy of a float on one vertical rope: T = g (rho V - m) less the wet weight of the rope's half."""
+    points = [TABLE["point"][0], {**TABLE["point"][2], "position": [0.0, 0.0, -5.0]}]
+    rope = {**TABLE["line"][0], "length": 5.0, "links": 1}
+    scene = {**TABLE, "point": points, "line": [rope], "sea": {"depth": 10.0}}
+    found = local_derivatives(study(scene, "tension.first.start", ["sea.density"]))
+    volume = 0.1 + 0.5 * 5.0 * np.pi / 4 * 0.05**2
+    assert found.forward[0] == pytest.approx(9.81 * volume, rel=1e-3)
 
 
 @pytest.mark.check
@@ -71,7 +81,7 @@ def test_a_run_from_the_static_pose_differentiates_through_it(storm):
     exact = jax.jit(jax.jacfwd(lambda values: storm(values)))(at)
     reverse = jax.jit(jax.grad(lambda values: plan.evaluate(storm.model, storm.start, values, steps, True)))(at)
     assert np.asarray(reverse) == pytest.approx(np.asarray(exact), rel=1e-9)
-    found = local(storm)
+    found = local_derivatives(storm)
     run = jax.jit(lambda model, s: plan.measure(model, s, plan.march(model, s, steps), times))
     for i, p in enumerate(storm.parameters):
         expected = differences(lambda scene, model, s: float(run(model, s)), p.name, p.value)
@@ -90,7 +100,7 @@ def test_a_run_from_the_static_pose_differentiates_through_it(storm):
 )
 def test_a_quantity_of_the_start_is_statics_alone(start, of, count, quantity):
     at_rest = study({**TABLE, "start": {"kind": start}}, of, NUMBERS[:count])
-    found = local(at_rest)
+    found = local_derivatives(at_rest)
     reverse = jax.jit(jax.grad(lambda values: at_rest(values)))(jnp.asarray(at_rest.values))
     for i, p in enumerate(at_rest.parameters):
         expected = differences(lambda scene, model, s: float(quantity(model, s)), p.name, p.value, start)
@@ -117,7 +127,7 @@ def test_a_slope_of_a_slack_weightless_rope_by_gravity_is_reported_as_not_resolv
         "effects": {"weight": {"gravity": 0.0}},
         "start": {"kind": "points"},
     }
-    found = local(study(scene, "z.1.final", ["effects.weight.gravity"]))
+    found = local_derivatives(study(scene, "z.1.final", ["effects.weight.gravity"]))
     assert found.unclear == ("effects.weight.gravity",)
     assert found.slope_status == ("not_resolved",)
     assert jnp.isnan(found.forward[0])

@@ -19,7 +19,7 @@ from dropper_jax.cli import main
 zarr = pytest.importorskip("zarr")
 xarray = pytest.importorskip("xarray")
 
-from fitting.cli.sweep import _values  # noqa: E402
+from fitting.cli.sweep import _read_vary  # noqa: E402
 from fitting.sweep import SweepStopped, open_sweep, sweep  # noqa: E402
 from fitting.sweep.make_plan import from_identity, make_plan  # noqa: E402
 from fitting.sweep.store import SweepStore as Store  # noqa: E402
@@ -209,9 +209,9 @@ def test_parameters_of_a_template_survive_the_identity_of_a_sweep(tmp_path, scen
 
 def test_evenly_spaced_values_of_a_parameter_are_whole_where_they_can_be():
     """A count takes whole numbers only."""
-    assert [type(x) for x in _values("parameters.droppers=2:8:4")[1].tolist()] == [int] * 4
-    assert _values("parameters.leg=38:40:5")[1].tolist() == [38.0, 38.5, 39.0, 39.5, 40.0]
-    assert _values("b_l=0:1:2")[1].dtype == float
+    assert [type(x) for x in _read_vary("parameters.droppers=2:8:4")[1].tolist()] == [int] * 4
+    assert _read_vary("parameters.leg=38:40:5")[1].tolist() == [38.0, 38.5, 39.0, 39.5, 40.0]
+    assert _read_vary("b_l=0:1:2")[1].dtype == float
 
 
 def test_a_start_that_fails_leaves_nothing(tmp_path, monkeypatch):
@@ -271,6 +271,25 @@ def test_failed_members_are_recorded_and_affect_no_other(tmp_path):
     assert found.failed_at.values[1] > 0
 
 
+@pytest.mark.parametrize("path", ["b_l", "line.0.mass.0"])
+@pytest.mark.parametrize("values", [[-1.0, 0.2, 0.1], [0.2, -1.0, 0.1], [0.2, 0.1, -1.0]])
+def test_an_invalid_value_is_one_failed_case_at_any_position(tmp_path, path, values):
+    result = sweep(SCENE, {path: values}, tmp_path / "s.zarr", quantities=["tension_max"], **QUICK)
+    assert (result.counts["ok"], result.counts["invalid_input"]) == (2, 1)
+    with open_sweep(result.path) as found:
+        assert found.status.values.tolist() == [3 if value < 0.0 else 0 for value in values]
+        assert np.isnan(found.tension_max.values).tolist() == [value < 0.0 for value in values]
+
+
+def test_a_grid_with_an_invalid_first_row_and_column_has_the_numbers_of_the_others(tmp_path, whole):
+    vary = {"b_l": [-1.0, 0.2, 0.8], "start.polar.0": [0.5, 1.0], "line.0.mass.1": [-0.5, 1.0]}
+    result = sweep(SCENE, vary, tmp_path / "s.zarr", quantities=["tension_max"], **QUICK)
+    assert (result.counts["ok"], result.counts["invalid_input"]) == (4, 8)
+    with open_sweep(result.path) as found, open_sweep(whole) as grid:
+        some = found.tension_max.sel({found.tension_max.dims[2]: 1.0, "b_l": [0.2, 0.8]})
+        np.testing.assert_allclose(some, grid.tension_max.sel({"b_l": [0.2, 0.8]}), rtol=1e-9)
+
+
 def test_full_disk_is_reported_and_what_is_there_stays(whole, tmp_path, monkeypatch):
     path = tmp_path / "full.zarr"
     write = Store.write
@@ -295,7 +314,10 @@ def test_full_disk_is_reported_and_what_is_there_stays(whole, tmp_path, monkeypa
         ({"b_m": [1.0]}, {}, "vary: 'b_m' does not exist"),
         ({"effects.linear_damping.b_x": [1.0]}, {}, "effects.linear_damping.b_x: unknown path"),
         ({"b_l": [-1.0]}, {}, "b_l"),
-        *(({"b_l": x}, {}, "vary: b_l: no finite numbers") for x in ([], 0.3, [[0.1, 0.2]], [0.1, np.nan], [np.inf])),
+        *(
+            ({"b_l": x}, {}, "vary: b_l: no finite numbers")
+            for x in ([], 0.3, [[0.1, 0.2]], [0.1, np.nan], [np.inf], ["0.1", "0.2"], [True, False])
+        ),
         (
             {"line.0.mass": [1.0], "line.chain.mass": [2.0]},
             {},
@@ -330,6 +352,7 @@ def test_seeds_are_realisations_of_the_sea():
     wet = {**SCENE, "line": line, "effects": effects, "sea": {"depth": 30.0, "waves": waves}}
     plan = make_plan(wet, {}, seeds=3)
     assert plan.inputs(np.arange(3))[:, 0].tolist() == [5.0, 6.0, 7.0]
+    assert [axis.path for axis in make_plan(wet, {"sea.depth": [20.0, 30.0]}).axes] == ["sea.depth"]
 
 
 def test_listed_values_go_together_and_give_the_numbers_of_the_grid(whole, tmp_path):
@@ -361,6 +384,9 @@ def test_command_line_sweeps_and_resumes(tmp_path, printed, json_of):
     rows = [line.split() for line in printed([word for word in argv if word != "--json"]).out.splitlines()]
     first = rows.index(["mass", "[kg]", "tension_max", "[N]"]) + 1
     np.testing.assert_allclose(np.array(rows[first : first + 3], float)[:, 1], tension, rtol=1e-3)
+    wrong = [*argv[: argv.index("--out")], "--out", str(tmp_path / "cli.npz"), "--json"]
+    assert "cli.npz' has no known suffix; allowed: .zarr, or a folder without suffix" in json_of(wrong, 2)["error"]
+    assert not (tmp_path / "cli.npz").exists()
     assert "is not NAME=LO:HI:N" in json_of([*argv, "--vary", "line.0.length=oops"], 2)["error"]
 
 

@@ -21,9 +21,9 @@ from dropper_jax.evaluation.record import record
 from dropper_jax.evaluation.tension import anchors
 from dropper_jax.scene import line_slices
 from fitting.farm.cases import assess, run_cases, write_page
-from fitting.farm.cases.case_run import Runner
+from fitting.farm.cases.case_run import CaseRunner
 from fitting.farm.cases.case_store import CaseStore as Store
-from fitting.farm.cases.characteristic import characteristic
+from fitting.farm.cases.characteristic import characteristic_load
 from fitting.farm.cases.page import page_text
 from fitting.farm.cases.run_arrays import QuantityValues
 from fitting.farm.cases.step_errors import step_errors
@@ -130,7 +130,7 @@ def test_breaks_of_the_scenes_own_failures_are_not_those_of_a_state():
     cases = {"directions": [0.0], "currents": [0.5], "states": ["intact", "west-leg"], "break_time": 0.8}
     site = small_site(scene=scene, cases=cases, run={**SITE["run"], "duration": 1.0, "skip": 0.4}, quantities=[])
     intact, broken = (next(case for case in site.cases if case.storm.state == name) for name in ("intact", "west-leg"))
-    run = Runner(site)
+    run = CaseRunner(site)
     assert run(intact)["broken"].tolist() == []
     np.testing.assert_allclose(run(broken)["broken"], [0.8])
 
@@ -367,7 +367,7 @@ def test_two_seeds_have_no_most_probable_maximum_and_the_report_says_so(folder):
 def test_a_run_that_fails_is_kept_with_its_reason(tmp_path):
     """Waves that the scene refuses: the case is named, the others go on."""
     bad = small_site()
-    runner = Runner(bad)
+    runner = CaseRunner(bad)
     runner.scene = lambda case: (_ for _ in ()).throw(dj.SceneError("start: no pose"))
     kept = runner(bad.cases[0])
     assert str(kept["message"]) == "start: no pose"
@@ -378,7 +378,9 @@ def test_a_run_that_fails_is_kept_with_its_reason(tmp_path):
 
 def test_the_mean_of_many_maxima_lies_in_its_interval_and_a_longer_storm_is_higher():
     draw = np.random.default_rng(1).gumbel(100.0, 10.0, 20)
-    mean, storm = (characteristic(draw, RunValues(630.0, characteristic=kind)) for kind in ("mean", "most_probable"))
+    mean, storm = (
+        characteristic_load(draw, RunValues(630.0, characteristic=kind)) for kind in ("mean", "most_probable")
+    )
     np.testing.assert_allclose(mean.value, draw.mean())
     assert mean.interval[0] < 100.0 + 0.5772 * 10.0 < mean.interval[1]
     # mode + scale ln(18) of the distribution that was drawn from

@@ -15,17 +15,17 @@ from dropper_jax.scene import line_slices
 from dropper_jax.statics.rest_problem import unbalanced
 from dropper_jax.study.gradient_check import GradientCheck
 from fitting.farm.optimise.broken_link import link_of, with_link_mask
-from fitting.farm.optimise.design import WINDOW_DIFFERENCE_STEP
-from fitting.farm.optimise.equilibria import near_rest, solve_rest
-from fitting.farm.optimise.models import still, still_model
-from fitting.farm.optimise.programme import programme
+from fitting.farm.optimise.calm_model import build_calm_model, differentiate_calm_model
+from fitting.farm.optimise.equilibria import find_equilibrium, find_equilibrium_slopes
+from fitting.farm.optimise.programme import solve_programme
 from fitting.farm.optimise.quantities import Steps
 from fitting.farm.optimise.read_goals import read_goals
 from fitting.farm.optimise.run import optimise, read_problem
 from fitting.farm.optimise.search_state import Search
-from fitting.farm.optimise.storm import Peaks, check_windows
+from fitting.farm.optimise.storm_runs import WINDOW_DIFFERENCE_STEP, StormRuns
 from fitting.farm.optimise.values import Values
 from fitting.farm.optimise.variables import read_variables
+from fitting.farm.optimise.window_peaks import Peaks, check_windows
 from fitting.farm.optimise.windows import Window, WindowRuns
 from fitting.farm.site import read_site
 
@@ -124,7 +124,7 @@ def test_a_bad_problem_is_refused_before_anything_runs(sections, message):
 def first_model(own):
     """The model of a site's first load case at rest, with its variables at their start."""
     variables = read_variables(own.raw["variable"], own.scene)
-    return still_model(own, variables, np.array([v.value for v in variables]), own.cases[0].storm)
+    return build_calm_model(own, variables, np.array([v.value for v in variables]), own.cases[0].storm)
 
 
 @pytest.mark.parametrize(("height", "met"), [(-0.2, True), (0.4, True), (0.7, False)])
@@ -185,7 +185,7 @@ def test_a_constraint_may_limit_a_quantity_by_name():
     rows = [{"kind": "quantity", "of": of, "maximum": most} for of, most in limits.items()]
     own = changed(constraint=rows, anchor=[{"points": "*", "capacity": 6e3}])
     model = first_model(own)
-    pose = near_rest(model, None)
+    pose = find_equilibrium(model, None)
     tension, offset = read_goals(own).quantities(own, model)[-2:]
     steps = Steps(pose.r[None], pose.tension[None], np.ones(1))
     leg = line_slices(own.scene)[0].links
@@ -230,13 +230,13 @@ def test_windows_of_models_that_are_not_nodes_and_ropes_are_refused(scene, messa
 def test_models_and_poses_follow_the_variables_as_differences_say(site):
     design = read_problem(site)
     case, x = design.cases[0], design.start
-    found = still(design.site, design.variables, x, case.storm)
-    own = solve_rest(found)
+    found = differentiate_calm_model(site, design.variables, x, case.storm)
+    own = find_equilibrium_slopes(found)
     for k, variable in enumerate(design.variables):
         step = np.zeros(len(x))
         step[k] = 1e-5 * variable.span
-        ends = [still_model(design.site, design.variables, x + s * step, case.storm) for s in (1.0, -1.0)]
-        places = [near_rest(model, own.state).r for model in ends]
+        ends = [build_calm_model(design.site, design.variables, x + s * step, case.storm) for s in (1.0, -1.0)]
+        places = [find_equilibrium(model, own.state).r for model in ends]
         by = np.asarray(places[0] - places[1]) / (2 * step[k])
         np.testing.assert_allclose(own.dr[k], by, rtol=1e-4, atol=1e-5 * np.max(np.abs(by)))
 
@@ -285,8 +285,8 @@ def test_derivatives_of_a_constraint_are_the_mean_of_those_of_its_seeds(characte
     hard = [rng.uniform(1.0, 2.0, count) for _ in design.cases]
     runs = WindowRuns(design.start, [np.ones(count) for _ in hard], [Peaks(peaks, peaks, None) for peaks in hard])
     slopes = [rng.standard_normal((count, start.rest.dr.shape[0])) for _ in hard]
-    monkeypatch.setattr(design, "slopes", lambda *_: slopes)
-    found = design.values(design.differentiate(runs, silent))
+    monkeypatch.setattr(StormRuns, "differentiate_peaks", lambda *_: slopes)
+    found = design.values(design.storm_runs.differentiate(runs, silent))
     seeds = [found.by_seed[name] for name in found.names if name in found.by_seed]
     assert [rows.shape for rows in seeds] == [(4, found.slopes.shape[1])]
     np.testing.assert_allclose(seeds[0].mean(axis=0), found.slopes[0], rtol=1e-12)
@@ -295,7 +295,7 @@ def test_derivatives_of_a_constraint_are_the_mean_of_those_of_its_seeds(characte
 def test_the_programme_finds_the_corner():
     # min x + y above x + 2 y >= 3, 2 x + y >= 3 from (2, 2): the corner (1, 1)
     values = Values(4.0, np.ones(2), ("a", "b"), np.array([-2.0, -2.0]), np.array([[-1.0, -2.0], [-2.0, -1.0]]))
-    found = programme(values, np.full(2, -2.0), np.full(2, 2.0), scale=4.0, limit=1.0)
+    found = solve_programme(values, np.full(2, -2.0), np.full(2, 2.0), scale=4.0, limit=1.0)
     np.testing.assert_allclose([*found.step, found.objective, found.violation], [-1.0, -1.0, 2.0, 0.0], atol=1e-9)
 
 
@@ -327,10 +327,12 @@ def test_slopes_of_windows_are_those_of_designs_built_and_brought_to_rest_again(
     case = next(case for case in design.cases if (case.storm.broken is not None) == broken)
 
     def peaks(x, height=None):
-        return design.window(x, Window(case, 0.0, np.ones(len(design.quantities[case.storm.kind])), height))
+        return design.storm_runs.run_window(
+            x, Window(case, 0.0, np.ones(len(design.quantities[case.storm.kind])), height)
+        )
 
     found = peaks(design.start)
-    (slopes,) = design.slopes([found], silent)
+    (slopes,) = design.storm_runs.differentiate_peaks([found], silent)
     spans = np.array([variable.span for variable in design.variables])
     by_range = []
     for change in np.diag(WINDOW_DIFFERENCE_STEP * spans):

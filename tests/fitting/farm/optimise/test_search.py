@@ -13,7 +13,7 @@ from dropper_jax.base.progress import silent
 from dropper_jax.study.gradient_check import GradientCheck
 from fitting.farm.optimise import along_gradient
 from fitting.farm.optimise.optimum import Optimum, design_warnings
-from fitting.farm.optimise.search import measure, run_search
+from fitting.farm.optimise.search import measure_design, run_search
 from fitting.farm.optimise.search_file import digest_inputs
 from fitting.farm.optimise.search_round import MAX_RESIDUAL, run_round
 from fitting.farm.optimise.search_state import Search
@@ -32,10 +32,10 @@ def values(*constraints):
 def test_the_residual_is_that_of_windows_before_they_are_renewed():
     design = SimpleNamespace(measure=lambda x, say: ((), values(0.90, 0.50)))
     search = Search(np.zeros(1), 0.1)
-    measure(search, design, None)
+    measure_design(search, design, None)
     assert (search.residual, search.best_residual) == (None, None)
     search.best_objective = np.inf
-    measure(search, design, None, predicted=values(0.87, 0.51))
+    measure_design(search, design, None, predicted=values(0.87, 0.51))
     assert [search.residual, search.best_residual, search.history[-1]["residual"]] == pytest.approx([0.03] * 3)
 
 
@@ -74,12 +74,11 @@ def test_a_derivative_that_one_snapping_seed_dominates_is_reported_by_mean_and_m
 @pytest.mark.parametrize(("slope", "status"), [(3.0, "trusted"), (3e5, "not_trusted"), (np.nan, "not_trusted")])
 def test_two_runs_along_the_gradient_show_whether_it_predicts_the_highest_peak(monkeypatch, slope, status):
     peaks = lambda x: np.array([1.0, 3.0 * x[0]])  # noqa: E731
-    design = SimpleNamespace(
-        start=np.ones(1),
-        variables=[SimpleNamespace(span=2.0)],
-        window=lambda x, own: SimpleNamespace(hard=peaks(x), soft=peaks(x)),
-        slopes=lambda *_: [np.array([[0.0], [slope]])],
+    storm_runs = SimpleNamespace(
+        run_window=lambda x, own: SimpleNamespace(hard=peaks(x), soft=peaks(x)),
+        differentiate_peaks=lambda *_: [np.array([[0.0], [slope]])],
     )
+    design = SimpleNamespace(start=np.ones(1), variables=[SimpleNamespace(span=2.0)], storm_runs=storm_runs)
     monkeypatch.setattr(along_gradient, "first_windows", lambda _: [SimpleNamespace(case=None)])
     found = along_gradient.check_along(design)
     assert found.status == status
@@ -132,9 +131,11 @@ def design_of(of, variables, **settings):
     return SimpleNamespace(
         settings=SimpleNamespace(**settings),
         variables=variables,
-        run_windows=lambda x, *_: SimpleNamespace(found=of(x), solved=True, slopes=[]),
+        storm_runs=SimpleNamespace(
+            run_windows=lambda x, *_: SimpleNamespace(found=of(x), solved=True, slopes=[]),
+            differentiate=lambda runs, say: with_slopes(runs),
+        ),
         values=lambda runs: runs.found,
-        differentiate=lambda runs, say: with_slopes(runs),
         measure=lambda x, say: ((), of(x)),
     )
 
@@ -169,8 +170,10 @@ def test_no_design_is_tried_twice_where_bounds_cut_a_step_short():
 
 def test_a_design_whose_derivatives_cannot_be_run_is_not_taken():
     design = design_of(of_first, [SimpleNamespace(low=0.0, high=1.0, span=1.0)])
-    differentiate = design.differentiate
-    design.differentiate = lambda runs, say: differentiate(runs, say) if runs.found.objective == 1.0 else runs
+    differentiate = design.storm_runs.differentiate
+    design.storm_runs.differentiate = lambda runs, say: (
+        differentiate(runs, say) if runs.found.objective == 1.0 else runs
+    )
     search = Search(np.ones(1), 0.4, scale=1.0)
     assert search_round(search, design).objective == search.x[0] == 1.0
     assert {row["failure"] for row in search.history} == {"steps of a window fail"}
@@ -180,7 +183,7 @@ def test_a_design_whose_derivatives_cannot_be_run_is_not_taken():
 def test_a_search_ends_at_a_start_whose_derivatives_cannot_be_run():
     variable = SimpleNamespace(low=0.0, high=1.0, span=1.0, catalogue=())
     design = design_of(lambda x: of_first(x, 1.5), [variable], rounds=8)
-    design.differentiate = lambda runs, say: runs
+    design.storm_runs.differentiate = lambda runs, say: runs
     search = Search(np.ones(1), 0.4)
     run_search(search, design, lambda: None, silent)
     assert (search.round, search.best) == (1, None)
@@ -189,8 +192,10 @@ def test_a_search_ends_at_a_start_whose_derivatives_cannot_be_run():
 def test_the_last_step_of_a_round_is_not_differentiated():
     differences = []
     design = design_of(of_first, [SimpleNamespace(low=0.0, high=3.0, span=1.0)], renew=3, reach=0.1)
-    differentiate = design.differentiate
-    design.differentiate = lambda runs, say: differences.append(runs.found.objective) or differentiate(runs, say)
+    differentiate = design.storm_runs.differentiate
+    design.storm_runs.differentiate = lambda runs, say: (
+        differences.append(runs.found.objective) or differentiate(runs, say)
+    )
     search = Search(np.array([2.0]), 0.1, scale=1.0)
     found = search_round(search, design)
     assert sum(row["taken"] for row in search.history) == 3

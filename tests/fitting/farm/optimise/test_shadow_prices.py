@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dropper_jax.base.progress import silent
-from fitting.farm.optimise.models import ASSUMPTIONS
+from fitting.farm.optimise.calm_model import ASSUMPTIONS
 from fitting.farm.optimise.run import read_problem
 from fitting.farm.optimise.search_round import run_round
 from fitting.farm.optimise.search_state import Search

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from dropper_jax import SceneError
-from fitting.farm.season import schedule, season, write_season
-from fitting.farm.season.schedule import spread
+from fitting.farm.season import float_schedule, plan_season, write_season
+from fitting.farm.season.equilibria import list_waters, scene_at_rest
+from fitting.farm.season.schedule import distribute_floats
 from fitting.farm.season.season import double_crops
 from fitting.farm.site import read_site
 
@@ -75,7 +76,7 @@ def table(**season_values):
 
 @pytest.fixture(scope="module")
 def found():
-    return season(read_site(table()))
+    return plan_season(read_site(table()))
 
 
 def wet(rope, thickness=0.0):
@@ -132,10 +133,26 @@ def test_no_other_schedule_has_fewer_visits_or_moves_fewer_floats():
         low = draw.integers(0, 5, 4)
         high = low + draw.integers(0, 4, 4)
         start = None if draw.random() < 0.3 else int(draw.integers(0, 8))
-        plan = schedule(low.tolist(), high.tolist(), start)
+        plan = float_schedule(low.tolist(), high.tolist(), start)
         spans = [range(a, b + 1) for a, b in zip(low, high, strict=True)]
         assert all(n in span for n, span in zip(plan, spans, strict=True))
         assert cost(plan, start) == min(cost(p, start) for p in itertools.product(*spans))
+
+
+@pytest.mark.parametrize(
+    ("cases", "expected"),
+    [
+        ({"currents": [0.4], "directions": [0.0, 90.0]}, {(0.4, 0.0), (0.4, 90.0)}),  # with the waves
+        ({"currents": [0.4], "current_direction": 30.0, "directions": [0.0, 90.0]}, {(0.4, 30.0)}),
+        ({"currents": [0.4, {"speed": 0.2, "direction": np.pi / 4}]}, {(0.4, 0.0), (0.2, 45.0)}),
+    ],
+)
+def test_currents_of_the_season_are_those_of_the_load_cases_with_their_directions(cases, expected):
+    season = {key: value for key, value in table()["season"].items() if key != "currents"}
+    site = read_site({**table(), "cases": cases, "season": season})
+    currents = [scene_at_rest(site, "june", water, {}).sea.current for water in list_waters(site, site.season)]
+    assert len(currents) == 2 * len(expected)  # two levels
+    assert {(own.speed, round(np.degrees(own.direction), 9)) for own in currents} == expected
 
 
 def test_mussels_on_lines_that_carry_a_crop_of_the_library_are_reported():
@@ -147,9 +164,9 @@ def test_mussels_on_lines_that_carry_a_crop_of_the_library_are_reported():
 
 
 def test_floats_are_spread_in_proportion_to_what_points_need():
-    assert spread(8, [1.0, 2.0, 1.0]) == [2, 4, 2]
-    assert sum(spread(7, [1.0, 2.0, 1.0])) == 7
-    assert max(abs(n - x) for n, x in zip(spread(7, [1.0, 2.0, 1.0]), [1.75, 3.5, 1.75], strict=True)) < 1.0
+    assert distribute_floats(8, [1.0, 2.0, 1.0]) == [2, 4, 2]
+    assert sum(distribute_floats(7, [1.0, 2.0, 1.0])) == 7
+    assert max(abs(n - x) for n, x in zip(distribute_floats(7, [1.0, 2.0, 1.0]), [1.75, 3.5, 1.75], strict=True)) < 1.0
 
 
 @pytest.mark.parametrize(
@@ -165,4 +182,4 @@ def test_floats_are_spread_in_proportion_to_what_points_need():
 def test_a_season_that_cannot_be_is_refused(sections, message):
     given = {key: value for key, value in {**table(), **sections}.items() if value is not None}
     with pytest.raises(SceneError, match=re.escape(message)):
-        season(read_site(given))
+        plan_season(read_site(given))

@@ -140,6 +140,8 @@ def test_parts_take_capacity_and_factor_of_their_own_or_of_the_tables(site):
         ({"cases": {"states": ["west-leg"], "break_time": 10.0}}, "cases.break_time: 10.0 is outside the counted part"),
         ({"cases": {"levels": [-30.0]}}, "cases.levels: -30 m is below the seabed"),
         ({"cases": {"directions": []}}, "cases.directions: [] is empty"),
+        ({"cases": {"directions": [0.0, 90.0, 360.0]}}, "cases.directions: [0.0, 90.0, 360.0] has a duplicate value"),
+        ({"cases": {"directions": [-90.0, 270.0]}}, "cases.directions: [-90.0, 270.0] has a duplicate value"),
         ({"cases": {"currents": [{"speed": 1.0}, 1.0]}}, "cases.currents: ['1 m/s', '1 m/s'] has a duplicate current"),
         ({"cases": {"months": ["june"]}}, "cases.months.0: 'june' is unknown; known: may, september"),
         ({"growth": [], "cases": {"months": ["june"]}}, "growth: missing; needed: june, named in cases.months"),

@@ -36,7 +36,7 @@ WAVES = ".sea.waves.amplitude"
 
 
 @dataclass(frozen=True)
-class Still:
+class CalmModel:
     """The model of a design in calm water under one current, level and month.
 
     Attributes:
@@ -48,7 +48,7 @@ class Still:
     slopes: dict[str, np.ndarray]
 
 
-def still_scene(site: Site, scene: Scene, storm: Storm) -> Scene:
+def calm_scene(site: Site, scene: Scene, storm: Storm) -> Scene:
     """The scene of a load case without its waves."""
     still = {**site.still_changes(storm), **site.break_changes(storm)}
     base = site.prepared(scene).with_values(still)
@@ -57,24 +57,24 @@ def still_scene(site: Site, scene: Scene, storm: Storm) -> Scene:
     return Scene.from_dict(table, base.name)
 
 
-def still_model(site: Site, variables: Sequence[Variable], values: np.ndarray, storm: Storm) -> Model:
+def build_calm_model(site: Site, variables: Sequence[Variable], values: np.ndarray, storm: Storm) -> Model:
     """The model of a design in calm water."""
-    return build_model(still_scene(site, with_design(site.scene, variables, values), storm))
+    return build_model(calm_scene(site, with_design(site.scene, variables, values), storm))
 
 
-def still(site: Site, variables: Sequence[Variable], values: np.ndarray, storm: Storm) -> Still:
+def differentiate_calm_model(site: Site, variables: Sequence[Variable], values: np.ndarray, storm: Storm) -> CalmModel:
     """The model with the derivatives of its leaves with respect to the variables, and to the current's relative change.
 
     Raises:
         SceneError: a variable that changes the model's shape.
     """
-    model = still_model(site, variables, values, storm)
+    model = build_calm_model(site, variables, values, storm)
     leaves = named_leaves(model)
     shapes = {name: jnp.shape(leaf) for name, leaf in leaves.items()}
     rows: dict[str, dict[int, np.ndarray]] = {}
     for k, (distance, higher, lower) in enumerate(shifted_designs(variables, values)):
-        high = named_leaves(still_model(site, variables, higher, storm))
-        low = named_leaves(still_model(site, variables, lower, storm))
+        high = named_leaves(build_calm_model(site, variables, higher, storm))
+        low = named_leaves(build_calm_model(site, variables, lower, storm))
         for end in (high, low):
             if {name: jnp.shape(leaf) for name, leaf in end.items()} != shapes:
                 raise SceneError(
@@ -92,7 +92,7 @@ def still(site: Site, variables: Sequence[Variable], values: np.ndarray, storm: 
     for name, own in rows.items():
         slopes[name] = np.zeros((len(variables) + len(ASSUMPTIONS), *shapes[name]))
         slopes[name][list(own)] = list(own.values())
-    return Still(model, slopes)
+    return CalmModel(model, slopes)
 
 
 def shifted_designs(
@@ -104,7 +104,7 @@ def shifted_designs(
         yield 2 * step, values + step * axis, values - step * axis
 
 
-def idle(found: Still, k: int) -> bool:
+def has_no_effect(found: CalmModel, k: int) -> bool:
     """Whether variable number k has no effect on the model."""
     return not any(np.any(slope[k]) for slope in found.slopes.values())
 
@@ -117,7 +117,7 @@ def sea_of(site: Site, scene: Scene, case: Case, ramp: float | None, begin: floa
     return replace(sea, waves=replace(waves, phase=waves.phase - waves.omega * begin))
 
 
-def in_waves(model: Model, sea: Sea) -> Model:
+def with_waves(model: Model, sea: Sea) -> Model:
     """The calm model in the waves of a sea."""
     waves = jax.tree.map(lambda x: jnp.asarray(x, model.dtype), sea.waves)
     return replace(model, sea=replace(model.sea, waves=waves))
@@ -128,7 +128,7 @@ def named_leaves(model: Model) -> dict[str, Array]:
     return {jax.tree_util.keystr(key): leaf for key, leaf in jax.tree_util.tree_flatten_with_path(model)[0]}
 
 
-def numbered_slopes(model: Model, found: Still) -> dict[int, np.ndarray]:
+def numbered_slopes(model: Model, found: CalmModel) -> dict[int, np.ndarray]:
     """Slopes by number of the leaf of a model that has all leaves of the calm one, and others; with those of waves."""
     slopes = dict(found.slopes)
     names = list(named_leaves(model))

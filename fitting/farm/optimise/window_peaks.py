@@ -34,7 +34,7 @@ from dropper_jax.stepping.integrate import empty_trajectory, scan_steps
 from dropper_jax.stepping.progress import Progress, Trajectory, begin
 from dropper_jax.stepping.stepper import make_stepper
 from dropper_jax.study.march import spare_rows
-from fitting.farm.optimise.models import in_waves, numbered_slopes
+from fitting.farm.optimise.calm_model import numbered_slopes, with_waves
 from fitting.farm.optimise.quantities import LimitedSignal, Steps
 from fitting.farm.optimise.run_starts import RunStart
 from fitting.farm.optimise.settings import WINDOW_RAMP
@@ -44,7 +44,7 @@ from fitting.sensitivity.study_steps import find_step_lengths
 INTACT_PART = 1.0 / 3.0
 
 
-class WindowRun(NamedTuple):
+class WindowSettings(NamedTuple):
     """How windows run: duration and longest step [s], accuracy of the steps."""
 
     duration: float
@@ -71,11 +71,11 @@ class Peaks:
         return self.shifted is not None
 
 
-def peaks(
+def run_window(
     start: RunStart,
     sea: Sea,
     quantities: tuple[LimitedSignal, ...],
-    run: WindowRun,
+    run: WindowSettings,
     heights: np.ndarray | None = None,
 ) -> Peaks:
     """Peaks of a window in a sea whose waves rise at its start.
@@ -86,10 +86,10 @@ def peaks(
         heights: approximate peaks (q,), which define the width of soft ones; default: the hard peaks. They are fixed:
             two calls that are compared must use the same.
     """
-    stills = [start.still]
+    calm = [start.calm]
     if start.after is not None:
-        stills.append(start.after)
-    models = [in_waves(one.model, sea) for one in stills]
+        calm.append(start.after)
+    models = [with_waves(one.model, sea) for one in calm]
     rest = start.rest
     # windows do not record work: every phase has the same kind of state, and so one program
     state = replace(rest.state, work=jnp.zeros(0, models[0].dtype))
@@ -99,12 +99,12 @@ def peaks(
     if own is None:
         return Peaks(none, none, None)
     lengths, steps = own
-    hard = np.asarray(_hard(quantities, models[-1], steps))
+    hard = np.asarray(_hard_peaks(quantities, models[-1], steps))
     if heights is None:
         heights = hard
     scale = jnp.asarray(heights, models[0].dtype)
-    soft = np.asarray(_soft(quantities, models[-1], scale, steps))
-    slopes = numbered_slopes(models[-1], stills[-1])
+    soft = np.asarray(_soft_peaks(quantities, models[-1], scale, steps))
+    slopes = numbered_slopes(models[-1], calm[-1])
 
     def shifted_peaks(shift: np.ndarray) -> np.ndarray:
         shifted = [shift_model(model, list(slopes), list(slopes.values()), jnp.asarray(shift)) for model in models]
@@ -116,12 +116,14 @@ def peaks(
         there = _run_phases(stepper, shifted, s, run, lengths)
         if there is None:
             return none
-        return np.asarray(_soft(quantities, shifted[-1], scale, there[1]))
+        return np.asarray(_soft_peaks(quantities, shifted[-1], scale, there[1]))
 
     return Peaks(hard, soft, shifted_peaks)
 
 
-def slopes(windows: Sequence[Peaks], sizes: np.ndarray, say: Callable[[int, int], None]) -> list[np.ndarray]:
+def differentiate_peaks(
+    windows: Sequence[Peaks], sizes: np.ndarray, say: Callable[[int, int], None]
+) -> list[np.ndarray]:
     """Derivatives of the soft peaks of windows by the variables (q, p), all runs in parallel.
 
     Args:
@@ -162,7 +164,7 @@ def check_windows(model: Model) -> None:
 
 
 def _run_phases(
-    stepper: Stepper, models: Sequence[Model], s: State, run: WindowRun, given: Sequence[Array] = ()
+    stepper: Stepper, models: Sequence[Model], s: State, run: WindowSettings, given: Sequence[Array] = ()
 ) -> tuple[list[Array], Steps] | None:
     """The phases of a window in a row: lengths of the steps of each [s], and what they count; None if a step fails.
 
@@ -215,14 +217,14 @@ def _counted_steps(lengths: list[Array], rows: list[Trajectory]) -> Steps:
 
 
 @cached_jit(static=("quantities",))
-def _hard(quantities: tuple[LimitedSignal, ...], model: Model, steps: Steps) -> Array:
+def _hard_peaks(quantities: tuple[LimitedSignal, ...], model: Model, steps: Steps) -> Array:
     """Hard peaks (q,)."""
     counts = steps.time > 0.0
     return jnp.stack([jnp.max(jnp.where(counts, x, -jnp.inf)) for x in highest_signals(quantities, model, steps)])
 
 
 @cached_jit(static=("quantities",))
-def _soft(quantities: tuple[LimitedSignal, ...], model: Model, heights: Array, steps: Steps) -> Array:
+def _soft_peaks(quantities: tuple[LimitedSignal, ...], model: Model, heights: Array, steps: Steps) -> Array:
     """Soft peaks (q,), whose widths are those of peaks of these heights (q,)."""
     return jnp.stack([q.soft(model, steps, heights[i]) for i, q in enumerate(quantities)])
 

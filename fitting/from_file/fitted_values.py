@@ -25,7 +25,7 @@ class Value:
     remark: str = ""
 
 
-def found_values(result: FitResult, measured: MeasuredFile, mass: float | None) -> list[Value]:
+def fitted_values(result: FitResult, measured: MeasuredFile, mass: float | None) -> list[Value]:
     """The values that the file shows.
 
     Args:

@@ -158,8 +158,8 @@ class ChannelData:
         level = max(np.nanmax(np.abs(y)) for y in values)
         if all((np.nanmax(y, axis=0) == np.nanmin(y, axis=0)).all() for y in values):
             raise SceneError(
-                f"channel {sensor.channel.name!r}: is constant in all samples, which shows no noise; needed: its `noise`, "
-                "or data without this channel"
+                f"channel {sensor.channel.name!r}: is constant in all samples, which shows no noise; needed: its "
+                "`noise`, or data without this channel"
             )
         sizes = np.concatenate([noise_by_differences(y) for y in values])
         spread = max(np.nanstd(y, axis=0).max() for y in values)

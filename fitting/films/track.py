@@ -13,6 +13,7 @@ from dropper_jax.base.progress import Progress, silent
 from fitting.films.appearance import scan
 from fitting.films.calibration import Lens, calibrate, plane_from_board
 from fitting.films.chain_check import LARGEST_ERROR
+from fitting.films.detection import Circles
 from fitting.films.exposure import remove_blur
 from fitting.films.flat_map import Flat
 from fitting.films.flattening import level_error
@@ -24,15 +25,13 @@ from fitting.films.missed_circles import detect_again
 from fitting.films.ordering import AmbiguousOrderError
 from fitting.films.out_of_plane import changing_lengths
 from fitting.films.scaled_chain import chain_angle_errors, level_positions, scale_positions
-from fitting.films.track_options import check_options, check_positive, frame_span
+from fitting.films.track_options import check_first, check_options, check_positive, frame_span
 from fitting.films.tracked import Tracked
 from fitting.films.tracked_chain import TrackedChain
 from fitting.films.tracking_warnings import LONGEST_GAP, tracking_status, tracking_warnings
 from fitting.films.video import Video
 from fitting.traces.trace import FEWEST_SAMPLES
 
-#: Ends of the chain at which its order may start.
-ENDS = ("auto", "left", "right", "top")
 #: Fraction of the announced frames below which a film breaks off: files announce a few too many.
 COMPLETE_FILM = 0.95
 
@@ -78,8 +77,7 @@ def track(
     """
     check_options(nodes, start, plane, square, scale, distance)
     check_positive({"square": square, "scale": scale, "distance": distance, "radius": radius, "fps": fps})
-    if first not in ENDS:
-        raise SceneError(f"--first: {first!r} is unknown; allowed: {', '.join(ENDS)}")
+    check_first(first)
     say = progress or silent
     film = Video(video, fps)
     lens = _lens(film, calibration, board)
@@ -94,10 +92,7 @@ def track(
     say(0.0, "looking for markers")
     appearance, circles = scan(film, span, nodes, radius, bright, say)
     say(0.75, "finding the order of the nodes")
-    try:
-        chain = follow_film(circles, nodes, appearance.radius, film.fps, map_by(lens), first, start)
-    except AmbiguousOrderError as error:
-        raise AmbiguousOrderError(f"{film.path.name}: {error}", error.orders, error.frame + span[0]) from None
+    chain = _follow_nodes(film, span[0], circles, nodes, appearance.radius, map_by(lens), first, start)
     detect_again(chain, film.frames(*span), appearance)
     chain, offset, ending = _trim_frames(remove_blur(chain), film)
     t = (offset + np.arange(len(chain.detected))) / film.fps
@@ -134,6 +129,23 @@ def track(
     )
     say(1.0, status)
     return tracked
+
+
+def _follow_nodes(
+    film: Video,
+    first_frame: int,
+    circles: list[Circles],
+    nodes: int,
+    radius: float,
+    flat: Flat,
+    first: str,
+    start: Sequence[tuple[float, float]] | None,
+) -> TrackedChain:
+    """`follow_film`; an error names the film and counts its frames."""
+    try:
+        return follow_film(circles, nodes, radius, film.fps, flat, first, start)
+    except AmbiguousOrderError as error:
+        raise AmbiguousOrderError(f"{film.path.name}: {error}", error.orders, error.frame + first_frame) from None
 
 
 def _lens(film: Video, calibration: Sequence[str | Path], board: tuple[int, int]) -> Lens | None:

@@ -30,6 +30,16 @@ def check_options(
         raise SceneError(f"--start: {len(start)} positions; allowed: {nodes}, one x,y per node")
 
 
+#: Ends of the chain at which its order may start.
+ENDS = ("auto", "left", "right", "top")
+
+
+def check_first(first: str) -> None:
+    """Reject an unknown end of the chain."""
+    if first not in ENDS:
+        raise SceneError(f"--first: {first!r} is unknown; allowed: {', '.join(ENDS)}")
+
+
 def check_positive(options: dict[str, float | None]) -> None:
     """Reject values of options that are given and not positive numbers."""
     for name, value in options.items():

@@ -33,6 +33,7 @@ from dropper_jax.plots import style, view
 from dropper_jax.plots.figures import new_figure, save
 from dropper_jax.plots.run import readable
 from dropper_jax.plots.scales import force_unit
+from dropper_jax.plots.space_axes import space_axes
 from dropper_jax.plots.time_panels import Curve, Panel, history
 from dropper_jax.quantities.end_links import point_loads
 from dropper_jax.run.simulate import Solution, simulate
@@ -264,7 +265,7 @@ def _space(figure: SourceFigure, solution: Solution, path: Path) -> list[Path]:
     positions = solution.positions
     limits = view.box(positions)
     picture = new_figure(*view.figure_size(limits), layout=None)
-    axes = view.space_axes(picture, limits)
+    axes = space_axes(picture, limits)
     few = positions[:: max(1, len(positions) // 5000)]
     for node in range(1, positions.shape[1]):
         axes.plot(*few[:, node].T, ".", ms=1.6, color=style.CYCLE[node - 1], label=f"pendulum {node}")

@@ -23,7 +23,8 @@ def add_arguments(parser: ArgumentParser) -> None:
 def run(args: Namespace) -> int:
     scene = read_scene(args)
 
-    from dropper_jax.study.cost import cost, draw_costs
+    from dropper_jax.study.cost import cost
+    from dropper_jax.study.cost_picture import draw_costs
 
     show = row_printer(list(COLUMNS), args.quiet)
     found = cost(scene, each=lambda row: show(record_cells(row, COLUMNS)))

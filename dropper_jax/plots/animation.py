@@ -25,6 +25,7 @@ from dropper_jax.base.files import atomic_write, remove_leftovers, unfinished_fo
 from dropper_jax.base.progress import Progress, silent
 from dropper_jax.plots import figures, marks, style, surroundings, tension_colours, view
 from dropper_jax.plots.run import Run
+from dropper_jax.plots.space_axes import bar_axes, space_axes
 from dropper_jax.plots.style import ALERT, CYCLE, DARK, FAINT
 
 #: Longest side of the drawn box [inch].
@@ -210,7 +211,7 @@ class _Stage:
         self.buoys = PolyCollection([], facecolors=surroundings.BUOY, edgecolors=DARK, linewidths=0.7)
         self.nodes = Line2D([], [], ls="", marker="o", ms=marks.dot(run), mfc="white", mec=DARK, mew=0.9)
         self.fixed_points = Line2D([], [], ls="", marker="s", ms=7, mfc=DARK, mec="white")
-        tension_colours.tension_bar(self.figure, self.links, run.tension, cax=view.bar_axes(self.figure))
+        tension_colours.tension_bar(self.figure, self.links, run.tension, cax=bar_axes(self.figure))
         self.movers = (self.surface, self.trace, self.links, self.buoys, self.nodes, self.fixed_points)
         for artist in self.movers:
             artist.set(transform=self.axes.transData, figure=self.figure)
@@ -268,7 +269,7 @@ def _palette() -> Image.Image:
 def _axes(figure: Figure, limits: np.ndarray, flat: bool) -> Axes:
     """Axes with space for the title and, on the right, for the colour bar."""
     if not flat:
-        return view.space_axes(figure, limits, LONGEST_SIDE)
+        return space_axes(figure, limits, LONGEST_SIDE)
     inch = 1 / figure.get_figwidth()
     axes = view.flat_axes(figure, limits)
     axes.set_position((0.7 * inch, 0.13, 1 - 1.85 * inch, 0.76))

@@ -15,6 +15,7 @@ from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
 from dropper_jax.plots import figures, marks, style, tension_colours, view
 from dropper_jax.plots.run import Run
+from dropper_jax.plots.space_axes import bar_axes, space_axes
 from dropper_jax.plots.style import CYCLE, DARK, FAINT
 from dropper_jax.plots.surroundings import SURFACE, WATER, draw_bed, draw_solids, limits, surface_lines
 
@@ -84,8 +85,8 @@ def _new_view(drawn: np.ndarray, flat: bool) -> tuple[Figure, Axes, dict[str, An
         axes = view.flat_axes(figure, drawn)
         return figure, axes, {"ax": axes, "shrink": 0.75, "pad": 0.03}
     figure = figures.new_figure(width, height, layout=None)
-    axes = view.space_axes(figure, drawn)
-    return figure, axes, {"cax": view.bar_axes(figure)}
+    axes = space_axes(figure, drawn)
+    return figure, axes, {"cax": bar_axes(figure)}
 
 
 def _surroundings(axes: Axes, run: Run, drawn: np.ndarray, time: float) -> None:

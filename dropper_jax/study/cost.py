@@ -1,4 +1,4 @@
-"""Cost of each effect of a scene per step, and the proof that absent effects have no cost."""
+"""Cost of each effect of a scene per step: measured times, and counts of the compiled programs."""
 
 from __future__ import annotations
 
@@ -7,44 +7,27 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
-from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jax import Array
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.fields import component, parameter
 from dropper_jax.base.read import Table
-from dropper_jax.base.records import column, names_of, select_keys
-from dropper_jax.effects import EFFECTS
+from dropper_jax.base.records import names_of
 from dropper_jax.load.scene import Scene
-from dropper_jax.model import Effect, Kinematics, Model, State, state
-from dropper_jax.modelling.build import build, build_model, stepper_of
-from dropper_jax.plots import figures, style
-from dropper_jax.residual import Linear, Solver, Stepper, StepProblem, Unknowns
+from dropper_jax.model import Model, State
+from dropper_jax.modelling.build import build, stepper_of
+from dropper_jax.residual import Stepper
 from dropper_jax.scene import RunSpec
 from dropper_jax.stepping.integrate import advance
-from dropper_jax.stepping.progress import Progress, begin
 from dropper_jax.stepping.stepper import make_stepper
-from dropper_jax.study.curves import save_titled
+from dropper_jax.study.absent_effects import initial_progress, proof, without_effects
+from dropper_jax.study.counting_solver import CountingSolver
 
 #: Timed runs of each model.
 ROUNDS = 7
 FULL = "whole scene"
 BARE = "bare scene"
-
-
-@component
-class Unused(Effect):
-    """An effect that no scene uses; it represents any effect added to the package later."""
-
-    name = "unused_effect_of_the_proof"
-    strength: Array = parameter("strength", unit="N", low=0.0)
-
-    def force(self, k: Kinematics) -> Array:
-        return self.strength * jnp.cosh(k.r)
 
 
 def cost(
@@ -112,13 +95,6 @@ def model_variants(model: Model) -> list[tuple[str, Model]]:
     return [(name, without_effects(model, own)) for name, own in removed.items()]
 
 
-def without_effects(model: Model, names: list[str]) -> Model:
-    """The model without these effects, and without those that need one of them."""
-    left_out = set(names)
-    kept = [effect for effect in model.effects if left_out.isdisjoint((effect.name, *effect.needs))]
-    return replace(model, effects=tuple(kept))
-
-
 class Variant:
     """One compiled run of a model."""
 
@@ -127,7 +103,7 @@ class Variant:
         self.model = model
         self.stepper = stepper
         # laws and work differ between the variants, so the start is created again from positions and velocities
-        self.start = _fresh(stepper, model, s)
+        self.start = initial_progress(stepper, model, s)
         self.dt = jnp.asarray(dt, model.dtype)
         self.steps = steps
         run = jax.jit(partial(advance, stepper, saves=1, save_every=steps))
@@ -185,100 +161,3 @@ class Variant:
             "correction_ratio": correction_ratio,
             "operations": self.program.count(" = "),
         }
-
-
-class CountingSolver:
-    """A linear solver that counts its corrections."""
-
-    def __init__(self, solver: Solver) -> None:
-        self.solver = solver
-        self.name = solver.name
-        self.count = 0
-
-    def linearise(self, problem: StepProblem, u: Unknowns) -> CountedMatrix:
-        """The solver's matrix."""
-        return CountedMatrix(self.solver.linearise(problem, u), self._add)
-
-    def _add(self) -> None:
-        self.count += 1
-
-
-class CountedMatrix(NamedTuple):
-    """A factored matrix that reports each use to the host."""
-
-    matrix: Linear
-    report: Callable[[], None]
-
-    def apply(self, rows: Unknowns) -> Unknowns:
-        """The solver's correction."""
-        jax.debug.callback(self.report)
-        return self.matrix.apply(rows)
-
-
-def _fresh(stepper: Stepper, model: Model, s: State) -> Progress:
-    """The start of a run of the model, from the positions, velocities and tensions of a state."""
-    return begin(stepper, model, state(model, s.r, s.v, s.tension))
-
-
-def proof(scene: Scene) -> Table:
-    """Compare compiled programs as identical text.
-
-    `removed_is_never_had`: a scene without its optional effects gives the same program as one that never had them.
-    `new_effect_changes_nothing`: one more effect class in the registry of the package does not change the program of
-    the scene.
-    """
-    base = program(scene)
-    EFFECTS[Unused.name] = Unused
-    try:
-        again = program(Scene.from_dict(scene.to_dict()))
-    finally:
-        del EFFECTS[Unused.name]
-    table = scene.to_dict()
-    run = scene.run
-    kept = select_keys(table["effects"], ("weight",))
-    model, s = build(scene)
-
-    def text_of(smaller: Model) -> str:
-        return _text(make_stepper(smaller, run.integrator, "auto", **run.options), smaller, s, run.step)
-
-    removed = text_of(without_effects(model, [name for name in scene.effects if name not in kept]))
-    never_had = text_of(build_model(Scene.from_dict({**table, "effects": kept})))
-    return {
-        "removed_is_never_had": removed == never_had,
-        "new_effect_changes_nothing": base == again,
-        "program_lines": base.count("\n"),
-        "contains_cosh": "cosh" in base,
-    }
-
-
-def program(scene: Scene) -> str:
-    """The text of the program of one step of a scene before compilation."""
-    model, s = build(scene)
-    return _text(stepper_of(model, scene.run), model, s, scene.run.step)
-
-
-def _text(stepper: Stepper, model: Model, s: State, dt: float) -> str:
-    """The text of the program of one step."""
-    start = _fresh(stepper, model, s)
-    return jax.jit(partial(advance, stepper, saves=1)).lower(model, start, jnp.asarray(dt, model.dtype)).as_text()
-
-
-@style.plot_style()
-def draw_costs(report: Table, path: str | Path) -> Path:
-    """Microseconds, operations and bytes per step of the scene without each of its effects, one bar each."""
-    rows = report["rows"]
-    figure = figures.new_figure(11.0, 1.6 + 0.42 * len(rows))
-    names = column(rows, "name")
-    colours = [style.FIRST, *[style.FAINT] * len(rows)][: len(rows)]  # the whole scene comes first
-    parts = (("us_per_step", "microseconds per step"), ("flops", "operations per step"), ("bytes", "bytes per step"))
-    for axes, (key, label) in zip(figure.subplots(1, 3, sharey=True), parts, strict=True):
-        values = [row[key] or 0.0 for row in rows]
-        axes.bar_label(axes.barh(names, values, color=colours), [f"{v:.4g}" for v in values], fontsize=8, padding=2)
-        axes.set_xlim(0, 1.25 * max([*values, 1e-9]))
-        axes.set_xlabel(label)
-        if key == "us_per_step":
-            axes.invert_yaxis()
-        axes.grid(axis="y", visible=False)
-    return save_titled(
-        figure, f"{report['scene']}: what each effect costs ({report['integrator']}, {report['solver']})", path
-    )

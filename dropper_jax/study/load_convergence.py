@@ -105,8 +105,13 @@ class _LoadRun:
         loads = self.loads(right)
         if right is not None and loads is not None:
             errors = {name: _worst(loads, right, name) for name in ADVISED_ERRORS}
-        keys = ("accuracy", "dt", "status", "us_per_step")
-        return {**{key: getattr(self, key) for key in keys}, "errors": errors}
+        return {
+            "accuracy": self.accuracy,
+            "dt": self.dt,
+            "status": self.status,
+            "us_per_step": self.us_per_step,
+            "errors": errors,
+        }
 
 
 def _worst(loads: list[LineLoads], right: list[LineLoads], name: str) -> float:

@@ -150,15 +150,16 @@ class ChannelData:
         fraction of its RMS value.
 
         Raises:
-            SceneError: a sensor that shows zero all the time, such as a dead one: nothing gives the size of its noise.
+            SceneError: a sensor that shows the same value all the time, such as a dead one: nothing gives the size of
+                its noise.
         """
         values = [run.values[channel] for run in self.runs]
         sensor = self.sensors[channel]
         level = max(np.nanmax(np.abs(y)) for y in values)
-        if level == 0.0:
+        if all((np.nanmax(y, axis=0) == np.nanmin(y, axis=0)).all() for y in values):
             raise SceneError(
-                f"channel {sensor.channel.name!r}: is zero in all samples, which shows no noise; needed: its `noise`, "
-                "or data without this channel"
+                f"channel {sensor.channel.name!r}: is constant in all samples, which shows no noise; needed: its "
+                "`noise`, or data without this channel"
             )
         sizes = np.concatenate([noise_by_differences(y) for y in values])
         spread = max(np.nanstd(y, axis=0).max() for y in values)

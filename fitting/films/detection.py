@@ -8,7 +8,7 @@ are rejected, so that half a circle is enough. Motion blur lengthens a marker eq
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -80,7 +80,9 @@ class Circles:
 
     def pick(self, which: np.ndarray) -> Circles:
         """Some of them, by a mask or by number."""
-        return Circles(*(getattr(self, f.name)[which] for f in fields(self)))
+        return Circles(
+            self.centre[which], self.error[which], self.radius[which], self.rays[which], self.contrast[which]
+        )
 
 
 NO_CIRCLES = Circles(np.zeros((0, 2)), *[np.zeros(0)] * 4)

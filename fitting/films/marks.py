@@ -75,13 +75,14 @@ class Marks:
 
     def spans(self, t: np.ndarray) -> list[dict[str, Any]]:
         """Stretches of marked frames: from_s, to_s [s], nodes, and why (swapped, jumped, length)."""
+        kinds = {"swapped": self.swapped, "jumped": self.jumped, "length": self.length}
         found = []
         for part in stretches(self.frames):
             nodes = self.nodes[part].any(axis=0)
             if not nodes.any():
                 nodes = _ends_of(self.length[part]).any(axis=0)
             span = {"from_s": float(t[part.start]), "to_s": float(t[part.stop - 1])}
-            why = [name for name in ("swapped", "jumped", "length") if getattr(self, name)[part].any()]
+            why = [name for name, marked in kinds.items() if marked[part].any()]
             found.append({**span, "nodes": np.flatnonzero(nodes).tolist(), "why": why})
         return found
 

@@ -13,24 +13,25 @@ from dropper_jax.base.progress import Progress, silent
 from fitting.films.appearance import scan
 from fitting.films.calibration import Lens, calibrate, plane_from_board
 from fitting.films.chain_check import LARGEST_ERROR
+from fitting.films.detection import Circles
 from fitting.films.exposure import remove_blur
-from fitting.films.flat_map import Flat, central_differences
+from fitting.films.flat_map import Flat
 from fitting.films.flattening import level_error
 from fitting.films.following import follow_film
 from fitting.films.lengths import detected_links
-from fitting.films.link_angles import estimate_angle_errors, four_quadrant, to_trace
+from fitting.films.link_angles import to_trace
 from fitting.films.marks import find_marks
 from fitting.films.missed_circles import detect_again
 from fitting.films.ordering import AmbiguousOrderError
 from fitting.films.out_of_plane import changing_lengths
+from fitting.films.scaled_chain import chain_angle_errors, level_positions, scale_positions
+from fitting.films.track_options import check_first, check_options, check_positive, frame_span
 from fitting.films.tracked import Tracked
 from fitting.films.tracked_chain import TrackedChain
 from fitting.films.tracking_warnings import LONGEST_GAP, tracking_status, tracking_warnings
 from fitting.films.video import Video
 from fitting.traces.trace import FEWEST_SAMPLES
 
-#: Ends of the chain at which its order may start.
-ENDS = ("auto", "left", "right", "top")
 #: Fraction of the announced frames below which a film breaks off: files announce a few too many.
 COMPLETE_FILM = 0.95
 
@@ -74,10 +75,9 @@ def track(
         SceneError: for any invalid input, in one line.
         AmbiguousOrderError: the film allows several orders of the nodes.
     """
-    _check_options(nodes, start, plane, square, scale, distance)
-    _check_positive({"square": square, "scale": scale, "distance": distance, "radius": radius, "fps": fps})
-    if first not in ENDS:
-        raise SceneError(f"--first: {first!r} is unknown; allowed: {', '.join(ENDS)}")
+    check_options(nodes, start, plane, square, scale, distance)
+    check_positive({"square": square, "scale": scale, "distance": distance, "radius": radius, "fps": fps})
+    check_first(first)
     say = progress or silent
     film = Video(video, fps)
     lens = _lens(film, calibration, board)
@@ -88,28 +88,25 @@ def track(
             return Flat(film.size, lens)
         return Flat(film.size, lens, plane_from_board(plane, film.size, lens, board, square))
 
-    span = _span(film, begin, end)
+    span = frame_span(film, begin, end)
     say(0.0, "looking for markers")
     appearance, circles = scan(film, span, nodes, radius, bright, say)
     say(0.75, "finding the order of the nodes")
-    try:
-        chain = follow_film(circles, nodes, appearance.radius, film.fps, map_by(lens), first, start)
-    except AmbiguousOrderError as error:
-        raise AmbiguousOrderError(f"{film.path.name}: {error}", error.orders, error.frame + span[0]) from None
+    chain = _follow_nodes(film, span[0], circles, nodes, appearance.radius, map_by(lens), first, start)
     detect_again(chain, film.frames(*span), appearance)
     chain, offset, ending = _trim_frames(remove_blur(chain), film)
     t = (offset + np.arange(len(chain.detected))) / film.fps
     if not ending and end is None and span[0] + len(circles) < COMPLETE_FILM * film.announced:
         ending = f"the video breaks off after {t[-1]:.3g} s of {film.announced / film.fps:.3g} s"
-    metres = _metres(chain, scale, distance)
+    metres = scale_positions(chain, scale, distance)
     row_error = 0.0
     if level:
-        metres = _level_chain(metres)
+        metres = level_positions(metres)
     elif lens is not None:  # the rows of the picture are as level as the lens is known
         others = [replace(map_by(other), parameters=chain.map.parameters) for other in lens.others]
         row_error = level_error(chain.map, others, chain.where_detected(chain.pixels))
     marks = find_marks(chain.flat, chain.detected)
-    error = np.where(marks.links, np.nan, _angle_errors(chain, ~marks.links, row_error))
+    error = np.where(marks.links, np.nan, chain_angle_errors(chain, ~marks.links, row_error))
     certain = error <= LARGEST_ERROR
     depth = changing_lengths(chain.flat, certain)
     status, message = tracking_status(film, chain, marks, error, ending)
@@ -134,6 +131,23 @@ def track(
     return tracked
 
 
+def _follow_nodes(
+    film: Video,
+    first_frame: int,
+    circles: list[Circles],
+    nodes: int,
+    radius: float,
+    flat: Flat,
+    first: str,
+    start: Sequence[tuple[float, float]] | None,
+) -> TrackedChain:
+    """`follow_film`; an error names the film and counts its frames."""
+    try:
+        return follow_film(circles, nodes, radius, film.fps, flat, first, start)
+    except AmbiguousOrderError as error:
+        raise AmbiguousOrderError(f"{film.path.name}: {error}", error.orders, error.frame + first_frame) from None
+
+
 def _lens(film: Video, calibration: Sequence[str | Path], board: tuple[int, int]) -> Lens | None:
     """The lens from pictures of a board, None without any."""
     if not calibration:
@@ -150,49 +164,6 @@ def _slant(flat: Flat) -> tuple[float, float] | None:
         return None
     pan, pitch, *_ = flat.parameters.tolist()
     return pan, pitch
-
-
-def _check_options(
-    nodes: int,
-    start: Sequence[tuple[float, float]] | None,
-    plane: str | Path | None,
-    square: float | None,
-    scale: float | None,
-    distance: float | None,
-) -> None:
-    """Reject options of `track` that are out of range or exclude one another."""
-    if nodes < 2:
-        raise SceneError(f"--nodes: {nodes} is too few; allowed: at least 2, both ends of the chain included")
-    if sum(x is not None for x in (plane, scale, distance)) > 1:
-        raise SceneError("track: more than one of --plane, --scale, --distance; allowed: one of them")
-    if plane is not None and square is None:
-        raise SceneError("--square: missing; needed: the side of the board's squares in m, because --plane is given")
-    if start is not None and np.shape(start) != (nodes, 2):
-        raise SceneError(f"--start: {len(start)} positions; allowed: {nodes}, one x,y per node")
-
-
-def _check_positive(options: dict[str, float | None]) -> None:
-    """Reject values of options that are given and not positive numbers."""
-    for name, value in options.items():
-        if value is not None and not 0.0 < value < np.inf:
-            raise SceneError(f"--{name}: {value:g}; allowed: a number > 0")
-
-
-def _span(film: Video, begin: float, end: float | None) -> tuple[int, int | None]:
-    """The first frame, and the one after the last, None for all, of a film from `begin` to `end` [s]."""
-    if not 0.0 <= begin < np.inf or (end is not None and not begin < end < np.inf):
-        raise SceneError(f"--from, --until: {begin:g} to {end} s; allowed: 0 <= from < until")
-    if film.announced and begin * film.fps >= film.announced:
-        raise SceneError(f"--from: {begin:g} s is after the end; allowed: below {film.announced / film.fps:.3g} s")
-    first = round(begin * film.fps)
-    if end is None:
-        return first, None
-    last = round(end * film.fps)
-    if last <= first:
-        raise SceneError(
-            f"--from, --until: no frame is between {begin:g} and {end:g} s; allowed: 1/{film.fps:g} s or more"
-        )
-    return first, last
 
 
 def _trim_frames(chain: TrackedChain, film: Video) -> tuple[TrackedChain, int, str]:
@@ -217,39 +188,3 @@ def _trim_frames(chain: TrackedChain, film: Video) -> tuple[TrackedChain, int, s
         frames = max(last - first, 0)
         raise SceneError(f"{film.path.name}: {why or 'only'} {frames} frames; allowed: at least {FEWEST_SAMPLES}")
     return chain.pick(frames=slice(first, last)), first, why
-
-
-def _metres(chain: TrackedChain, scale: float | None, distance: float | None) -> np.ndarray:
-    """Positions (k, n, 2), right and up, in m if a scale is known, otherwise in pixels."""
-    flat = chain.flat * [1.0, -1.0]
-    if chain.map.plane is not None:
-        scale = chain.map.plane.metres_per_pixel(chain.map.middle)
-    if distance is not None:
-        scale = distance / float(np.median(np.linalg.norm(flat[:, -1] - flat[:, 0], axis=1)))
-    if scale is None:
-        return flat
-    return flat * scale
-
-
-def _angle_errors(chain: TrackedChain, used: np.ndarray, level: float) -> np.ndarray:
-    """Standard errors (k, n - 1) [rad]: scatter, and the uncertainty of `level` and of the map to the plane."""
-    found = np.hypot(estimate_angle_errors(chain.where_detected(chain.flat), chain.error, used), level)
-    flat = chain.map
-    if flat.parameters is None or flat.covariance is None:
-        return found
-
-    def angles(parameters: np.ndarray) -> np.ndarray:
-        return four_quadrant(replace(flat, parameters=parameters)(chain.pixels))
-
-    jacobian = central_differences(angles, flat.parameters, 1e-4)
-    return np.sqrt(found**2 + np.einsum("kja,ab,kjb->kj", jacobian, flat.covariance, jacobian))
-
-
-def _level_chain(metres: np.ndarray) -> np.ndarray:
-    """The positions rotated so that the mean line from the first to the last node is level."""
-    span = np.mean(metres[:, -1] - metres[:, 0], axis=0)
-    if not np.hypot(*span) > 0:
-        return metres
-    # nearest level direction: the chain may run from right to left
-    c, s = np.copysign(1.0, span[0]) * span / np.hypot(*span)
-    return metres @ np.array([[c, -s], [s, c]])

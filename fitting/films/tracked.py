@@ -30,7 +30,8 @@ class Tracked:
             of a chain), with the reason in `message`.
         marks: frames in which nodes swapped, jumped, or violated their links' lengths.
         slant: pan and pitch of the camera [rad] found from the motion, or None with a board in the plane.
-        exposure: [s] estimated from the lengths of turning links; its effect is corrected. 0 if it is too short.
+        exposure: [s] estimated from the lengths of turning links, 0.7 to 1 of the shutter's (`exposure`); its effect is
+            corrected. 0 if it is too short.
     """
 
     trace: Trace

@@ -39,12 +39,19 @@ class TrackedChain:
 
     def pick(self, frames: slice = slice(None), nodes: slice = slice(None)) -> TrackedChain:
         """Some frames or nodes of its samples."""
-        arrays = {name: getattr(self, name)[frames, nodes] for name in ("flat", "pixels", "error", "detected")}
-        return replace(self, **arrays)
+        return replace(
+            self,
+            flat=self.flat[frames, nodes],
+            pixels=self.pixels[frames, nodes],
+            error=self.error[frames, nodes],
+            detected=self.detected[frames, nodes],
+        )
 
 
 def reverse_chain(found: TrackedChain) -> TrackedChain:
     """The same chain read from its other end."""
-    parts = {name: getattr(found.chain, name) for name in ("positions", "length", "spread", "rate", "held")}
-    chain = replace(found.chain, **{name: part[::-1] for name, part in parts.items() if part is not None})
-    return replace(found.pick(nodes=slice(None, None, -1)), chain=chain, resting=found.resting[::-1])
+    chain = found.chain
+    rate = None if chain.rate is None else chain.rate[::-1]
+    held = None if chain.held is None else chain.held[::-1]
+    reverse = Chain(chain.positions[::-1], chain.length[::-1], chain.spread[::-1], chain.at, rate, held)
+    return replace(found.pick(nodes=slice(None, None, -1)), chain=reverse, resting=found.resting[::-1])

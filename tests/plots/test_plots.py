@@ -14,6 +14,7 @@ from PIL import Image
 from dropper_jax import Scene, SceneError, plots
 from dropper_jax.plots import figures, scales, style, tension_colours, view
 from dropper_jax.plots.run import readable
+from dropper_jax.plots.space_axes import bar_axes, space_axes
 from dropper_jax.run.samples import Samples
 
 STILLS = ("snapshot", "angle_traces", "phase_space", "amplitude_spectrum", "energy_balance")
@@ -326,8 +327,8 @@ def _ink(figure, shown):
 def test_names_and_ticks_of_axes_in_space_are_visible_and_apart(sides):
     figure = figures.new_figure(4, 4, layout=None)
     with style.plot_style():
-        axes = view.space_axes(figure, np.outer(sides, [-0.45, 0.55]))
-        figure.colorbar(matplotlib.cm.ScalarMappable(), cax=view.bar_axes(figure), label="tension [kN]")
+        axes = space_axes(figure, np.outer(sides, [-0.45, 0.55]))
+        figure.colorbar(matplotlib.cm.ScalarMappable(), cax=bar_axes(figure), label="tension [kN]")
     figure.canvas.draw()
     kinds = [(axis, [tick.label1 for tick in axis.get_major_ticks()]) for axis in (axes.xaxis, axes.yaxis, axes.zaxis)]
     bare = _ink(figure, [])

@@ -9,7 +9,8 @@ from contact_cases import sledge
 from dropper_jax import build, load_scene, make_stepper
 from dropper_jax.cli import main
 from dropper_jax.effects import EFFECTS
-from dropper_jax.study.cost import Unused, Variant, program, proof, without_effects
+from dropper_jax.study.absent_effects import Unused, program, proof, without_effects
+from dropper_jax.study.cost import Variant
 
 SCENE = "dropper-release-a"
 

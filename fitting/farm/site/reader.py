@@ -223,7 +223,10 @@ def _crop(table: Values) -> dict[str, dict[str, float]]:
     """Values of `[crop]` by level and path; empty without the section."""
     found: dict[str, dict[str, float]] = {}
     for path, row in _flat(_table(table, "crop")).items():
-        values = read_list(row, f"crop.{path}", 3, "three numbers")
+        entries = read_list(row, f"crop.{path}", 3, "three numbers")
+        values = [read_number(entry, f"crop.{path}", {}, "a number") for entry in entries]
+        if values != sorted(values):
+            raise SceneError(f"crop.{path}: {values}; allowed: low <= expected <= high")
         for level, value in zip(CROP_LEVELS, values, strict=True):
-            found.setdefault(level, {})[path] = read_number(value, f"crop.{path}", {}, "a number")
+            found.setdefault(level, {})[path] = value
     return found

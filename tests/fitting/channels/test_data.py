@@ -104,7 +104,8 @@ def test_a_file_of_its_own_clock_and_missing_samples_are_read(scene, tmp_path):
     for deep, words in (
         ([1.0, np.nan, np.nan], "run.0: channel 'deep' has fewer than 3 samples"),
         ([1.0, 2.0, np.inf], "run.0: channel 'deep' has an infinite sample"),
-        ([0.0, 0.0, 0.0], "channel 'deep': is zero in all samples"),
+        ([0.0, 0.0, 0.0], "channel 'deep': is constant in all samples"),
+        ([0.1, np.nan, 0.1, 0.1], "channel 'deep': is constant in all samples"),
     ):
         run = replace(data.runs[0], values=(data.runs[0].values[0], np.array(deep)[:, None]))
         with pytest.raises(SceneError, match=words):

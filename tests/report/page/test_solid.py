@@ -9,7 +9,7 @@ import pytest
 
 from dropper_jax.plots.run import readable
 from dropper_jax.report.page import pair_page, view_page
-from dropper_jax.report.page_data import IN_A_WAVE, choose_samples, wave_period
+from dropper_jax.report.page_samples import IN_A_WAVE, choose_samples, wave_period
 
 #: With WebGL in software, and without any.
 WITH = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader")

@@ -20,7 +20,7 @@ from dropper_jax.cli.tide import CYCLE_TIMES, run_tide
 if TYPE_CHECKING:
     from dropper_jax.load.scene import Scene
     from dropper_jax.scene.slices import LineSlice
-    from dropper_jax.statics.search import Equilibrium
+    from dropper_jax.statics.equilibrium import Equilibrium
 
 help = "find the static equilibrium of a scene, under its release force if it has one"
 

@@ -19,7 +19,7 @@ from dropper_jax.statics.rigid_group import stiffness_of_group
 
 if TYPE_CHECKING:
     from dropper_jax.load.scene import Scene
-    from dropper_jax.statics.search import Equilibrium
+    from dropper_jax.statics.equilibrium import Equilibrium
 
 
 @dataclass(frozen=True)

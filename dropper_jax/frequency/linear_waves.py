@@ -30,8 +30,7 @@ from dropper_jax.frequency.linear_drag import dragging_effects, iterate_drag, li
 from dropper_jax.model import Kinematics, Model, State
 from dropper_jax.sea.waves import Waves
 from dropper_jax.statics.rest_problem import require_stretching_links, rest
-from dropper_jax.statics.search import outward
-from dropper_jax.statics.static_friction import with_static_seabed_friction
+from dropper_jax.statics.static_friction import static_seabed_friction, with_static_seabed_friction
 from dropper_jax.statics.tangent import Linear, Tangent, solve_matrix
 
 
@@ -68,7 +67,7 @@ def check_no_bodies(model: Model) -> None:
 def still_model(model: Model, pose: State) -> Model:
     """The model without waves whose tangent is used, with the friction that holds its equilibrium."""
     still = rest(model)
-    friction = outward(model)
+    friction = static_seabed_friction(model)
     if friction is None:
         return still
     return with_static_seabed_friction(still, pose, friction.kinetic)[0]

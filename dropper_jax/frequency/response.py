@@ -27,8 +27,8 @@ from dropper_jax.sea.spec import SeaSpec
 from dropper_jax.sea.wave_spec import WaveSpec
 from dropper_jax.sea.waves import Waves
 from dropper_jax.statics.descent import with_springs
+from dropper_jax.statics.equilibrium import Equilibrium
 from dropper_jax.statics.loads import release_loads
-from dropper_jax.statics.search import Equilibrium
 from dropper_jax.statics.static_pose import equilibrium
 
 #: Largest error of the basis that stays below that of the linearisation.

@@ -14,8 +14,8 @@ from dropper_jax.load.surface import line_reach
 from dropper_jax.model import Failures, Graph, Line, Member, Model, Point, check_slots
 from dropper_jax.scene import LineSpec, SceneData, join_lines, sliced_lines
 from dropper_jax.sea.make import make_sea
+from dropper_jax.statics.equilibrium import Equilibrium
 from dropper_jax.statics.loads import release_loads
-from dropper_jax.statics.search import Equilibrium
 from dropper_jax.statics.static_pose import equilibrium
 
 

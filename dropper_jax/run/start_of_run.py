@@ -19,7 +19,7 @@ from dropper_jax.run.chunks import first_carry
 from dropper_jax.run.end_of_run import Last, first_row, restore_carry
 from dropper_jax.run.samples import Samples
 from dropper_jax.scene import RunSpec
-from dropper_jax.statics.search import node_positions
+from dropper_jax.statics.equilibrium import node_positions
 
 
 def stepper_fields(settings: Table) -> Table:

@@ -11,7 +11,6 @@ element forces couple lines with bodies (contact), the corners are treated like 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
 
 import jax
 import jax.numpy as jnp
@@ -20,93 +19,14 @@ from jax import Array
 from jax.scipy.linalg import lu_factor, lu_solve
 
 from dropper_jax.base.indexed_sums import scatter_add, scatter_add_many
-from dropper_jax.model import Graph, HolonomicConstraint
+from dropper_jax.model import HolonomicConstraint
 from dropper_jax.residual import StepProblem, Unknowns
+from dropper_jax.solvers.body_nodes import BODY_COORDINATES, EDGES, BodyNodeMap, split_gaps
 from dropper_jax.solvers.coupling import Coupling
 from dropper_jax.solvers.elimination import apply, optimization_barrier
 from dropper_jax.solvers.links import LinkParts
 from dropper_jax.solvers.saddle import Saddle, factor_lines
 from dropper_jax.solvers.stretching import Stretching
-
-#: Unknowns of a body: positions of its corners, multipliers of its edges, and of its pin.
-BODY_COORDINATES = 12
-EDGES = 6
-PIN = 3
-
-
-@dataclass(frozen=True)
-class BodyNodeMap:
-    """Groups of free nodes: corners (bodies, 4), seats (seats,), the rest (retained,), and the graph of the rest.
-
-    Attributes:
-        edge: nodes whose motion acts on lines: seats first, then corners that elements couple with lines.
-        pinned: indices of the pinned bodies.
-    """
-
-    graph: Graph
-    rest: Graph
-    corners: np.ndarray
-    seats: np.ndarray
-    retained_nodes: np.ndarray
-    edge: np.ndarray
-    pinned: np.ndarray
-
-    @classmethod
-    def of(cls, problem: StepProblem, constraint: HolonomicConstraint, between: Coupling | None) -> BodyNodeMap:
-        model = problem.model
-        graph = model.geometry
-        corners = constraint.body_nodes(model)
-        seats = constraint.seats(model)
-        away = np.concatenate([corners.ravel(), seats])
-        rest = _without_nodes(graph, tuple(away.tolist()))
-        touched = between is not None and np.isin(corners, [pair[0] for pair in between.pairs]).any()
-        edge = seats
-        if touched:
-            edge = np.concatenate([seats, corners.ravel()])
-        retained = np.setdiff1d(np.arange(graph.free), away)
-        pinned = np.array(constraint.pinned, int)
-        return cls(graph, rest, corners, seats, retained, edge, pinned)
-
-    @property
-    def size(self) -> int:
-        """Number of unknowns of one body."""
-        if self.pinned.size:
-            return BODY_COORDINATES + EDGES + PIN
-        return BODY_COORDINATES + EDGES
-
-    def sums(self, along: Array) -> Array:
-        """Sum of link forces (n, 3) on the free nodes, with the sign of the rows."""
-        return self.graph.from_last(along) - self.graph.from_first(along)
-
-    def pad_seats(self, values: Array) -> Array:
-        """Values (seats, ...) of the seats, and zeros of the corners on the edge."""
-        more = len(self.edge) - len(self.seats)
-        if more:
-            return jnp.pad(values, ((0, more),) + ((0, 0),) * (values.ndim - 1))
-        return values
-
-    def split(self, between: Coupling | None) -> tuple[Coupling | None, Coupling | None]:
-        """Blocks that couple retained nodes, by their indices among these, and blocks that couple others."""
-        if between is None:
-            return None, None
-        pairs = np.array(between.pairs, int).reshape(-1, 2)
-        inside = np.all(np.isin(pairs, self.retained_nodes), axis=1)
-        own = np.searchsorted(self.retained_nodes, pairs[inside])
-        return _blocks_at(own, between, inside), _blocks_at(pairs[~inside], between, ~inside)
-
-
-def _blocks_at(pairs: np.ndarray, coupling: Coupling, chosen: np.ndarray) -> Coupling | None:
-    """The chosen blocks of a coupling, at these (row, column); None if there are none."""
-    if not len(pairs):
-        return None
-    return Coupling(tuple((row, column) for row, column in pairs.tolist()), coupling.blocks[np.flatnonzero(chosen)])
-
-
-@lru_cache(maxsize=64)
-def _without_nodes(graph: Graph, away: tuple[int, ...]) -> Graph:
-    """The graph in which the points at these free nodes are fixed."""
-    held = tuple(fixed or int(node) in away for fixed, node in zip(graph.held, graph.point_node, strict=True))
-    return replace(graph, held=held)
 
 
 @dataclass(frozen=True)
@@ -141,7 +61,7 @@ class Lines:
         graph = self.nodes.graph
         moved = scatter_add(nodes.edge, edge, graph.free)
         d = graph.differences(moved, None)
-        rows = -nodes.sums(apply(links.turn, d)) - self._by_pieces(moved)
+        rows = -nodes.sum_link_forces(apply(links.turn, d)) - self._by_pieces(moved)
         own = -jnp.sum(links.gradient * d, axis=-1)
         if force is not None:
             rows = force + rows
@@ -150,7 +70,8 @@ class Lines:
         x, y = self.solver.solve(rows[nodes.retained_nodes], own)
         x = scatter_add(nodes.retained_nodes, x, graph.free)
         d = d + graph.differences(x, None)
-        link_forces = nodes.sums(apply(links.turn, d) + links.force * y[:, None]) + self._by_pieces(moved + x)
+        along = apply(links.turn, d) + links.force * y[:, None]
+        link_forces = nodes.sum_link_forces(along) + self._by_pieces(moved + x)
         return x, y, apply(self.block, edge) + link_forces[nodes.edge]
 
     def _by_pieces(self, moved: Array) -> Array | float:
@@ -200,17 +121,6 @@ class BodyFactor:
         return x, y, jnp.concatenate([part.ravel() for part in multipliers])
 
 
-def split_gaps(gaps: Array, nodes: BodyNodeMap) -> tuple[Array, Array, list[Array]]:
-    """Gaps (rows,) of edges (bodies, 6), of seats (seats, 3), and, if one is pinned, of pins (bodies, 3)."""
-    bodies = len(nodes.corners)
-    seats = len(nodes.seats)
-    edges, off, pins = jnp.split(gaps, [EDGES * bodies, EDGES * bodies + 3 * seats])
-    own_pins = []
-    if nodes.pinned.size:
-        own_pins.append(scatter_add(nodes.pinned, pins.reshape(-1, 3), bodies))
-    return edges.reshape(bodies, EDGES), off.reshape(seats, 3), own_pins
-
-
 def factor_bodies(
     problem: StepProblem, u: Unknowns, node: Array, links: LinkParts, between: Coupling | None = None
 ) -> BodyFactor:
@@ -220,23 +130,40 @@ def factor_bodies(
     within, others = nodes.split(between)
     solver = factor_lines(problem.model, nodes.rest, node[nodes.retained_nodes], links, within)
     lines = Lines(nodes, links, solver, nodes.pad_seats(node[nodes.seats]), others)
+    shares = _edge_shares(constraint, nodes, node.dtype)
+    matrix = _on_diagonal(body_blocks(problem, u, nodes))
+    if nodes.edge.size:
+        own = _stiffness_of_lines(lines, shares)
+        beside = nodes.size - BODY_COORDINATES  # multipliers, on which lines do not act
+        matrix = matrix + jnp.pad(own, ((0, 0), (0, beside)) * 2).reshape(matrix.shape)
+    return BodyFactor(lines, shares, lu_factor(matrix))
+
+
+def _edge_shares(constraint: HolonomicConstraint, nodes: BodyNodeMap, dtype: jnp.dtype) -> Array:
+    """Weights (edge, corners) of the corners in the displacements of the edge."""
+    shares = jnp.zeros((0, nodes.corners.size), dtype)
     if nodes.seats.size:
         shares = constraint.seat_shares()
-    else:
-        shares = jnp.zeros((0, nodes.corners.size), node.dtype)
     if len(nodes.edge) > len(nodes.seats):
-        shares = jnp.concatenate([shares, jnp.eye(nodes.corners.size, dtype=node.dtype)])
-    matrix = body_blocks(problem, u, nodes)
-    count = len(nodes.corners)
-    size = nodes.size
-    whole = (matrix[:, :, None, :] * jnp.eye(count, dtype=node.dtype)[:, None, :, None]).reshape((count * size,) * 2)
-    if edge := len(nodes.edge):
-        unit = jnp.eye(3 * edge, dtype=node.dtype).reshape(-1, edge, 3)
-        stiffness = jax.vmap(lambda x: lines.response(x)[2].ravel(), out_axes=1)(unit)
-        mixed = jnp.einsum("ai,ajbk,bl->ijlk", shares, stiffness.reshape(edge, 3, edge, 3), shares)
-        own = mixed.reshape(count, BODY_COORDINATES, count, BODY_COORDINATES)
-        whole = whole + jnp.pad(own, ((0, 0), (0, size - BODY_COORDINATES)) * 2).reshape(whole.shape)
-    return BodyFactor(lines, shares, lu_factor(whole))
+        shares = jnp.concatenate([shares, jnp.eye(nodes.corners.size, dtype=dtype)])
+    return shares
+
+
+def _on_diagonal(blocks: Array) -> Array:
+    """The matrix (n size, n size) with these blocks (n, size, size) on its diagonal."""
+    count, size, _ = blocks.shape
+    whole = blocks[:, :, None, :] * jnp.eye(count, dtype=blocks.dtype)[:, None, :, None]
+    return whole.reshape((count * size,) * 2)
+
+
+def _stiffness_of_lines(lines: Lines, shares: Array) -> Array:
+    """Derivatives (bodies, 12, bodies, 12) of the forces of lines on the corners of bodies by their displacements."""
+    edge = len(lines.nodes.edge)
+    bodies = len(lines.nodes.corners)
+    unit = jnp.eye(3 * edge, dtype=shares.dtype).reshape(-1, edge, 3)
+    stiffness = jax.vmap(lambda x: lines.response(x)[2].ravel(), out_axes=1)(unit)
+    of_corners = jnp.einsum("ai,ajbk,bl->ijlk", shares, stiffness.reshape(edge, 3, edge, 3), shares)
+    return of_corners.reshape(bodies, BODY_COORDINATES, bodies, BODY_COORDINATES)
 
 
 def body_blocks(problem: StepProblem, u: Unknowns, nodes: BodyNodeMap) -> Array:

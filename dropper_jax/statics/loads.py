@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
@@ -12,7 +13,13 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.indexed_sums import scatter_add
 from dropper_jax.model import Model
 from dropper_jax.scene import StartSpec
-from dropper_jax.statics.search import given_loads
+
+
+def given_loads(model: Model, loads: Array | None) -> Array:
+    """Loads (free nodes, 3) [N] of the nodes; zero without any."""
+    if loads is None:
+        return jnp.asarray(np.zeros((model.free_nodes, 3)), model.dtype)
+    return jnp.asarray(loads, model.dtype)
 
 
 def nodal_loads(model: Model, nodes: Sequence[int] | np.ndarray | None, forces: ArrayLike | None) -> Array:

@@ -20,6 +20,7 @@ from jax import Array
 from dropper_jax.base.fields import component
 from dropper_jax.base.numerics import safe_norm
 from dropper_jax.effects.seabed import Seabed
+from dropper_jax.effects.seabed_friction import SeabedFriction
 from dropper_jax.model import Effect, Kinematics, Model, State
 from dropper_jax.residual import GRAVITY_SCALE
 from dropper_jax.statics.rest_problem import force_scale
@@ -74,3 +75,12 @@ def with_static_seabed_friction(model: Model, s: State, mu: Array) -> tuple[Mode
     rounding = 10.0 * jnp.finfo(model.dtype).eps * jnp.max(grip) * extent
     friction = StaticSeabedFriction(position=position, grip=grip, mu=jnp.asarray(mu))
     return replace(model, effects=(*model.effects, friction)), rounding / force_scale(model)
+
+
+def static_seabed_friction(full: Model) -> SeabedFriction | None:
+    """The static seabed friction of the lines of a system, or None."""
+    friction = full.effect("seabed_friction")
+    alone = full.geometry.is_path or full.constraints
+    if isinstance(friction, SeabedFriction) and friction.statics == "outward" and not alone:
+        return friction
+    return None

@@ -20,10 +20,12 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.model import Model, State, state
 from dropper_jax.residual import largest_row
 from dropper_jax.statics.descent import descend, unbalance
+from dropper_jax.statics.equilibrium import Equilibrium
+from dropper_jax.statics.loads import given_loads
 from dropper_jax.statics.moves import moves_of
 from dropper_jax.statics.rest_problem import MIN_KAPPA, RestProblem, rest, rest_tolerance, soft_scale, system_tolerance
-from dropper_jax.statics.search import Equilibrium, given_loads, outward, search
-from dropper_jax.statics.static_friction import with_static_seabed_friction
+from dropper_jax.statics.search import search
+from dropper_jax.statics.static_friction import static_seabed_friction, with_static_seabed_friction
 from dropper_jax.statics.tangent import Linear, solve_linear
 
 
@@ -56,7 +58,7 @@ def _is_traced(tree: object) -> bool:
 
 def _differentiable(model: Model, loads: Array | None, t: float, near: State | None) -> Equilibrium:
     """The equilibrium next to a given one, or next to one solved on the host for the primal values."""
-    there = near is None
+    is_equilibrium = near is None
     if near is None:
         at = jax.lax.stop_gradient((model, loads))
         if _is_traced(at):
@@ -66,7 +68,7 @@ def _differentiable(model: Model, loads: Array | None, t: float, near: State | N
             raise SceneError(f"equilibrium: {found.message}")
         near = found.state
     loads = given_loads(model, loads)
-    s, acting = _settle(model, replace(near, t=jnp.asarray(t, model.dtype)), loads, there)
+    s, acting = _settle(model, replace(near, t=jnp.asarray(t, model.dtype)), loads, is_equilibrium)
     if acting.constraints or acting.line.axial.elastic:
         residual = unbalance(acting, s, loads)
     else:
@@ -82,17 +84,17 @@ def _differentiable(model: Model, loads: Array | None, t: float, near: State | N
     return Equilibrium(model.nodes(s.r, model.ends(s.t)), s.tension, residual, status, message, s)
 
 
-def settle(model: Model, near: State, loads: Array | None = None, there: bool = False) -> State:
+def settle(model: Model, near: State, loads: Array | None = None, is_equilibrium: bool = False) -> State:
     """The equilibrium next to `near`, as a differentiable, batchable function of model and loads.
 
     Newton from `near` (found once with `equilibrium`); derivatives by the implicit function theorem. Lines that stretch
     are solved in O(n); rigid ones, and rigid bodies, with dense matrices. Positions are NaN if no equilibrium of
     elastic lines is found. Derivatives are NaN if the change of the forces acts on an unconstrained motion.
 
-    With `there`, nothing is moved from `near`, which must be the equilibrium of this model: only its derivatives are
-    computed, in a smaller program.
+    With `is_equilibrium`, nothing is moved from `near`, which must be the equilibrium of this model: only its
+    derivatives are computed, in a smaller program.
     """
-    return _settle(model, near, given_loads(model, loads), there)[0]
+    return _settle(model, near, given_loads(model, loads), is_equilibrium)[0]
 
 
 #: Number of corrections of rigid lines, and the maximum number of those of other lines.
@@ -103,21 +105,21 @@ NEAR_CORRECTIONS = 100
 NEAR_TOLERANCE = 2.0
 
 
-def _settle(full: Model, near: State, loads: Array, there: bool) -> tuple[State, Model]:
-    """The equilibrium, and the model that is at rest there."""
+def _settle(full: Model, near: State, loads: Array, is_equilibrium: bool) -> tuple[State, Model]:
+    """The equilibrium, and the model that is at rest in it."""
     model = rest(full.with_lengths(near.t, still=True))
     if model.constraints or model.line.axial.elastic:
-        friction = outward(full)
+        friction = static_seabed_friction(full)
         if friction is not None:
             model = with_static_seabed_friction(model, equilibrium_near(model, near, loads), friction.kinetic)[0]
-        found = equilibrium_near(model, near, loads, there)
+        found = equilibrium_near(model, near, loads, is_equilibrium)
     else:
-        found = _rigid_equilibrium_near(model, near, loads, there)
+        found = _rigid_equilibrium_near(model, near, loads, is_equilibrium)
     return state(full, found.r, tension=found.tension, t=near.t), model
 
 
-def _rigid_equilibrium_near(model: Model, near: State, loads: Array, there: bool) -> State:
-    """The equilibrium of rigid lines next to `near`, differentiable; with `there` it is `near` itself."""
+def _rigid_equilibrium_near(model: Model, near: State, loads: Array, is_equilibrium: bool) -> State:
+    """The equilibrium of rigid lines next to `near`, differentiable; with `is_equilibrium` it is `near` itself."""
     near = replace(jax.lax.stop_gradient(near), t=near.t)
     problem = RestProblem(model, near, loads)
     flat, unravel = ravel_pytree(problem.guess())
@@ -129,7 +131,7 @@ def _rigid_equilibrium_near(model: Model, near: State, loads: Array, there: bool
         def correct(_: Array, y: Array) -> Array:
             return y - jnp.linalg.solve(jax.jacfwd(rows)(y), rows(y))
 
-        if there:
+        if is_equilibrium:
             return x
         return jax.lax.fori_loop(0, RIGID_CORRECTIONS, correct, x)
 
@@ -140,15 +142,15 @@ def _rigid_equilibrium_near(model: Model, near: State, loads: Array, there: bool
     return replace(near, r=near.r + u.x, tension=u.y)
 
 
-@partial(jax.jit, static_argnames="there", inline=True)
-def equilibrium_near(model: Model, near: State, loads: Array, there: bool = False) -> State:
+@partial(jax.jit, static_argnames="is_equilibrium", inline=True)
+def equilibrium_near(model: Model, near: State, loads: Array, is_equilibrium: bool = False) -> State:
     """The equilibrium next to `near`, differentiable; its positions are NaN if there is no equilibrium.
 
-    With `there` it is `near` itself, which is not checked again: only its derivatives are computed.
+    With `is_equilibrium` it is `near` itself, which is not checked again: only its derivatives are computed.
     """
     t = near.t
     near = jax.lax.stop_gradient(near)
-    if not there:
+    if not is_equilibrium:
         fixed, acting = jax.lax.stop_gradient((model, loads))
         tolerance = rest_tolerance(fixed)
         found, size = descend(fixed, near, acting, tolerance, MIN_KAPPA * soft_scale(fixed), NEAR_CORRECTIONS)

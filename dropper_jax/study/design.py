@@ -276,8 +276,8 @@ def _slopes(
 
     def values(shift: Array) -> Array:
         changed = shift_model(model, moving, rows, shift)
-        there = settle(changed, pose, loads, there=True)
-        return jnp.stack([q.of_pose(changed, there) for q in quantities])
+        changed_pose = settle(changed, pose, loads, is_equilibrium=True)
+        return jnp.stack([q.of_pose(changed, changed_pose) for q in quantities])
 
     return jax.jacfwd(values)(jnp.zeros(len(rows[0]), model.dtype))
 

@@ -18,7 +18,7 @@ from dropper_jax.residual import Stepper
 from dropper_jax.statics.host_stiffness import follow_parameters
 from dropper_jax.statics.loads import release_loads
 from dropper_jax.statics.rest_problem import rest, unbalanced_at
-from dropper_jax.statics.search import outward
+from dropper_jax.statics.static_friction import static_seabed_friction
 from dropper_jax.stepping.equal_steps import advance_and_save
 from dropper_jax.stepping.integrate import Steps, empty_trajectory, scan_steps
 from dropper_jax.stepping.progress import Progress, Trajectory, begin
@@ -42,7 +42,8 @@ def _differentiate(
 def differentiate_start(plan: StudyProgram, model: Model, s: State, values: Array) -> WithSlopes:
     """The initial state s of the model with these values, and its derivatives; a small program for elastic lines."""
     still = rest(model)
-    if not plan.start_spec.is_static or still.constraints or outward(model) or not still.line.axial.elastic:
+    is_rigid = still.constraints or not still.line.axial.elastic
+    if not plan.start_spec.is_static or is_rigid or static_seabed_friction(model):
         return _differentiate_any_start(plan, model, s, values)
     count = len(values)
     found, unsolved = follow_parameters(still, count, partial(_slopes_at_rest, plan, model, s, values))
@@ -53,7 +54,7 @@ def differentiate_start(plan: StudyProgram, model: Model, s: State, values: Arra
 def _differentiate_any_start(plan: StudyProgram, model: Model, s: State, values: Array) -> WithSlopes:
     """The same for any initial state."""
     return _differentiate(
-        lambda changed: initial_state(changed, plan.start_spec, s, there=True), plan.parameters, model, values
+        lambda changed: initial_state(changed, plan.start_spec, s, is_equilibrium=True), plan.parameters, model, values
     )
 
 

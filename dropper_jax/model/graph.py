@@ -135,7 +135,7 @@ class Graph:
         """Numbers of the links of lines, pieces, or lines that are cut into pieces."""
         found: dict[str, list[np.ndarray]] = {name: [] for name in names}
         for member, span in zip(self.members, self.spans, strict=True):
-            for name in {member.name, member.piece_of}.intersection(found):
+            for name in {member.name, member.piece_of or member.name}.intersection(found):
                 found[name].append(np.arange(span.start, span.stop))
         return {name: np.concatenate(parts) for name, parts in found.items()}
 

@@ -103,11 +103,11 @@ class Steps(NamedTuple):
             that of the whole run.
     """
 
-    length: Array
-    ends: Array
-    residual: Array
-    retried: Array
-    failed: Array
+    length: Array | np.ndarray
+    ends: Array | np.ndarray
+    residual: Array | np.ndarray
+    retried: Array | np.ndarray
+    failed: Array | np.ndarray
 
 
 def step_lengths(
@@ -397,7 +397,7 @@ def _saved_rows(found: Steps, states: State, save_every: int) -> Trajectory:
 def _interval_means(found: Steps, tension: Array) -> Array:
     """Means (k, n) over the intervals of the tensions (steps, n) of steps."""
 
-    def over_intervals(steps: Array) -> Array:
+    def over_intervals(steps: Array | np.ndarray) -> Array:
         to_end = jnp.cumsum(steps, axis=0)[found.ends - 1]
         return jnp.diff(to_end, axis=0, prepend=jnp.zeros_like(to_end[:1]))
 
@@ -406,7 +406,10 @@ def _interval_means(found: Steps, tension: Array) -> Array:
 
 
 def _scan(
-    f: Callable[[Carry, Any], tuple[Carry, Rows]], start: Carry, rows: tuple[Array | None, ...], checkpoint: bool
+    f: Callable[[Carry, Any], tuple[Carry, Rows]],
+    start: Carry,
+    rows: tuple[Array | np.ndarray | None, ...],
+    checkpoint: bool,
 ) -> tuple[Carry, Rows]:
     """`jax.lax.scan`, with `checkpoint` in about sqrt(n) pieces that reverse mode repeats."""
     count = len(jax.tree.leaves(rows)[0])
@@ -416,7 +419,7 @@ def _scan(
     whole = count // per * per
 
     @jax.checkpoint
-    def piece(carry: Carry, rows: tuple[Array | None, ...]) -> tuple[Carry, Rows]:
+    def piece(carry: Carry, rows: tuple[Array | np.ndarray | None, ...]) -> tuple[Carry, Rows]:
         return jax.lax.scan(f, carry, rows)
 
     pieces = jax.tree.map(lambda a: a[:whole].reshape(-1, per, *a.shape[1:]), rows)

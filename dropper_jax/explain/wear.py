@@ -108,6 +108,6 @@ def _tension_change(scene: Scene, worn: Scene, state: State) -> np.ndarray:
     rows = [row[None] for row in change.values()]
 
     def tension(shift: Array) -> Array:
-        return settle(shift_model(model, list(change), rows, shift), state, loads, there=True).tension
+        return settle(shift_model(model, list(change), rows, shift), state, loads, is_equilibrium=True).tension
 
     return np.asarray(jax.jvp(tension, (jnp.zeros(1),), (jnp.ones(1),))[1])

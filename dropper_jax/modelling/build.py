@@ -57,10 +57,10 @@ def from_angles(
     return state(model, r[: model.free_nodes], v[: model.free_nodes])
 
 
-def between_points(model: Model, near: State | None, there: bool) -> State:
+def between_points(model: Model, near: State | None, is_equilibrium: bool) -> State:
     """At rest with all points at their positions in the scene and the lines in equilibrium between them.
 
-    With `near`, such a state of a similar design, it is differentiable in the model; `there` as in `initial_state`.
+    With `near`, such a state of a similar design, it is differentiable in the model (see `initial_state`).
 
     Raises:
         SceneError: the lines have no equilibrium.
@@ -73,7 +73,7 @@ def between_points(model: Model, near: State | None, there: bool) -> State:
         s = _equilibrium_state(lines_alone, None)
     else:
         guess = state(lines_alone, near.r[: lines_alone.free_nodes], tension=near.tension)
-        s = settle(lines_alone, guess, there=there)
+        s = settle(lines_alone, guess, is_equilibrium=is_equilibrium)
     return state(model, jnp.concatenate([s.r, *(position[None] for position in positions)]), tension=s.tension)
 
 
@@ -85,12 +85,12 @@ def _equilibrium_state(model: Model, loads: Array | None) -> State:
     return pose.state
 
 
-def initial_state(model: Model, start: StartSpec, near: State | None = None, there: bool = False) -> State:
+def initial_state(model: Model, start: StartSpec, near: State | None = None, is_equilibrium: bool = False) -> State:
     """The state at t = 0 that a scene's `[start]` describes.
 
     An equilibrium, and lines in equilibrium between given points, depend on the model, with derivatives by the implicit
     function theorem. Inside `jit` and `vmap` they need `near`, the state of a similar design, as the initial guess, or,
-    with `there`, the initial state of this model, which then only gets derivatives (see `settle`).
+    with `is_equilibrium`, the initial state of this model, which then only gets derivatives (see `settle`).
 
     Raises:
         SceneError: no equilibrium found; the message gives the node and the reason.
@@ -100,9 +100,9 @@ def initial_state(model: Model, start: StartSpec, near: State | None = None, the
         if near is None:
             s = _equilibrium_state(model, loads)
         else:
-            s = settle(model, state(model, near.r, tension=near.tension), loads, there)
+            s = settle(model, state(model, near.r, tension=near.tension), loads, is_equilibrium)
     elif start.kind == "points":
-        s = between_points(model, near, there)
+        s = between_points(model, near, is_equilibrium)
     elif start.kind == "angles":
         s = from_angles(model, start.polar, start.azimuth, start.polar_rate, start.azimuth_rate, start.zero)
     else:

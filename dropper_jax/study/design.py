@@ -276,7 +276,7 @@ def _slopes(
 
     def values(shift: Array) -> Array:
         changed = shift_model(model, moving, rows, shift)
-        there = settle(changed, pose, loads, there=True)
+        there = settle(changed, pose, loads, is_equilibrium=True)
         return jnp.stack([q.of_pose(changed, there) for q in quantities])
 
     return jax.jacfwd(values)(jnp.zeros(len(rows[0]), model.dtype))

@@ -53,7 +53,7 @@ def differentiate_start(plan: StudyProgram, model: Model, s: State, values: Arra
 def _differentiate_any_start(plan: StudyProgram, model: Model, s: State, values: Array) -> WithSlopes:
     """The same for any initial state."""
     return _differentiate(
-        lambda changed: initial_state(changed, plan.start_spec, s, there=True), plan.parameters, model, values
+        lambda changed: initial_state(changed, plan.start_spec, s, is_equilibrium=True), plan.parameters, model, values
     )
 
 

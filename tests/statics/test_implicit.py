@@ -106,7 +106,9 @@ def test_what_nothing_holds_is_named_and_has_no_derivative_of_its_own_motion():
     words = free_motion(model, pose.state, none)
     assert words.startswith("node")
     assert " is unconstrained along (" in words
-    push = jax.jit(lambda way: jax.jvp(lambda f: dj.settle(model, pose.state, f, there=True).r, (none,), (way,))[1])
+    push = jax.jit(
+        lambda way: jax.jvp(lambda f: dj.settle(model, pose.state, f, is_equilibrium=True).r, (none,), (way,))[1]
+    )
     assert np.isnan(push(none.at[1, 1].set(1.0))).any()
     assert np.isfinite(push(none.at[1, 2].set(1.0))).all()  # upwards it is held by its buoyancy
 

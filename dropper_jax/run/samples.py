@@ -120,12 +120,12 @@ class Samples:
 
     def body_summary(self) -> dict[str, Table]:
         """Minimum, mean, maximum and final x, y, z [m], roll, pitch and yaw [rad] of each body."""
-        found = {}
+        motions = {}
         for body in self.scene.bodies:
-            moved = self.body(body.name)
-            values = np.concatenate([moved["body_position"], moved["body_attitude"]], axis=1)
-            found[body.name] = {key: extent(values[:, [i]]) for i, key in enumerate(MOTIONS)}
-        return found
+            motion = self.body(body.name)
+            values = np.concatenate([motion["body_position"], motion["body_attitude"]], axis=1)
+            motions[body.name] = {key: extent(values[:, [i]]) for i, key in enumerate(MOTIONS)}
+        return motions
 
     @property
     def energy(self) -> np.ndarray:
@@ -152,7 +152,7 @@ class Samples:
 
     @property
     def axial_ringing_share(self) -> float:
-        """The same as a fraction of all dissipated work."""
+        """Energy taken from unresolved axial vibrations as a fraction of all dissipated work."""
         total = float(np.sum(np.maximum(-self.work[-1], 0.0)))
         if total:
             return self.axial_ringing / total
@@ -262,35 +262,35 @@ class Samples:
     def tension_summary(self) -> dict[str, Extent]:
         """min, mean, max and final tension [N] of the first, the last and all links; `final` of all is their mean.
 
-        Minima and maxima are those of all steps, at the times `min_s` and `max_s` [s].
+        Minima and maxima are those of all steps and of the start, at the times `min_s` and `max_s` [s]. The mean leaves
+        out the start, whose tension is not that of a step.
         """
-        parts = {"first": slice(0, 1), "last": slice(-1, None), "all": slice(None)}
-        return self._tension_extents(parts)
+        return self._tension_extents({"first": slice(0, 1), "last": slice(-1, None), "all": slice(None)})
 
     def line_tensions(self) -> dict[str, Extent]:
-        """The same statistics of every line of the scene, pieces between attached points together."""
+        """The statistics of `tension_summary` for every line of the scene, pieces between attached points together."""
         return self._tension_extents({line.name: line.links for line in whole_lines(self.scene)})
 
     def end_forces(self) -> dict[str, dict[str, Extent]]:
-        """The same of the force [N] of every line on its first and last point, at the times of the tensions.
+        """The statistics of `tension_summary` for the force [N] of every line on its first and last point.
 
         Tensions of links are at their middles, so the difference is the weight of half the end link, less its buoyancy
         as far as it is in the water.
         """
         rows = self.signal("end_force")
         extremes = self.step_extremes("end_force", rows)
-        found = {}
+        forces = {}
         for i, line in enumerate(whole_lines(self.scene)):
-            found[line.name] = {end: extent(rows[:, i, [j]], extremes.of(i, [j])) for j, end in enumerate(ENDS)}
-        return found
+            forces[line.name] = {end: extent(rows[:, i, [j]], extremes.of(i, [j])) for j, end in enumerate(ENDS)}
+        return forces
 
     def end_angles(self) -> dict[str, dict[str, Extent]]:
         """min, mean, max and final angle [deg] of the end links above the horizontal at the saved times: the uplift at
         an anchor."""
-        found = {}
+        angles = {}
         for name, both in end_angles(self.positions, whole_lines(self.scene)).items():
-            found[name] = {end: extent(both[:, [j]]) for j, end in enumerate(ENDS)}
-        return found
+            angles[name] = {end: extent(both[:, [j]]) for j, end in enumerate(ENDS)}
+        return angles
 
     def signal(self, signal: str) -> np.ndarray:
         """Tensions of links (`tension`, (k, n)), forces on the end points of lines (`end_force`, (k, lines, 2)) or the
@@ -334,9 +334,9 @@ class Samples:
         return f"one step in {every} is saved"
 
     def _tension_extents(self, parts: dict[str, slice]) -> dict[str, Extent]:
-        """Statistics of the tensions of some links, by the name of the part."""
-        found = self.step_extremes("tension")
-        return {name: extent(self.tension[:, links], found.of(links)) for name, links in parts.items()}
+        """Statistics of the tensions of these links, by name."""
+        extremes = self.step_extremes("tension")
+        return {name: extent(self.tension[:, links], extremes.of(links)) for name, links in parts.items()}
 
     def provenance(self) -> Table:
         """Everything but the arrays, as plain values: scene, settings, status, versions."""
@@ -358,12 +358,15 @@ def is_finished(run: Samples) -> bool:
 def extent(values: np.ndarray, extremes: Extremes | None = None) -> Extent:
     """min, mean and max of values (k, n), and the mean of the last row.
 
-    With `extremes` min and max are those of all steps, and `min_s` and `max_s` their times [s].
+    With `extremes` the values are those of steps: min and max are those of all steps, `min_s` and `max_s` their times
+    [s], and the mean leaves out the first row, which belongs to the start.
     """
-    found = {"min": np.min(values), "mean": np.mean(values), "max": np.max(values), "final": np.mean(values[-1])}
+    statistics = {"min": np.min(values), "mean": np.mean(values), "max": np.max(values), "final": np.mean(values[-1])}
     if extremes is not None:
         low = np.argmin(extremes.least)
         high = np.argmax(extremes.largest)
-        found |= {"min": extremes.least.flat[low], "max": extremes.largest.flat[high]}
-        found |= {"min_s": extremes.least_at.flat[low], "max_s": extremes.largest_at.flat[high]}
-    return {key: float(value) + 0.0 for key, value in found.items()}
+        statistics |= {"min": extremes.least.flat[low], "max": extremes.largest.flat[high]}
+        statistics |= {"min_s": extremes.least_at.flat[low], "max_s": extremes.largest_at.flat[high]}
+        if len(values) > 1:
+            statistics["mean"] = np.mean(values[1:])
+    return {key: float(value) + 0.0 for key, value in statistics.items()}  # no -0

@@ -60,28 +60,35 @@ def _differentiable(model: Model, loads: Array | None, t: float, near: State | N
     """The equilibrium next to a given one, or next to one solved on the host for the primal values."""
     is_equilibrium = near is None
     if near is None:
-        at = jax.lax.stop_gradient((model, loads))
-        if _is_traced(at):
-            raise SceneError("near: missing inside jit or vmap. Use `equilibrium(...).state` of a similar design")
-        found = equilibrium(*at, t)
-        if found.status != "ok":
-            raise SceneError(f"equilibrium: {found.message}")
-        near = found.state
+        near = _find_on_host(model, loads, t)
+    near = replace(near, t=jnp.asarray(t, model.dtype))
     loads = given_loads(model, loads)
-    s, acting = _settle(model, replace(near, t=jnp.asarray(t, model.dtype)), loads, is_equilibrium)
-    if acting.constraints or acting.line.axial.elastic:
-        residual = unbalance(acting, s, loads)
+    still = model_at_rest(model, near, loads)
+    s = _state_at_rest(model, equilibrium_near(still, near, loads, is_equilibrium))
+    if _is_elastic(still):
+        residual = unbalance(still, s, loads)
     else:
-        problem = RestProblem(acting, s, loads)
+        problem = RestProblem(still, s, loads)
         residual = largest_row(problem.residual(problem.guess()), problem.row_scale())
     status = "ok"
     message = ""
     if _is_traced((model, s)):
         status = "traced"
-    elif not float(residual) <= NEAR_TOLERANCE * system_tolerance(acting):
+    elif not float(residual) <= NEAR_TOLERANCE * system_tolerance(still):
         status = "not_converged"
         message = "no equilibrium found next to the given configuration"
     return Equilibrium(model.nodes(s.r, model.ends(s.t)), s.tension, residual, status, message, s)
+
+
+def _find_on_host(model: Model, loads: Array | None, t: float) -> State:
+    """The equilibrium of the primal values of a differentiated model and its loads."""
+    primal = jax.lax.stop_gradient((model, loads))
+    if _is_traced(primal):
+        raise SceneError("near: missing inside jit or vmap. Use `equilibrium(...).state` of a similar design")
+    found = equilibrium(*primal, t)
+    if found.status != "ok":
+        raise SceneError(f"equilibrium: {found.message}")
+    return found.state
 
 
 def settle(model: Model, near: State, loads: Array | None = None, is_equilibrium: bool = False) -> State:
@@ -91,10 +98,19 @@ def settle(model: Model, near: State, loads: Array | None = None, is_equilibrium
     are solved in O(n); rigid ones, and rigid bodies, with dense matrices. Positions are NaN if no equilibrium of
     elastic lines is found. Derivatives are NaN if the change of the forces acts on an unconstrained motion.
 
-    With `is_equilibrium`, nothing is moved from `near`, which must be the equilibrium of this model: only its
-    derivatives are computed, in a smaller program.
+    Args:
+        near: initial configuration of Newton's method.
+        loads: additional forces on the free nodes (free nodes, 3) [N].
+        is_equilibrium: `near` is the equilibrium of this model: nothing moves, only derivatives are computed, in a
+            smaller program.
     """
-    return _settle(model, near, given_loads(model, loads), is_equilibrium)[0]
+    loads = given_loads(model, loads)
+    still = model_at_rest(model, near, loads)
+    return _state_at_rest(model, equilibrium_near(still, near, loads, is_equilibrium))
+
+
+def _state_at_rest(model: Model, pose: State) -> State:
+    return state(model, pose.r, tension=pose.tension, t=pose.t)
 
 
 #: Number of corrections of rigid lines, and the maximum number of those of other lines.
@@ -105,21 +121,33 @@ NEAR_CORRECTIONS = 100
 NEAR_TOLERANCE = 2.0
 
 
-def _settle(full: Model, near: State, loads: Array, is_equilibrium: bool) -> tuple[State, Model]:
-    """The equilibrium, and the model that is at rest in it."""
+def model_at_rest(full: Model, near: State, loads: Array) -> Model:
+    """The model whose forces balance in the equilibrium: at rest, with the static friction of the seabed."""
     model = rest(full.with_lengths(near.t, still=True))
-    if model.constraints or model.line.axial.elastic:
-        friction = static_seabed_friction(full)
-        if friction is not None:
-            model = with_static_seabed_friction(model, equilibrium_near(model, near, loads), friction.kinetic)[0]
-        found = equilibrium_near(model, near, loads, is_equilibrium)
-    else:
-        found = _rigid_equilibrium_near(model, near, loads, is_equilibrium)
-    return state(full, found.r, tension=found.tension, t=near.t), model
+    friction = static_seabed_friction(full)
+    if friction is None or not _is_elastic(model):
+        return model
+    without_friction = equilibrium_near(model, near, loads)
+    return with_static_seabed_friction(model, without_friction, friction.kinetic)[0]
 
 
-def _rigid_equilibrium_near(model: Model, near: State, loads: Array, is_equilibrium: bool) -> State:
-    """The equilibrium of rigid lines next to `near`, differentiable; with `is_equilibrium` it is `near` itself."""
+def _is_elastic(model: Model) -> bool:
+    """Whether the lines stretch; those of a scene with rigid bodies do."""
+    return bool(model.constraints) or model.line.axial.elastic
+
+
+def equilibrium_near(model: Model, near: State, loads: Array, is_equilibrium: bool = False) -> State:
+    """The equilibrium next to `near` of a model at rest, differentiable.
+
+    With `is_equilibrium` it is `near` itself, which is not checked again: only its derivatives are computed.
+    """
+    if _is_elastic(model):
+        return _elastic_near(model, near, loads, is_equilibrium)
+    return _rigid_near(model, near, loads, is_equilibrium)
+
+
+def _rigid_near(model: Model, near: State, loads: Array, is_equilibrium: bool) -> State:
+    """The equilibrium of rigid lines next to `near`: Newton's method with dense matrices."""
     near = replace(jax.lax.stop_gradient(near), t=near.t)
     problem = RestProblem(model, near, loads)
     flat, unravel = ravel_pytree(problem.guess())
@@ -143,11 +171,8 @@ def _rigid_equilibrium_near(model: Model, near: State, loads: Array, is_equilibr
 
 
 @partial(jax.jit, static_argnames="is_equilibrium", inline=True)
-def equilibrium_near(model: Model, near: State, loads: Array, is_equilibrium: bool = False) -> State:
-    """The equilibrium next to `near`, differentiable; its positions are NaN if there is no equilibrium.
-
-    With `is_equilibrium` it is `near` itself, which is not checked again: only its derivatives are computed.
-    """
+def _elastic_near(model: Model, near: State, loads: Array, is_equilibrium: bool) -> State:
+    """The equilibrium of lines that stretch next to `near`; its positions are NaN if there is no equilibrium."""
     t = near.t
     near = jax.lax.stop_gradient(near)
     if not is_equilibrium:

@@ -52,6 +52,13 @@ def test_extremes_and_their_times_are_those_of_all_steps_also_of_unsaved_ones(ev
     assert_same_extremes(every_step.summary()["end_forces_n"]["rope"], thinned.summary()["end_forces_n"]["rope"])
 
 
+def test_mean_tension_leaves_out_the_start_as_the_report_does(every_step):
+    mean = every_step.line_tensions()["rope"]["mean"]
+    (line,) = report_run(every_step)["tension"]
+    assert mean == pytest.approx(np.mean(line["mean_n"]), rel=1e-12)
+    assert mean != pytest.approx(every_step.tension.mean(), rel=1e-4)
+
+
 def test_extremes_of_each_row_are_those_of_its_steps(every_step, thinned):
     for signal in ("tension", "end_force", "point_load"):
         rows, found = every_step.signal(signal)[1:], thinned.step_extremes(signal)

@@ -30,8 +30,6 @@ from fitting.windows.prepared import Prepared
 TRUSTED_FRACTION = 1 / 3
 #: Maximum number of rounds of a search.
 SEARCH_ROUNDS = 5
-#: Maximum evaluations of a fit of starts alone.
-START_ITERATIONS = 12
 #: Ratio of a window's misfit to that of most, and to the previous one, above which only a kick explains it. The misfit
 #: of lengths wrong by 1 % or of a wrong law changes by less than a factor 4 from one window to the next.
 KICK_RATIO = 6.0
@@ -236,7 +234,7 @@ def misfit(solution: Solution) -> np.ndarray:
 def _only_starts(solution: Solution, windows: Windows, starts: Starts) -> Solution:
     """The starts of windows alone, at a solution's parameters."""
     problem = replace(solution.problem, windows=windows)
-    evaluation = fit_starts(problem, solution.values, starts, START_ITERATIONS)
+    evaluation = fit_starts(problem, solution.values, starts)
     return replace(solution, problem=problem, starts=evaluation.starts, evaluation=evaluation)
 
 

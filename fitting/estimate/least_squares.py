@@ -78,7 +78,11 @@ def window_costs(problem: Residuals, residual: np.ndarray) -> np.ndarray:
     return costs
 
 
-def fit_starts(problem: Problem, values: np.ndarray, starts: Starts, iterations: int) -> Evaluation:
+#: Maximum evaluations for the starts alone.
+START_ITERATIONS = 12
+
+
+def fit_starts(problem: Problem, values: np.ndarray, starts: Starts) -> Evaluation:
     """Fit the start of every window alone, with fixed parameters (k,).
 
     The Levenberg-Marquardt method with a separate damping for each window, so that one on a wrong branch does not slow
@@ -90,7 +94,7 @@ def fit_starts(problem: Problem, values: np.ndarray, starts: Starts, iterations:
     evaluation = problem.evaluate(values, starts)
     damping = np.full(len(evaluation.start), FIRST_DAMPING)
     cost = window_costs(problem, evaluation.residual)
-    for _ in range(iterations - 1):
+    for _ in range(START_ITERATIONS - 1):
         normal = normal_blocks(evaluation, problem.weights(evaluation), problem.freedoms)
         A = normal.damped(damping[:, None])
         usable = np.all(np.isfinite(A), axis=(1, 2)) & np.isfinite(cost)

@@ -100,6 +100,17 @@ class Trace:
         number, link = divmod(column, self.links)
         return f"{self.recordings[number].name} link {link + 1}"
 
+    def with_missing(self, time: float, column: int) -> Trace:
+        """The trace with the sample nearest to a time [s] marked as missing in a column of its windows."""
+        if self.recordings:
+            number, link = divmod(column, self.links)
+            recordings = list(self.recordings)
+            recordings[number] = recordings[number].with_missing(time, link)
+            return replace(self, recordings=tuple(recordings))
+        theta = self.theta.copy()
+        theta[np.argmin(np.abs(self.t - time)), column] = np.nan
+        return replace(self, theta=theta)
+
     def between(self, low: float, high: float) -> Trace:
         """The samples with low <= t < high."""
         keep = (self.t >= low - 1e-9) & (self.t < high - 1e-9)

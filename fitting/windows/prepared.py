@@ -94,6 +94,7 @@ class Prepared(Samples):
         known: prior knowledge of several parameters together.
         begin: values (k,) where a fit starts; None: the parameters' own.
         left_out: (run, from, to) of windows that are not fitted because no start explains them.
+        outliers: samples that are not fitted, in words: each alone is far from the motion of its window.
         breaks: (run, time) where the motion jumps, so that windows are not joined there.
         iterations: evaluations used so far.
         first_noise: noise at the start of a fit, if links are missed by different multiples of their claimed noise.
@@ -112,6 +113,7 @@ class Prepared(Samples):
     known: JointPrior = JointPrior()
     begin: np.ndarray | None = None
     left_out: tuple[Span, ...] = ()
+    outliers: tuple[str, ...] = ()
     breaks: tuple[tuple[int, float], ...] = ()
     iterations: int = 0
     first_noise: Noise | None = None

@@ -14,8 +14,9 @@ from fitting.estimate.normal_equations import Gaps
 from fitting.estimate.solution import Solution
 from fitting.estimate.uncertainty import start_covariances
 from fitting.estimate.window_problem import Problem
-from fitting.windows.lost_windows import recover_windows
+from fitting.windows.lost_frames import windows_far_off
 from fitting.windows.prepared import Prepared
+from fitting.windows.recover_windows import recover_windows
 
 #: Maximum iterations of a first fit before links are weighted by their misfit and windows are inspected one by one.
 EARLY_ITERATIONS = 5
@@ -31,7 +32,7 @@ def with_sound_windows(
 ) -> Prepared:
     """The preparation with windows that a fit can follow, started from the end of their fit.
 
-    Lost windows are restarted, split or left out, see `lost_windows`.
+    Lost windows are restarted, split or left out, see `recover_windows`.
 
     Args:
         keep_jumps: leave windows with missing frames unchanged, so that `freeing` can report them.
@@ -67,8 +68,10 @@ def uneven_noise(prepared: Prepared, solution: Solution) -> Noise | None:
     The claimed noise of an encoder is 1 % of the model error caused by its bearing. With the claimed noise alone, one
     link would have many times the weight of another.
     """
-    windows = prepared.windows
-    noise = Noise.of_misfit(solution.errors, windows, np.ones((len(prepared.traces), windows.theta.shape[2])))
+    usual = ~windows_far_off(solution)  # one outlier would count as the noise of its link
+    windows = prepared.windows.pick(usual)
+    claimed = np.ones((len(prepared.traces), windows.theta.shape[2]))
+    noise = Noise.of_misfit(solution.errors[usual], windows, claimed)
     if (noise.factor.max(axis=1) > UNEVEN_RATIO * noise.factor.min(axis=1)).any():
         return noise
     return None

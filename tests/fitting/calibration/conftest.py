@@ -30,18 +30,18 @@ G, RATE, DURATION, NOISE, WINDOW = 9.81, 30.0, 9.6, 0.005, 1.2
 SETTINGS = FitSettings(window=WINDOW)
 
 
-def torque(w, dry):
+def torque(w, dry, viscous):
     """Torque of a joint whose links turn at w relative to each other."""
-    return -VISCOUS * w - dry * np.tanh(w / 5e-3)
+    return -viscous * w - dry * np.tanh(w / 5e-3)
 
 
-def acceleration(phi, w, quadratic, dry=0.0):
+def acceleration(phi, w, quadratic, dry=0.0, viscous=VISCOUS):
     """phi'' of the two rods."""
     lever = np.array([[CENTRE[0], 0.0], [LENGTH[0], CENTRE[1]]])
     square = np.einsum("i,ij,ik->jk", MASS, lever, lever) + np.diag(INERTIA)
     apart = phi[:, None] - phi[None, :]
     force = -(square * np.sin(apart)) @ w**2 - G * np.sin(phi) * (MASS @ lever)
-    joints = torque(np.array([w[0], w[1] - w[0]]), dry)
+    joints = torque(np.array([w[0], w[1] - w[0]]), dry, viscous)
     force += np.array([joints[0] - joints[1], joints[1]])
     turn = LENGTH[:, None] * np.stack([np.cos(phi), np.sin(phi)], axis=1)
     speed = np.cumsum(w[:, None] * turn, axis=0)
@@ -50,10 +50,10 @@ def acceleration(phi, w, quadratic, dry=0.0):
     return np.linalg.solve(square * np.cos(apart), force)
 
 
-def swing(phi0, duration=DURATION, quadratic=QUADRATIC, rate=RATE, dry=0.0):
+def swing(phi0, duration=DURATION, quadratic=QUADRATIC, rate=RATE, dry=0.0, viscous=VISCOUS):
     """Times and angles (k, 2) from straight down."""
     t = np.arange(round(duration * rate) + 1) / rate
-    slope = lambda t, y: np.concatenate([y[2:], acceleration(y[:2], y[2:], quadratic, dry)])  # noqa: E731
+    slope = lambda t, y: np.concatenate([y[2:], acceleration(y[:2], y[2:], quadratic, dry, viscous)])  # noqa: E731
     found = solve_ivp(slope, (0, t[-1]), [*phi0, 0, 0], method="DOP853", t_eval=t, rtol=1e-11, atol=1e-12)
     return t, found.y[:2].T
 

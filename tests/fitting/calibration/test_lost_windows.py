@@ -12,8 +12,9 @@ from dropper_jax.run.summary import write_angles
 from fitting import Camera, fit, observe, prepare, read_trace, simulate_truth
 from fitting.estimate.least_squares import fit_windows
 from fitting.estimate.windows import Starts, fill
-from fitting.windows.lost_windows import lost_windows, recover_windows
+from fitting.windows.lost_windows import lost_windows
 from fitting.windows.method import estimate
+from fitting.windows.recover_windows import recover_windows
 from fitting.windows.sound_windows import with_sound_windows
 
 pytestmark = [pytest.mark.usefixtures("optimised"), pytest.mark.check]

@@ -213,7 +213,7 @@ class FitResult(SceneFit[Problem, Evaluation]):
         """What to do about a parameter (its number) whose bound excludes the value that fits best."""
         advice = "Widen the bound (--bounds), or find what else is wrong (--advice)"
         if self.values[i] == 0:
-            advice = "No damping is negative: find what else is wrong (--advice)"
+            advice = "It cannot be negative: find what else is wrong (--advice)"
         return (
             f"{self.parameters[i].name} is held at its bound {self.values[i]:g}, "
             f"{self.uncertainty.beyond_bound[i]:.2g} standard errors from the value that fits best. {advice}"

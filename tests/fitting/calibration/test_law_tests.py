@@ -55,7 +55,7 @@ def test_a_bound_of_zero_that_excludes_the_truth_is_no_ok(two, ready, fitted):
     result = fitted(ready(two.seen(two.swing([1.2, 0.6], viscous=-two.TRUTH[0] / 2), 0)))
     assert result.status in ("misfit", "model_error")
     assert f"{two.FREE[0]} is held at its bound 0, " in result.message
-    assert "No damping is negative" in result.message
+    assert "It cannot be negative" in result.message
 
 
 def test_dry_friction_that_the_scene_lacks_is_a_model_error_that_names_it_and_nothing_else(rubbed):

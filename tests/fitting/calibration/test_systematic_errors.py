@@ -192,7 +192,7 @@ def test_outliers_pull_a_fit_by_students_loss_less_and_are_named(two, ready, fit
     (line,) = (line for line in robust.warnings if "stand out" in line)
     assert int(line.split()[0]) == pytest.approx(off.sum(), rel=0.2)
     named = re.search(r"link (\d) at ([\d.]+) s", line)
-    assert off[np.argmin(np.abs(trace.t - float(named[2]))), int(named[1])]
+    assert off[np.argmin(np.abs(trace.t - float(named[2]))), int(named[1]) - 1]
 
 
 @pytest.mark.check

@@ -135,10 +135,14 @@ def _solve_wave(theory: str, given: GivenWave, order: int | None) -> SteadyWave 
         ) from None
     except NotSolved as error:
         limit = highest(error.length, depth)
-        if error.few and height < limit:
+        if height < limit:
+            reason = "too close to breaking to be solved"
+            if error.few:
+                reason = (
+                    f"too steep for a wave of {error.length / depth:.3g} depths, whose harmonics are not sufficient"
+                )
             raise SceneError(
-                f"sea.waves.height: {height:.4g} m is too steep for a wave of {error.length / depth:.3g} depths, whose "
-                f"harmonics are not sufficient; allowed: up to about {error.reached:.4g} m"
+                f"sea.waves.height: {height:.4g} m is {reason}; allowed: up to about {error.reached:.4g} m"
             ) from None
         raise _breaking_error(height, limit, f"; the maximum solved height is {error.reached:.4g} m") from None
     if height > limit:

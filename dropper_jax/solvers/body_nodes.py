@@ -21,37 +21,38 @@ PIN = 3
 
 
 @dataclass(frozen=True)
-class BodyNodeMap:
-    """Groups of free nodes: corners (bodies, 4), seats (seats,), the rest (retained,), and the graph of the rest.
+class BodyNodes:
+    """Groups of free nodes: corners (bodies, 4) of bodies, seats (seats,), and the line nodes, which are all others.
 
     Attributes:
-        edge: nodes whose motion acts on lines: seats first, then corners that elements couple with lines.
+        line_graph: the graph of the line nodes, with all points on bodies fixed.
+        interface: nodes whose motion acts on lines: seats first, then corners that elements couple with lines.
         pinned: indices of the pinned bodies.
     """
 
     graph: Graph
-    rest: Graph
+    line_graph: Graph
     corners: np.ndarray
     seats: np.ndarray
-    retained_nodes: np.ndarray
-    edge: np.ndarray
+    line_nodes: np.ndarray
+    interface: np.ndarray
     pinned: np.ndarray
 
     @classmethod
-    def of(cls, problem: StepProblem, constraint: HolonomicConstraint, between: Coupling | None) -> BodyNodeMap:
+    def of(cls, problem: StepProblem, constraint: HolonomicConstraint, between: Coupling | None) -> BodyNodes:
         model = problem.model
         graph = model.geometry
         corners = constraint.body_nodes(model)
         seats = constraint.seats(model)
         away = np.concatenate([corners.ravel(), seats])
-        rest = _without_nodes(graph, tuple(away.tolist()))
+        line_graph = _without_nodes(graph, tuple(away.tolist()))
         touched = between is not None and np.isin(corners, [pair[0] for pair in between.pairs]).any()
-        edge = seats
+        interface = seats
         if touched:
-            edge = np.concatenate([seats, corners.ravel()])
-        retained = np.setdiff1d(np.arange(graph.free), away)
+            interface = np.concatenate([seats, corners.ravel()])
+        line_nodes = np.setdiff1d(np.arange(graph.free), away)
         pinned = np.array(constraint.pinned, int)
-        return cls(graph, rest, corners, seats, retained, edge, pinned)
+        return cls(graph, line_graph, corners, seats, line_nodes, interface, pinned)
 
     @property
     def size(self) -> int:
@@ -64,20 +65,20 @@ class BodyNodeMap:
         """Sum of link forces (n, 3) on the free nodes, with the sign of the rows."""
         return self.graph.from_last(along) - self.graph.from_first(along)
 
-    def pad_seats(self, values: Array) -> Array:
-        """Values (seats, ...) of the seats, and zeros of the corners on the edge."""
-        more = len(self.edge) - len(self.seats)
+    def pad_to_interface(self, values: Array) -> Array:
+        """Values (seats, ...) of the seats, and zeros of the corners on the interface."""
+        more = len(self.interface) - len(self.seats)
         if more:
             return jnp.pad(values, ((0, more),) + ((0, 0),) * (values.ndim - 1))
         return values
 
-    def split(self, between: Coupling | None) -> tuple[Coupling | None, Coupling | None]:
-        """Blocks that couple retained nodes, by their indices among these, and blocks that couple others."""
+    def split_coupling(self, between: Coupling | None) -> tuple[Coupling | None, Coupling | None]:
+        """Blocks that couple line nodes only, by their indices among these, and all other blocks."""
         if between is None:
             return None, None
         pairs = np.array(between.pairs, int).reshape(-1, 2)
-        inside = np.all(np.isin(pairs, self.retained_nodes), axis=1)
-        own = np.searchsorted(self.retained_nodes, pairs[inside])
+        inside = np.all(np.isin(pairs, self.line_nodes), axis=1)
+        own = np.searchsorted(self.line_nodes, pairs[inside])
         return _blocks_at(own, between, inside), _blocks_at(pairs[~inside], between, ~inside)
 
 
@@ -95,12 +96,12 @@ def _without_nodes(graph: Graph, away: tuple[int, ...]) -> Graph:
     return replace(graph, held=held)
 
 
-def split_gaps(gaps: Array, nodes: BodyNodeMap) -> tuple[Array, Array, list[Array]]:
+def split_gaps(gaps: Array, nodes: BodyNodes) -> tuple[Array, Array, list[Array]]:
     """Gaps (rows,) of edges (bodies, 6), of seats (seats, 3), and, if one is pinned, of pins (bodies, 3)."""
     bodies = len(nodes.corners)
     seats = len(nodes.seats)
-    edges, off, pins = jnp.split(gaps, [EDGES * bodies, EDGES * bodies + 3 * seats])
-    own_pins = []
+    edges, of_seats, pins = jnp.split(gaps, [EDGES * bodies, EDGES * bodies + 3 * seats])
+    pins_by_body = []
     if nodes.pinned.size:
-        own_pins.append(scatter_add(nodes.pinned, pins.reshape(-1, 3), bodies))
-    return edges.reshape(bodies, EDGES), off.reshape(seats, 3), own_pins
+        pins_by_body.append(scatter_add(nodes.pinned, pins.reshape(-1, 3), bodies))
+    return edges.reshape(bodies, EDGES), of_seats.reshape(seats, 3), pins_by_body

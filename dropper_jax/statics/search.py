@@ -59,7 +59,7 @@ def search(model: Model, loads: Array | None, t: float, near: State | None = Non
 
 
 def _find_single_line(model: Model, loads: Array, t: float) -> tuple[State, float, str]:
-    """The equilibrium of a single line, its maximum scaled row, and the reason if it is none or unstable."""
+    """The equilibrium of a single line, its maximum scaled row, and why it is not a stable one, else empty."""
     share = 1.0
     tolerance = system_tolerance(model)
     s, residual = hang_and_solve(model, loads, t)

@@ -102,9 +102,9 @@ def scene_parameter(scene: Scene, model: Model, path: str, idle: bool = False) -
         high = 0.0
     where = Direction(slopes, value, linear)
     if linear:
-        least, most = _allowed_range(model, where)
-        low = max(low, least)
-        high = min(high, most)
+        allowed_low, allowed_high = _allowed_range(model, where)
+        low = max(low, allowed_low)
+        high = min(high, allowed_high)
     return Parameter(path, where, value, low, high, unit)
 
 

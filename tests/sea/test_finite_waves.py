@@ -229,6 +229,10 @@ def test_a_wave_that_needs_more_harmonics_is_not_called_breaking():
     ("waves", "start"),
     [
         ({"height": 9.0}, "waves.height: 9 m is at or above breaking; allowed: below 6.4"),
+        (  # 0.95 of the highest wave of this length
+            {"height": 7.5, "period": None, "length": 300.0},
+            "waves.height: 7.5 m is too close to breaking to be solved; allowed: up to about 7",
+        ),
         ({"amplitude": 0.5}, "waves.height: cannot be combined with `amplitude`"),
         ({"length": 50.0}, "waves.length: cannot be combined with `period`"),
         ({"period": None}, "waves.period: missing"),

@@ -211,6 +211,8 @@ def integrate(
 ) -> tuple[State, Trajectory]:
     """Run `steps` steps of `dt` from `s`: a pure function to `jit`, `grad`, `jacfwd` and `vmap` over model, s and dt.
 
+    Called without `jit` it is compiled by the first call, and so is its gradient; later calls take other values only.
+
     With an accuracy, or with `stepper.halvings`, the accepted steps are found first (`step_lengths`), and the run
     repeats them. Derivatives exist in both modes, with the steps held constant: they are those of runs of which all
     take the same steps, as `dropper sensitivity` takes them. `stepper.plain` takes equal steps as they are given, in

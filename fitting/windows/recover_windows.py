@@ -57,7 +57,8 @@ def recover_windows(
             outlying = isolated_outliers(solution, lost)
             if outlying.any():
                 marked = mark_as_missing(prepared, solution.windows, outlying)
-                prepared, solution = _cut_again(marked, solution, solution.windows.pieces(), outlying.any(axis=(1, 2)))
+                changed = np.any(outlying, axis=(1, 2))
+                prepared, solution = _cut_again(marked, solution, solution.windows.pieces(), changed)
                 lost = lost_windows(solution) & ~_windows_at(solution.windows, jump)
             if keep_jumps and jump is None and lost.any():
                 jump = _jump(prepared, solution, lost)

@@ -20,7 +20,7 @@ from study import RESULTS, Found, command, say, store, timed
 
 from fitting import Convention, FitSettings, Trace, prepare
 from fitting.calibration.candidate import omitted_parameter_bias
-from fitting.calibration.freeing import free_by_advice
+from fitting.calibration.free_by_advice import free_by_advice
 from fitting.calibration.possible_faults import candidate_simulator, with_freed
 from fitting.calibration.summarise import summarise
 from fitting.estimate.noise import Noise

@@ -95,8 +95,8 @@ def settle(model: Model, near: State, loads: Array | None = None, is_equilibrium
     """The equilibrium next to `near`, as a differentiable, batchable function of model and loads.
 
     Newton from `near` (found once with `equilibrium`); derivatives by the implicit function theorem. Lines that stretch
-    are solved in O(n); rigid ones, and rigid bodies, with dense matrices. Positions are NaN if no equilibrium of
-    elastic lines is found. Derivatives are NaN if the change of the forces acts on an unconstrained motion.
+    are solved in O(n); rigid ones, and rigid bodies, with dense matrices. Positions are NaN if no equilibrium is
+    found. Derivatives are NaN if the change of the forces acts on an unconstrained motion.
 
     Args:
         near: initial configuration of Newton's method.
@@ -147,7 +147,8 @@ def equilibrium_near(model: Model, near: State, loads: Array, is_equilibrium: bo
 
 
 def _rigid_near(model: Model, near: State, loads: Array, is_equilibrium: bool) -> State:
-    """The equilibrium of rigid lines next to `near`: Newton's method with dense matrices."""
+    """The equilibrium of rigid lines next to `near`, by Newton's method with dense matrices; its positions are NaN if
+    there is no equilibrium."""
     near = replace(jax.lax.stop_gradient(near), t=near.t)
     problem = RestProblem(model, near, loads)
     flat, unravel = ravel_pytree(problem.guess())
@@ -167,7 +168,11 @@ def _rigid_near(model: Model, near: State, loads: Array, is_equilibrium: bool) -
         return jnp.linalg.solve(jax.jacfwd(linear)(jnp.zeros_like(b)), b)
 
     u = unravel(jax.lax.custom_root(rows, flat, find, tangent))
-    return replace(near, r=near.r + u.x, tension=u.y)
+    r = near.r + u.x
+    if not is_equilibrium:
+        size = jax.lax.stop_gradient(largest_row(problem.residual(u), problem.row_scale()))
+        r = jnp.where(size <= NEAR_TOLERANCE * rest_tolerance(model), r, jnp.nan)
+    return replace(near, r=r, tension=u.y)
 
 
 @partial(jax.jit, static_argnames="is_equilibrium", inline=True)

@@ -15,7 +15,8 @@ from fitting.calibration.advice import advise
 from fitting.calibration.candidate import Candidate, omitted_parameter_bias
 from fitting.calibration.comparison import refuse_tied
 from fitting.calibration.file_diagnosis import SUSPECT_CHI_SQUARE, name_wrong_file
-from fitting.calibration.freeing import MOST_FREED, free_by_advice
+from fitting.calibration.free_by_advice import free_by_advice
+from fitting.calibration.freeing import MOST_FREED
 from fitting.calibration.kicks import without_kicks
 from fitting.calibration.likely_cause import freeing_advice
 from fitting.calibration.result import FitResult

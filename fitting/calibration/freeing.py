@@ -1,15 +1,4 @@
-"""Freeing the parameters that cause a systematic error, one candidate at a time, while the log likelihood improves.
-
-The first round is over separate windows, which remain solvable for any misfit. Isolated outliers switch on Student's
-loss, and missing frames free a jump of the clock. Candidates from the score tests (`advice`) are tried. If several are
-promising, each is fitted and their likelihoods decide, each with the noise that it leaves, minus `log(N)/2` per number.
-Candidates within `INDISTINGUISHABLE_GAIN` of the best cannot be distinguished. They are reported together and the one
-with fewest numbers is freed. The distance by which the others would move the estimates is added to the errors. The
-second round uses the requested method, whose joined windows detect smaller faults, with score tests alone.
-
-If the misfit is smooth, far above the noise, and not explained by any single candidate, the whole model is wrong. No
-sample is then an outlier, and groups of numbers are freed by `group_trials`.
-"""
+"""A fit whose candidates, the parameters that may cause a systematic error, are freed while the likelihood improves."""
 
 from __future__ import annotations
 
@@ -18,20 +7,16 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from dropper_jax.base.progress import Progress, silent
+from dropper_jax.base.progress import Progress
 from fitting.calibration.advice import score_candidates
 from fitting.calibration.candidate import LEAST_GAIN, NAME_SEPARATOR, Candidate
 from fitting.calibration.group_trials import WRONG_CHI_SQUARE, free_groups, is_model_wrong
-from fitting.calibration.possible_faults import RESERVED_JUMPS, candidate_simulator, with_freed
-from fitting.estimate.factors import invert_spd
+from fitting.calibration.possible_faults import with_freed
 from fitting.estimate.least_squares import fit_windows
 from fitting.estimate.loss import LEAST_SQUARES, Loss, StudentT
 from fitting.estimate.simulator import Simulator
 from fitting.estimate.solution import Solution
 from fitting.estimate.whitening import log_volume
-from fitting.estimate.windows import pick
-from fitting.parameters.targets import LOST
-from fitting.windows.lost_frames import Lost, lost_frames, starts_from_previous_windows, windows_far_off
 from fitting.windows.outliers import SEVERAL_OUTLIERS, count_outliers
 from fitting.windows.prepared import Prepared
 
@@ -41,14 +26,10 @@ MOST_FREED = 6
 MOST_FITTED = 4
 #: Difference of log likelihoods below which candidates are indistinguishable.
 INDISTINGUISHABLE_GAIN = 3.0
-#: Gain in log likelihood that a jump has by chance: the log of the number of jumps that are searched.
-JUMP_SEARCH_GAIN = 9.0
-#: Minimum size of a jump [frames]; smaller ones are a misfit of another kind.
-LEAST_LOST_FRAMES = 0.7
-
-
 #: Fraction of the best candidate's gain that another one must promise to be tried as well.
 PROMISING_SHARE = 0.3
+#: A wrong candidate creeps: on the measured double pendulum a whole fit took 40 evaluations and explained nothing.
+SHORT_FIT_ITERATIONS = 6
 
 
 def promising(found: Sequence[Candidate], refused: Collection[str] = ()) -> list[Candidate]:
@@ -66,13 +47,6 @@ def likelihood(solution: Solution) -> float:
 def _moves_back(prepared: Prepared, solution: Solution, mine: Sequence[str]) -> dict[str, float]:
     """Moves that return some parameters to their start values."""
     return {p.name: p.value - solution.by_name[p.name] for p in prepared.parameters if p.name in mine}
-
-
-#: One candidate may explain the poses at rest at the expense of the motion, so that no second one converges with it.
-#: Correlated noise leaves a chi-square of up to 10.
-REST_CHI_SQUARE = 20.0
-#: A wrong candidate creeps: on the measured double pendulum a whole fit took 40 evaluations and explained nothing.
-SHORT_FIT_ITERATIONS = 6
 
 
 @dataclass
@@ -240,113 +214,3 @@ class Freeing:
                 if c is not best and (c.name in best.alike or 0 <= best.worth - c.worth < INDISTINGUISHABLE_GAIN):
                     doubt[c.name] = {p: c.moves.get(p, 0.0) - move for p, move in best.moves.items()} | back
             self.accept(prepared, solution, replace(best, doubt=doubt))
-
-    def fit_without_far_off(self) -> Solution:
-        """A fit without the windows that contain a jump: their misfit would be taken for damping and for noise."""
-        off = windows_far_off(self.solution)
-        if not off.any():
-            return self.solution
-        prepared = replace(self.prepared, windows=self.prepared.windows.without_samples(off))
-        # a jump that only shows in these windows
-        slopes = self.solution.evaluation.jacobian[~off][..., self.solution.problem.freedoms :]
-        unseen = ~np.any(slopes, axis=(0, 1, 2))
-        if not unseen.any():
-            unseen = None
-        solution = self.fit(prepared, "windows", self.loss, frozen=unseen)
-        if solution.status == "ok":
-            return solution
-        return self.solution
-
-    def free_jumps(self) -> None:
-        """Jumps of the clock at missing frames, as long as they gain."""
-        while sum(p.is_lost for p in self.prepared.parameters) < RESERVED_JUMPS:
-            clean = self.fit_without_far_off()
-            lost = lost_frames(self.prepared, clean)
-            if lost is None or not self._free_jump(lost, clean):
-                return
-
-    def _free_jump(self, lost: Lost, clean: Solution) -> bool:
-        """Whether a jump gains, which is then free.
-
-        Args:
-            clean: the fit without windows that contain a jump.
-        """
-        trace = self.prepared.traces[lost.run]
-        time = trace.t[lost.frame]
-        begin = self._joined_at(lost.run, time, clean)
-        name = f"{LOST}.{lost.run}.{lost.frame}"
-        prepared = with_freed(begin, [name], self.simulator, lost.frames * trace.interval)
-        solution = self.fit(prepared, "windows", self.loss)
-        gain = likelihood(solution) - likelihood(self.solution)
-        seconds = float(solution.values[-1])
-        frames = seconds / trace.interval
-        if solution.status != "ok" or gain < LEAST_GAIN + JUMP_SEARCH_GAIN or abs(frames) < LEAST_LOST_FRAMES:
-            return False
-        words = f"{frames:.1f} lost frames before frame {lost.frame} of {trace.name} ({time:.3f} s)"
-        error = float(np.sqrt(invert_spd(solution.information)[-1, -1]))
-        self.accept(prepared, solution, Candidate(words, (name,), {name: seconds}, {name: error}, gain))
-        return True
-
-    def _joined_at(self, run: int, time: float, clean: Solution) -> Prepared:
-        """The preparation, started from `clean`; the window with a jump at `time` [s] starts where the previous one
-        ends.
-
-        A jump between separate windows costs nothing: these two are merged first.
-        """
-        interval = self.prepared.traces[run].interval
-        windows = self.prepared.windows
-        k = np.flatnonzero((windows.run == run) & (windows.begin <= time + 1e-6 * interval))[-1]
-        others = np.arange(windows.count) != k
-        clean = replace(clean, starts=starts_from_previous_windows(clean, ~others))
-        if windows.follows[k] and abs(windows.begin[k] - time) < 0.5 * interval:
-            pieces = windows.pieces()
-            merged = pieces[k - 1]._replace(steps=pieces[k - 1].steps + pieces[k].steps)
-            clean = replace(clean, starts=pick(clean.starts, others))
-            self.prepared = self.prepared.with_pieces([*pieces[: k - 1], merged, *pieces[k + 1 :]]).starting_at(clean)
-            self.solution = self.fit(self.prepared, "windows", self.loss)
-        return self.prepared.starting_at(clean)
-
-
-def free_by_advice(
-    prepared: Prepared,
-    fit: Callable[..., Solution],
-    method: str,
-    loss: Loss = LEAST_SQUARES,
-    simulator: Simulator | None = None,
-    progress: Progress = silent,
-) -> Freeing:
-    """The fit with all beneficial candidates freed.
-
-    Args:
-        fit: an estimator, such as `estimate`.
-        method: used for the last fits.
-        simulator: must know the numbers of all candidates, such as that of an earlier call on the same scene.
-    """
-    simulator = simulator or candidate_simulator(prepared)
-    prepared = with_freed(prepared, [], simulator)
-    at = Freeing(prepared, fit(prepared, "windows", loss), loss, fit, simulator, progress)
-    at.free_jumps()
-    if at.is_wrong() and not at.free_one_fault():
-        at.free_groups(method)
-    wrong = at.is_wrong()
-    first = len(at.freed)
-    if not wrong:
-        at.free_outliers()
-    begin = replace(at, freed=list(at.freed))
-    while not wrong and at.solution.status == "ok" and len(at.freed) - first < MOST_FREED:
-        progress(0.5, f"testing what may be wrong, {len(at.freed)} freed")
-        at.tested = score_candidates(at.prepared, at.solution, at.simulator)
-        tries = promising(at.tested, at.refused)
-        if not tries:
-            break
-        at.free_best(tries)
-        at.free_outliers()
-    if not wrong and at.is_wrong(REST_CHI_SQUARE):
-        begin.free_groups(method)
-        if len(begin.freed) > first:
-            at = begin
-    for candidate in at.freed[len(begin.freed) :]:
-        at = at.reconsider(candidate)
-    if method != "windows":
-        at.continue_with(method)
-    return at

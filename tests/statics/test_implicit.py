@@ -144,3 +144,17 @@ def test_periods_follow_stiffness_lengths_and_masses_with_the_pose(both_modes):
     solved_again = differences(lambda p: natural_modes(at(p), dj.equilibrium(at(p)).state, 3).period, 3)
     np.testing.assert_allclose(forward, solved_again, rtol=1e-6, atol=1e-7)
     np.testing.assert_allclose(reverse, forward, rtol=1e-8, atol=1e-9)
+
+
+def test_rigid_lines_settle_at_a_pose_with_links_of_their_lengths_or_nowhere():
+    """Newton's method from far away ended in poses 400 m off, without a word."""
+    model = dj.build("dropper-release-a")[0]
+    pose = dj.equilibrium(model).state
+    shifts = 0.3 * np.random.default_rng(0).normal(size=(20, *pose.r.shape))
+    settled = jax.jit(jax.vmap(lambda shift: dj.settle(model, replace(pose, r=pose.r + shift)).r))(shifts)
+    found = np.isfinite(settled).all(axis=(1, 2))
+    assert 0 < found.sum() < 20
+    for r in settled[found]:
+        lengths = np.linalg.norm(np.diff(model.nodes(r, model.ends(pose.t)), axis=0), axis=1)
+        np.testing.assert_allclose(lengths, model.line.length, rtol=1e-8)
+    assert np.isnan(settled[~found]).all()

@@ -37,7 +37,8 @@ class LineFacts:
         axial_n_per_m: EA over the length.
         horizontal_n_per_m: stiffness of the upper end along the line's plane, by the closed form.
         axial_period_s: period of its first axial mode, both ends held.
-        damping_ratio, link_damping_ratio: of that mode and of the stiffest link, by the internal damping.
+        damping_ratio, link_damping_ratio: of that mode, in which links stretch as under one tension, and of the
+            stiffest link, by the internal damping.
     """
 
     name: str
@@ -107,11 +108,14 @@ def line_facts(
     on_bed = _length_on_bed(scene, line, nodes)
     closed, shape = _closed_form(_hanging(scene, line, low, high, weight / length, on_bed), weight)
     EA = stiffness_of(spec)
-    mass = spec.mass.sum()
-    flexibility = np.sum(spec.length / EA)
-    damping = np.zeros(1) if spec.axial_damping is None else spec.axial_damping
-    rate = np.pi / np.sqrt(flexibility * mass)
-    fastest = 2.0 / np.min(spec.length) * np.sqrt(np.max(EA) * length / mass)
+    flexibilities = spec.length / EA
+    flexibility = flexibilities.sum()
+    rate = np.pi / np.sqrt(flexibility * spec.mass.sum())
+    link_rates = 2.0 / np.sqrt(flexibilities * spec.mass)
+    stiffest = np.argmax(link_rates)
+    decay_times = np.zeros(spec.links)
+    if spec.axial_damping is not None:
+        decay_times = spec.axial_damping / EA
     facts = LineFacts(
         name=line.name,
         length_m=length,
@@ -122,8 +126,8 @@ def line_facts(
         upper_n=upper,
         axial_n_per_m=1.0 / flexibility,
         axial_period_s=2.0 * np.pi / rate,
-        damping_ratio=0.5 * rate * np.mean(damping) * flexibility / length,
-        link_damping_ratio=0.5 * fastest * (np.max(damping) / np.max(EA)),
+        damping_ratio=0.5 * rate * np.sum(decay_times * flexibilities) / flexibility,
+        link_damping_ratio=0.5 * link_rates[stiffest] * decay_times[stiffest],
         **closed,
     )
     return facts, shape

@@ -109,6 +109,33 @@ def test_no_closed_form_is_stated_on_a_bed_that_it_does_not_know(effects, applie
     assert (facts.closed_upper_n is not None) == applies
 
 
+def test_damping_ratios_of_a_line_of_chain_and_rope_are_those_of_its_links():
+    """The ratio of the stiffest link took the mass of one section, the stiffness and the damping of another."""
+    kinds = [
+        {"name": "chain", "mass": 70.0, "diameter": 0.1, "EA": 3e8, "damping_ratio": 0.1},
+        {"name": "rope", "mass": 2.0, "diameter": 0.06, "EA": 2e6, "damping_ratio": 0.2},
+    ]
+    sections = [{"type": "chain", "length": 20.0, "links": 10}, {"type": "rope", "length": 60.0, "links": 5}]
+    table = system(
+        [fixed("anchor", 60.0, 0.0, -50.0), fixed("top", 0.0, 0.0, -10.0)],
+        [{"name": "leg", "from": "anchor", "to": "top", "sections": sections}],
+        line_type=kinds,
+        sea={"depth": 50.0},
+        effects={"weight": {}, "buoyancy": {}, "seabed": {}},
+    )
+    scene = dj.load_scene(table)
+    (leg,) = whole_lines(scene)
+    nodes = np.linspace([60.0, 0.0, -50.0], [0.0, 0.0, -10.0], 16)
+    facts, _ = line_facts(scene, leg, nodes, 1e4, np.ones(2), np.zeros(2))
+    assert facts.link_damping_ratio == pytest.approx(0.1)  # links of chain are the stiffest
+    # one tension stretches links by length/EA, with losses of damping ratio times length times sqrt(EA mass)
+    stretch = np.array([20.0 / 3e8, 60.0 / 2e6])
+    damping = np.array([0.1 * 2.0 * np.sqrt(3e8 * 70.0), 0.2 * 12.0 * np.sqrt(2e6 * 2.0)])
+    rate = np.pi / np.sqrt(stretch.sum() * (20.0 * 70.0 + 60.0 * 2.0))
+    expected = 0.5 * rate * np.sum(damping / [3e8, 2e6] * stretch) / stretch.sum()
+    assert facts.damping_ratio == pytest.approx(expected)
+
+
 @pytest.mark.check
 def test_mussels_lengthen_the_axial_period_of_a_line():
     table = chain(120.0, 160.0, links=10)

@@ -1,8 +1,8 @@
 """Lost windows recovered (`lost_windows`): restarted, freed of isolated outliers, split and finally left out.
 
 A lost window is restarted from the end of the previous one and from the samples at several reaches. If nothing helps,
-isolated outliers are taken out (`remove_outliers`), or it is split, down to the minimum number of frames that determine
-a start. Windows that stay lost are left out.
+its isolated outliers are marked as missing (`outliers`), or it is split, down to the minimum number of frames that
+determine a start. Windows that stay lost are left out.
 """
 
 from __future__ import annotations

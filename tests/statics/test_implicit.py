@@ -147,7 +147,7 @@ def test_periods_follow_stiffness_lengths_and_masses_with_the_pose(both_modes):
 
 
 def test_rigid_lines_settle_at_a_pose_with_links_of_their_lengths_or_nowhere():
-    """Newton's method from far away ended in poses 400 m off, without a word."""
+    """Newton's method from far away silently ended in poses 400 m off."""
     model = dj.build("dropper-release-a")[0]
     pose = dj.equilibrium(model).state
     shifts = 0.3 * np.random.default_rng(0).normal(size=(20, *pose.r.shape))

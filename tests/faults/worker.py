@@ -210,13 +210,13 @@ def compare(good: Any, found: Any, path: str = "") -> None:
         for i, (a, b) in enumerate(zip(good, found, strict=False)):
             compare(a, b, f"{path}.{i}")
     elif isinstance(good, float | int):
-        assert found is not None, f"{path} became nothing silently"
+        assert found is not None, f"{path} silently became nothing"
 
 
 def no_holes(found: Any, path: str = "") -> None:
     """A scene leaves out what it has not: a null was a number that is none."""
     for key, value in found.items() if isinstance(found, dict) else enumerate(found) if isinstance(found, list) else ():
-        assert value is not None, f"{path}.{key} is not finite silently"
+        assert value is not None, f"{path}.{key} is silently not finite"
         no_holes(value, f"{path}.{key}")
 
 
